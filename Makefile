@@ -1,0 +1,107 @@
+# Everything from nothing: a virtual environment with pinned ROS 2 wheels, the colcon build, demo and tests.
+# With ROS 2 Jazzy installed, `rosdep install` and `colcon build` do the same job without make: see README.md.
+
+ifneq ($(words $(CURDIR)),1)
+$(error the path of this folder holds a space, which make, CMake and virtual environments cannot handle: $(CURDIR))
+endif
+
+VENV := $(CURDIR)/.venv
+BIN := $(VENV)/bin
+STEP := @echo "=="
+
+# The environment comes from .venv and install alone, whatever is sourced in the calling shell.
+ifdef AMENT_PREFIX_PATH
+unexport LD_LIBRARY_PATH
+endif
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME
+unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-day paper-table
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
+	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
+	@echo "make bags    set-up, then make the bags of bags/ anew"
+	@echo "make test    set-up, lint, types, then every test"
+	@echo "make fuzz    set-up, then 2000 damaged bags through replay"
+	@echo "make lint    set-up, lint and types"
+	@echo "make clean   remove what the others made"
+	@echo "make paper-table | benchmark-accuracy | benchmark-day   measure, and write the pages in docs/ (seconds, an"
+	@echo "             hour, half an hour; ARGS=... for the script, as in ARGS=\"--seeds 10\", ARGS=--help)"
+	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
+
+setup: install/.built
+	@echo "ready: . install/setup.bash"
+
+demo: install/.built
+	@. ./install/setup.sh && python3 scripts/demo.py
+
+bags: install/.built
+	@. ./install/setup.sh && python3 scripts/make_bags.py
+
+test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test: lint
+	$(STEP) "tests"
+	@. ./install/setup.sh && pytest -n 2
+
+fuzz: install/.built
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/fuzz_bags.py
+
+lint: install/.built
+	$(STEP) "ruff"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	$(STEP) "mypy"
+	@$(BIN)/mypy
+	$(STEP) "import directions"
+	@$(BIN)/lint-imports --no-logo
+
+# Measurements: what they write is committed.
+paper-table: install/.built
+	@$(BIN)/python scripts/paper_table.py --output docs $(ARGS)
+
+benchmark-accuracy: install/.built
+	@$(BIN)/python scripts/benchmark_accuracy.py --output docs $(ARGS)
+
+benchmark-day: install/.built
+	@$(BIN)/python scripts/benchmark_day.py --output docs $(ARGS)
+
+clean:
+	rm -rf .venv build install log .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find mbaid_ros scripts test -name __pycache__ -prune -exec rm -rf {} +
+
+# A virtual environment and a colcon build know the folder they were made in: after a move, both are made anew.
+MOVED := $(filter-out $(CURDIR),$(file <$(VENV)/.installed))
+
+$(VENV)/.installed: requirements.txt constraints.txt $(if $(MOVED),FORCE)
+	@start=$$(date +%s); \
+	$(if $(MOVED),rm -rf .venv build install log;) \
+	if ! "$(BIN)/python" -c "" 2>/dev/null; then \
+	  python=$$(scripts/find_python.sh $(PYTHON)) || exit 1; \
+	  echo "== virtual environment: $$("$$python" --version), $$python"; \
+	  "$$python" -m venv --clear .venv || exit 1; \
+	fi; \
+	echo "== packages of requirements.txt (1.2 GB on disk; a minute or two)"; \
+	pip="$(BIN)/python -m pip --quiet --disable-pip-version-check --no-input install --no-compile -c constraints.txt"; \
+	$$pip setuptools && $$pip --no-build-isolation --use-pep517 -r requirements.txt || exit 1; \
+	echo "   $$(($$(date +%s) - start)) s"
+	@printf '%s' "$(CURDIR)" >$@
+
+# colcon installs links to the sources: it has work to do only when a message, a recipe or the list of files changes.
+install/.files: FORCE
+	@mkdir -p install; ls config/* msg_defs/msg/* >$@.new 2>/dev/null; \
+	if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+install/.built: $(VENV)/.installed install/.files package.xml setup.py setup.cfg colcon_defaults.yaml \
+		scripts/link_workspace.py msg_defs/package.xml msg_defs/CMakeLists.txt $(wildcard msg_defs/msg/*.msg)
+	@start=$$(date +%s); \
+	echo "== colcon build of mbaid_msgs and mbaid_ros"; \
+	rm -rf build/mbaid_ros install/mbaid_ros; \
+	"$(BIN)/python" scripts/link_workspace.py && . "$(VENV)/local_setup.sh" && \
+	colcon --log-level error build --event-handlers console_start_end- status- summary- desktop_notification- || exit 1; \
+	echo "   $$(($$(date +%s) - start)) s"
+	@touch $@
+
+FORCE:

@@ -1,0 +1,190 @@
+"""Reading bags: rosbag2 folders and bare files, and what there is of one that was cut off while being written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, Raw, SalvagedSource, Source, Topic
+from mbaid_ros.bags.types import message_types
+from mbaid_ros.core.errors import DataError, listing
+
+
+class BagReader:
+    """A recorded bag; a context manager.
+
+    Parameters
+    ----------
+    path : a rosbag2 folder (MCAP or sqlite3), or a bare ``.mcap`` or ``.db3`` file
+
+    Attributes
+    ----------
+    topics : the topics by name
+    messages : number of messages on all of them
+    warnings : what a user should know of this bag, one line each; reading may add to them
+
+    Raises
+    ------
+    DataError
+        There is no bag, or not one message in it.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.warnings: list[str] = []
+        self._sources = self._open()
+        self.topics: dict[str, Topic] = {}
+        for source in self._sources:
+            for name, topic in source.topics.items():
+                before = self.topics[name].count if name in self.topics else 0
+                self.topics[name] = Topic(**{**vars(topic), 'count': before + topic.count})
+        self.messages = sum(topic.count for topic in self.topics.values())
+        if not all(source.complete for source in self._sources):
+            self.warnings.append(
+                f"bag '{self.path}' was cut off while it was written: read up to the cut, {self.messages} messages"
+            )
+        if not self.messages:
+            self.close()
+            cut = ': it was cut off before the first one' if self.warnings else ''
+            raise DataError(f"bag '{self.path}' holds no messages{cut}")
+
+    def require(self, topic: str, type_name: str) -> None:
+        """Check that messages of a type are there.
+
+        Raises
+        ------
+        DataError
+            The bag has no such topic, it has another type, or no message is on it.
+        """
+        there = ((f'{name} ({found.type})') for name, found in sorted(self.topics.items()))
+        if topic not in self.topics:
+            raise DataError(f"bag '{self.path}' has no topic '{topic}'; topics: {listing(there)}")
+        found = self.topics[topic]
+        if found.type != type_name:
+            raise DataError(f"topic '{topic}' of bag '{self.path}' is of type {found.type}; accepted: {type_name}")
+        if found.encoding != 'cdr':
+            raise DataError(f"topic '{topic}' of bag '{self.path}' is encoded as {found.encoding}; accepted: cdr")
+        if not found.count:
+            raise DataError(f"topic '{topic}' of bag '{self.path}' holds no messages")
+
+    def raw(self, topics: Collection[str] | None = None) -> Iterator[Raw]:
+        """Yield (topic, CDR bytes, log time in ns) in recorded order, a chunk at a time.
+
+        Where the bytes turn out to be damaged, reading ends there, with a warning.
+        """
+        chosen = set(self.topics if topics is None else topics)
+        for source in self._sources:
+            read = 0
+            reason = ''
+            try:
+                for item in source.raw(chosen):
+                    read += 1
+                    yield item
+            except (*DAMAGE, OSError) as error:
+                reason = ' '.join(str(error).split())[:200] or type(error).__name__
+            expected = sum(topic.count for name, topic in source.topics.items() if name in chosen)
+            if reason or read < expected:
+                because = f': {reason}' if reason else ''
+                self.warnings.append(f"bag '{self.path}' is damaged: read {read} of {expected} messages{because}")
+
+    def read(self, topics: Collection[str]) -> Iterator[tuple[str, Any, int]]:
+        """Yield (topic, message, log time in ns) in recorded order.
+
+        Raises
+        ------
+        DataError
+            A type is not known, or a message is not of the type the bag says.
+        """
+        stores = {name: self._typestore(self.topics[name]) for name in topics}
+        types = {name: self.topics[name].type for name in topics}
+        for topic, data, time in self.raw(topics):
+            try:
+                message = stores[topic].deserialize_cdr(data, types[topic])
+            except (SerdeError, *DAMAGE) as error:
+                raise DataError(
+                    f"a message on topic '{topic}' of bag '{self.path}' at {time} ns is not a {types[topic]}"
+                ) from error
+            yield topic, message, time
+
+    def close(self) -> None:
+        """Release the files."""
+        for source in self._sources:
+            source.close()
+        self._sources = []
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _typestore(self, topic: Topic) -> Typestore:
+        """Return the types as the bag defines them, or as they are known where it does not."""
+        with suppress(TypesysError, *DAMAGE):  # then as they are known
+            if topic.definition:
+                parse = _types_from_idl if topic.idl else get_types_from_msg
+                store = get_typestore(Stores.EMPTY)
+                store.register(parse(topic.definition, topic.type))
+                store.get_msgdef(topic.type)
+                return store
+        if topic.type not in message_types().types:
+            raise DataError(
+                f"topic '{topic.name}' of bag '{self.path}' is of type {topic.type}, which neither the bag nor ROS 2 "
+                'Jazzy defines'
+            )
+        return message_types()
+
+    def _open(self) -> list[Source]:
+        if not self.path.exists():
+            raise DataError(f"bag '{self.path}' does not exist")
+        if self.path.is_file():
+            return [_open_file(self.path)]
+        # With its metadata; or else, where that or a file is incomplete, file by file.
+        with suppress(*DAMAGE, OSError):
+            return [IndexedSource(self.path)]
+        files = [path for path in sorted(self.path.iterdir(), key=_natural_order) if path.suffix in {'.mcap', '.db3'}]
+        if not files:
+            raise DataError(f"folder '{self.path}' is not a bag: there is no .mcap and no .db3 file in it")
+        sources = [_open_file(file) for file in files]
+        if all(source.complete for source in sources):
+            self.warnings.append(
+                f"metadata.yaml of bag '{self.path}' cannot be used: its files are read in the order of their names"
+            )
+        return sources
+
+
+def _open_file(file: Path) -> Source:
+    try:
+        return IndexedSource(file)
+    except OSError as error:
+        raise DataError(f"bag '{file}' cannot be read: {error.strerror or error}") from error
+    except DAMAGE as error:
+        with file.open('rb') as stream:
+            if stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC:
+                return SalvagedSource(file)
+        raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
+
+
+def _natural_order(path: Path) -> list[int | str]:
+    """Sort ``bag_2`` before ``bag_10``, as the recorder numbers the parts of a bag."""
+    return [int(part) if part.isdigit() else part for part in re.split(r'(\d+)', path.name)]
+
+
+def _types_from_idl(text: str, _name: str) -> Any:
+    """Return the types of an IDL definition, which a bag stores with a headline before each file."""
+    types = {}
+    for part in text.split(f'{"=" * 80}\n'):
+        body = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
+        if body.strip():
+            types.update(get_types_from_idl(body))
+    return types

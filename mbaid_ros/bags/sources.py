@@ -1,0 +1,222 @@
+"""Where a bag's messages come from: a complete file or folder, or what there is of a file that was cut off."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import apsw
+import zstandard
+from backports.zstd import ZstdError
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDurability, QosReliability
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag2.metadata import parse_qos
+
+MCAP_MAGIC = b'\x89MCAP0\r\n'
+
+# What the libraries raise on damaged files: besides their own exceptions, whatever parsing wrong bytes leads to.
+DAMAGE = (
+    *(ReaderError, McapError, apsw.Error, ZstdError, zstandard.ZstdError),
+    *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
+    *(RuntimeError, TypeError, ValueError),
+)
+
+Raw = tuple[str, bytes, int]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name : full name
+    type : ``package/msg/Type``
+    count : number of messages
+    definition : text of the message's definition; empty where the bag has none
+    idl : True if that text is OMG IDL, not .msg
+    latched : True if the publisher offered transient local
+    reliable : True unless every publisher offered best effort only
+    encoding : serialization format: cdr
+    """
+
+    name: str
+    type: str
+    count: int
+    definition: str
+    idl: bool
+    latched: bool
+    reliable: bool
+    encoding: str = 'cdr'
+
+
+class Source(Protocol):
+    """One file, or one folder with its metadata.
+
+    Attributes
+    ----------
+    topics : the topics by name
+    complete : False if the end is missing
+    """
+
+    topics: dict[str, Topic]
+    complete: bool
+
+    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
+        """Yield (topic, CDR bytes, log time in ns) in recorded order; one of DAMAGE is raised where bytes are wrong."""
+
+    def close(self) -> None:
+        """Release the files."""
+
+
+class IndexedSource:
+    """A complete bag, read through its index.
+
+    Raises
+    ------
+    One of DAMAGE or OSError if it is not complete.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.complete = True
+        self._reader = Reader(path)
+        self._reader.open()
+        self.topics: dict[str, Topic] = {}
+        counts: Counter[str] = Counter()
+        for connection in self._reader.connections:
+            known = self.topics.get(connection.topic)
+            if known is None or known.type == connection.msgtype:
+                counts[connection.topic] += connection.msgcount
+                self.topics[connection.topic] = _topic(connection, counts[connection.topic])
+
+    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
+        """Yield (topic, CDR bytes, log time in ns)."""
+        chosen = [
+            connection
+            for connection in self._reader.connections
+            if connection.topic in topics and self.topics[connection.topic].type == connection.msgtype
+        ]
+        if chosen:  # the reader takes an empty selection for all
+            for connection, time, data in self._reader.messages(chosen):
+                yield connection.topic, data, time
+
+    def close(self) -> None:
+        """Release the files."""
+        self._reader.close()
+
+
+class SalvagedSource:
+    """An MCAP file without a usable index: read from the start, chunk by chunk, up to where it ends."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._channels: dict[int, Topic] = {}
+        self.complete = False
+        counts: Counter[int] = Counter()
+        schemas: dict[int, Schema] = {}
+        for record in self._records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels[record.id] = _channel_topic(record, schemas.get(record.schema_id))
+            elif isinstance(record, Message):
+                counts[record.channel_id] += 1
+            elif isinstance(record, Footer):
+                self.complete = True
+        self.topics: dict[str, Topic] = {}
+        for number, topic in self._channels.items():
+            before = self.topics[topic.name].count if topic.name in self.topics else 0
+            self.topics[topic.name] = Topic(**{**vars(topic), 'count': before + counts[number]})
+
+    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
+        """Yield (topic, CDR bytes, log time in ns)."""
+        for record in self._records():
+            if isinstance(record, Message) and record.channel_id in self._channels:
+                name = self._channels[record.channel_id].name
+                if name in topics:
+                    yield name, record.data, record.log_time
+
+    def close(self) -> None:
+        """Release nothing: the file is open only while it is read."""
+
+    def _records(self) -> Iterator[McapRecord]:
+        """Yield the records, those within chunks included, up to the end or the cut."""
+        with self._path.open('rb') as stream:
+            size = self._path.stat().st_size
+            good = 0
+            try:
+                for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+                    inner = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+                    good = stream.tell()
+                    yield from inner
+            except DAMAGE:
+                stream.seek(good)
+                yield from _cut_chunk(stream, size - good)
+
+
+def _cut_chunk(stream: io.BufferedReader, left: int) -> Iterator[McapRecord]:
+    """Yield the records that can still be read from a chunk whose end is missing."""
+    head = stream.read(9 + 32)
+    if len(head) < 9 + 32 or head[0] != 6 or int.from_bytes(head[1:9], 'little') + 9 <= left:
+        return  # not a chunk, or a whole one: then its content is wrong, and there is nothing to trust in it
+    name_length = int.from_bytes(head[37:41], 'little')
+    if name_length > 16:
+        return
+    compression = stream.read(name_length)
+    stream.read(8)
+    data = stream.read()
+    try:
+        if compression == b'zstd':
+            data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        elif compression:
+            return  # by another compression, what precedes the cut is lost with the rest of the chunk
+        yield from StreamReader(io.BytesIO(data), skip_magic=True, record_size_limit=len(data)).records
+    except DAMAGE:
+        return  # the cut
+
+
+def _topic(connection: Connection, count: int) -> Topic:
+    extension: Any = connection.ext
+    latched, reliable = _offered(extension.offered_qos_profiles)
+    return Topic(
+        name=connection.topic,
+        type=connection.msgtype,
+        count=count,
+        definition=connection.msgdef.data,
+        idl=connection.msgdef.format == MessageDefinitionFormat.IDL,
+        latched=latched,
+        reliable=reliable,
+        encoding=extension.serialization_format,
+    )
+
+
+def _channel_topic(channel: Channel, schema: Schema | None) -> Topic:
+    try:
+        latched, reliable = _offered(parse_qos(channel.metadata.get('offered_qos_profiles', '')))
+    except DAMAGE:
+        latched, reliable = False, True  # what most publishers offer
+    return Topic(
+        name=channel.topic,
+        type='' if schema is None else schema.name,
+        count=0,
+        definition='' if schema is None else schema.data.decode('utf-8', 'replace'),
+        idl=schema is not None and schema.encoding != 'ros2msg',
+        latched=latched,
+        reliable=reliable,
+        encoding=channel.message_encoding,
+    )
+
+
+def _offered(profiles: list[Qos]) -> tuple[bool, bool]:
+    """Return whether publishers with these profiles latched, and whether any was reliable."""
+    latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL for profile in profiles)
+    best_effort = bool(profiles) and all(profile.reliability == QosReliability.BEST_EFFORT for profile in profiles)
+    return latched, not best_effort

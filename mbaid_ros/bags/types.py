@@ -1,0 +1,119 @@
+"""Message types without a ROS installation: those of ROS 2 Jazzy, this project's own, and any that are installed."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from mbaid_ros.core.errors import DataError
+
+ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+_DEFINITION = re.compile(r'^\s*(?:([a-z]\w*)/)?(?:msg/)?([A-Z]\w*)', re.MULTILINE)
+
+
+@cache
+def message_types() -> Typestore:
+    """Return the known message types: those of Jazzy, and mbaid_msgs.
+
+    Raises
+    ------
+    DataError
+        The definition of the project's own message is not found.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(_own_definition('InertiaEstimate'), ESTIMATE_TYPE))
+    return store
+
+
+def message_class(type_name: str) -> Any:
+    """Return the class of a message type, for making messages that `serialize` takes.
+
+    Raises
+    ------
+    DataError
+        The type is not known.
+    """
+    _ensure(type_name)
+    return message_types().types[type_name]
+
+
+def serialize(message: object, type_name: str) -> bytes:
+    """Return a message as CDR bytes, as they go over the wire and into a bag."""
+    _ensure(type_name)
+    return bytes(message_types().serialize_cdr(message, type_name))
+
+
+def deserialize(data: bytes, type_name: str) -> Any:
+    """Return the message that CDR bytes hold."""
+    _ensure(type_name)
+    return message_types().deserialize_cdr(data, type_name)
+
+
+def definition(type_name: str) -> tuple[str, str]:
+    """Return the full text of a message definition and its RIHS01 hash, as a bag stores them.
+
+    Raises
+    ------
+    DataError
+        The type is not known.
+    """
+    _ensure(type_name)
+    store = message_types()
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
+    return text, store.hash_rihs01(type_name)
+
+
+def _ensure(type_name: str) -> None:
+    """Make a type known, from the .msg files of the installed interface packages if need be."""
+    store = message_types()
+    wanted = [type_name]
+    while wanted:
+        name = wanted.pop()
+        if name in store.types:
+            continue
+        text = _installed_definition(name)
+        try:
+            store.register(get_types_from_msg(text, name))
+        except TypesysError as error:
+            raise DataError(f"the definition of message type '{name}' cannot be read: {error}") from error
+        package = name.split('/')[0]
+        wanted += [f'{other or package}/msg/{kind}' for other, kind in _DEFINITION.findall(text)]
+
+
+def _installed_definition(type_name: str) -> str:
+    parts = type_name.split('/')
+    if len(parts) == 3:
+        for prefix in _prefixes():
+            path = prefix / 'share' / parts[0] / parts[1] / f'{parts[2]}.msg'
+            if path.is_file():
+                return path.read_text(encoding='utf-8')
+    raise DataError(f"message type '{type_name}' is not known: it is not in ROS 2 Jazzy, nor installed")
+
+
+def _own_definition(name: str) -> str:
+    """Return the text of one of mbaid_msgs' definitions, from the source tree or the installation."""
+    places = [folder / 'msg_defs' / 'msg' for folder in list(Path(__file__).resolve().parents)[2:3]]
+    places += [prefix / 'share' / 'mbaid_ros' / 'msg' for prefix in _prefixes()]
+    for place in places:
+        path = place / f'{name}.msg'
+        if path.is_file():
+            return path.read_text(encoding='utf-8')
+    searched = ', '.join(str(place) for place in places)
+    raise DataError(f'{name}.msg is not found; is the workspace sourced? Searched: {searched}')
+
+
+def _prefixes() -> Iterator[Path]:
+    """Yield the folders packages are installed in: the one this file is in, then those of the ament index."""
+    for folder in Path(__file__).resolve().parents:
+        if (folder / 'share' / 'mbaid_ros').is_dir():
+            yield folder
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
+        if prefix:
+            yield Path(prefix)

@@ -1,0 +1,1 @@
+"""Every parameter once: name, type, default, range, unit and description."""

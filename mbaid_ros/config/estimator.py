@@ -1,0 +1,296 @@
+"""The parameters of the estimator, for the node and for `replay` alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mbaid_ros.config.parameters import parameter
+
+METHODS = ('difference', 'trajectory', 'paper_difference', 'paper_main')
+REFERENCES = ('previous', 'first')
+TWIST_FRAMES = ('child', 'inertial')
+TIME_JUMPS = ('reset', 'error', 'ignore')
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """One standard deviation of each sensor channel, a sample."""
+
+    joint_position: float = parameter(
+        1e-4,
+        'Standard deviation of a joint position; for a prismatic joint the number counts in m.',
+        unit='rad',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    joint_velocity: float = parameter(
+        1e-3,
+        'Standard deviation of a joint velocity; for a prismatic joint the number counts in m/s.',
+        unit='rad/s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    base_position: float = parameter(
+        1e-3,
+        'Standard deviation of each coordinate of the base position, where the Odometry carries no pose covariance.',
+        unit='m',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    base_orientation: float = parameter(
+        1e-4,
+        'Standard deviation of the base orientation about each axis, where the Odometry carries no pose covariance.',
+        unit='rad',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    base_linear_velocity: float = parameter(
+        1e-3,
+        'Standard deviation of the base velocity along each axis, where the Odometry carries no twist covariance.',
+        unit='m/s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    base_angular_velocity: float = parameter(
+        1e-4,
+        'Standard deviation of the angular velocity of the base, where the Odometry carries no twist covariance.',
+        unit='rad/s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+
+
+@dataclass(frozen=True)
+class MomentumConfig:
+    """What is known beforehand of the total momentum."""
+
+    linear_prior_std: float = parameter(
+        0.0,
+        'Standard deviation of the total linear momentum about zero, if the servicer matched velocities before the '
+        'capture; 0 means that nothing is known of it.',
+        unit='N s',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """The recursive least squares of the two methods of the paper."""
+
+    forgetting_factor: float = parameter(
+        0.99,
+        'Weight of the past at each sample: 1 never forgets.',
+        minimum=0.0,
+        maximum=1.0,
+        exclusive_minimum=True,
+    )
+    initial_covariance: float = parameter(
+        1e6,
+        'Each diagonal entry of the covariance that the recursion starts from.',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    reference: str = parameter(
+        'previous',
+        'The sample that the angular equations are differenced against: the previous one or the first.',
+        choices=REFERENCES,
+    )
+    lag: int = parameter(
+        0,
+        'Number of samples to look back for that difference, instead of the reference; 0 means off.',
+        unit='samples',
+        minimum=0,
+    )
+    total_angular_momentum: tuple[float, ...] = parameter(
+        (),
+        'Total angular momentum about the origin of the odometry frame, which paper_main needs; empty means not given.',
+        unit='N m s',
+        lengths=(0, 3),
+    )
+
+
+@dataclass(frozen=True)
+class DifferenceConfig:
+    """The weighted difference form."""
+
+    kept_windows: int = parameter(
+        40,
+        'Number of the latest windows that every update solves again; older ones are folded into one matrix.',
+        minimum=2,
+        maximum=10_000,
+    )
+    forgetting_time: float = parameter(
+        0.0,
+        'Time constant of forgetting, for parameters that really change (slosh, a second capture); 0 never forgets.',
+        unit='s',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class TrajectoryConfig:
+    """The trajectory-level estimator."""
+
+    start_windows: int = parameter(
+        10,
+        'Number of windows that are collected before the first estimate.',
+        minimum=2,
+        maximum=1_000,
+    )
+    kept_windows: int = parameter(
+        40,
+        'Number of windows that are linearised again while the run is young; from then on each is taken once.',
+        minimum=2,
+        maximum=10_000,
+    )
+    adapt: bool = parameter(
+        default=True,
+        description='Also follow the hypotheses that momentum or odometry drift, and report the best of them.',
+    )
+
+
+@dataclass(frozen=True)
+class DebrisConfig:
+    """The captured body alone."""
+
+    report: bool = parameter(
+        default=False,
+        description="Also report the captured body alone: what is identified less the target link's <inertial>.",
+    )
+
+
+@dataclass(frozen=True)
+class KnownLinksConfig:
+    """How well the known bodies are known."""
+
+    relative_std: float = parameter(
+        0.0,
+        'Relative standard deviation of the inertial parameters of every known body, estimated along with the target '
+        '(trajectory); 0 takes the URDF as exact.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class TimeOffsetConfig:
+    """A constant offset between the stamps of JointState and Odometry."""
+
+    estimate: bool = parameter(
+        default=True,
+        description='Estimate how late JointState is stamped relative to Odometry, and correct it (trajectory).',
+    )
+    prior_std: float = parameter(
+        0.02,
+        'Standard deviation of that offset about zero, before the data.',
+        unit='s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+
+
+@dataclass(frozen=True)
+class MarkerConfig:
+    """A frame on the base that the odometry is about, where it is no link of the robot."""
+
+    position: tuple[float, ...] = parameter(
+        (),
+        "Origin in the base link's frame of a child_frame_id that is no link of the robot; empty refuses such frames.",
+        unit='m',
+        lengths=(0, 3),
+    )
+    orientation: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0, 1.0),
+        "Orientation of that frame in the base link's, a quaternion x, y, z, w.",
+        lengths=(4,),
+    )
+
+
+@dataclass(frozen=True)
+class ConvergenceConfig:
+    """When an estimate counts as converged."""
+
+    relative_std: float = parameter(
+        0.01,
+        'Converged is when the standard deviations, relative to the size of the estimate, are below this.',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    identifiable_std: float = parameter(
+        0.5,
+        'A parameter counts as determined by the data when its relative standard deviation is below this.',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    largest_residual: float = parameter(
+        2.0,
+        'The data count as inconsistent when the residuals are more than this many times what the noise explains.',
+        minimum=1.0,
+    )
+    length: float = parameter(
+        1.0,
+        'Length that the standard deviation of the centre of mass is taken relative to.',
+        unit='m',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+
+
+@dataclass(frozen=True)
+class EstimatorConfig:
+    """Everything that decides what the estimator makes of the messages it is given."""
+
+    robot_description_file: str = parameter(
+        '', 'URDF file of the robot; empty means the topic robot_description instead.'
+    )
+    target_link: str = parameter('', 'Link whose inertia is identified; empty means the last link of the robot.')
+    method: str = parameter('difference', 'Identification method.', choices=METHODS)
+    window: float = parameter(
+        0.5, 'Length of the windows that the data are processed in.', unit='s', minimum=0.0, exclusive_minimum=True
+    )
+    maximum_gap: float = parameter(
+        0.1,
+        'Longest gap between two Odometry messages that is interpolated; joint states in a longer one are dropped.',
+        unit='s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    twist_frame: str = parameter(
+        'child',
+        'Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id).',
+        choices=TWIST_FRAMES,
+    )
+    time_jump: str = parameter(
+        'reset',
+        'After stamps that jump back: start again (reset), stop with an error, or drop messages until time has caught '
+        'up (ignore).',
+        choices=TIME_JUMPS,
+    )
+    time_jump_threshold: float = parameter(
+        1.0,
+        'Difference between consecutive stamps of a topic that counts as a jump.',
+        unit='s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    reorder_time: float = parameter(
+        0.05,
+        'Longest that messages wait for late ones, once a topic has turned out to need it; 0 drops late ones.',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    publish_tf: bool = parameter(
+        default=False,
+        description='Send the frames of the links on /tf, where no robot_state_publisher does.',
+    )
+    marker: MarkerConfig = field(default_factory=MarkerConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    momentum: MomentumConfig = field(default_factory=MomentumConfig)
+    difference: DifferenceConfig = field(default_factory=DifferenceConfig)
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
+    known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
+    debris: DebrisConfig = field(default_factory=DebrisConfig)
+    paper: PaperConfig = field(default_factory=PaperConfig)
+    convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

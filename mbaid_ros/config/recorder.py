@@ -1,0 +1,22 @@
+"""The parameters of the recorder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbaid_ros.config.parameters import parameter
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded, for how long, and where to."""
+
+    output: str = parameter(
+        '', 'Folder of the bag, which must not exist yet; empty means a new one named after the time of the start.'
+    )
+    topics: tuple[str, ...] = parameter(
+        (), "Topics to record; empty means the estimator's inputs and outputs, and the diagnostics, as they appear."
+    )
+    duration: float = parameter(
+        0.0, 'Recording ends so long after the first message; 0 means when it is stopped.', unit='s', minimum=0.0
+    )

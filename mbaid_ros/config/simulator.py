@@ -1,0 +1,121 @@
+"""The parameters of the simulator, for the node and for `simulate` alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mbaid_ros.config.parameters import parameter
+
+MOTIONS = ('passive', 'sinusoids', 'random')
+
+
+@dataclass(frozen=True)
+class InitialConfig:
+    """The state at time 0."""
+
+    joint_positions: tuple[float, ...] = parameter(
+        (), 'Joint positions in the order of the URDF (m for a prismatic joint); empty means zero.', unit='rad'
+    )
+    joint_velocities: tuple[float, ...] = parameter(
+        (),
+        'Joint velocities in the order of the URDF (m/s for a prismatic joint), for passive motion; empty means zero.',
+        unit='rad/s',
+    )
+    base_position: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Position of the base link in the odometry frame.', unit='m', lengths=(3,)
+    )
+    base_orientation: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0, 1.0),
+        'Orientation of the base link in the odometry frame, a quaternion x, y, z, w.',
+        lengths=(4,),
+    )
+    base_linear_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "Velocity of the base link's origin, in odometry axes.", unit='m/s', lengths=(3,)
+    )
+    base_angular_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Angular velocity of the base link, in odometry axes.', unit='rad/s', lengths=(3,)
+    )
+    zero_linear_momentum: bool = parameter(
+        False,  # noqa: FBT003 - a default
+        'Choose the linear velocity of the base so that the total linear momentum is zero; base_linear_velocity must '
+        'then be zero.',
+    )
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """What drives the joints."""
+
+    kind: str = parameter(
+        'passive',
+        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones); no limits apply.',
+        choices=MOTIONS,
+    )
+    amplitudes: tuple[float, ...] = parameter(
+        (),
+        'Sinusoids: amplitudes, as many for each joint: q(t) = q(0) + sum of a (sin(2 pi f t + p) - sin p).',
+        unit='rad',
+    )
+    frequencies: tuple[float, ...] = parameter((), 'Sinusoids: frequencies, one for each amplitude.', unit='Hz')
+    phases: tuple[float, ...] = parameter(
+        (), 'Sinusoids: phases, one for each amplitude; empty means zero.', unit='rad'
+    )
+    seed: int = parameter(0, 'Random: the same seed gives the same motion.', minimum=0)
+    terms: int = parameter(2, 'Random: sinusoids for each joint.', minimum=1, maximum=100)
+    amplitude: float = parameter(
+        0.5, 'Random: largest excursion of a joint from the middle of its motion.', unit='rad', minimum=0.0
+    )
+    period_min: float = parameter(10.0, 'Random: shortest period.', unit='s', minimum=0.0, exclusive_minimum=True)
+    period_max: float = parameter(40.0, 'Random: longest period.', unit='s', minimum=0.0, exclusive_minimum=True)
+
+
+@dataclass(frozen=True)
+class SimulatedNoiseConfig:
+    """One standard deviation of the noise added to each channel of a sample; 0 is none."""
+
+    joint_position: float = parameter(0.0, 'Noise of a joint position (m for a prismatic joint).', 'rad', minimum=0.0)
+    joint_velocity: float = parameter(
+        0.0, 'Noise of a joint velocity (m/s for a prismatic joint).', 'rad/s', minimum=0.0
+    )
+    base_position: float = parameter(0.0, 'Noise of each coordinate of the base position.', 'm', minimum=0.0)
+    base_orientation: float = parameter(0.0, 'Noise of the base orientation about each axis.', 'rad', minimum=0.0)
+    base_linear_velocity: float = parameter(0.0, 'Noise of the base velocity along each axis.', 'm/s', minimum=0.0)
+    base_angular_velocity: float = parameter(0.0, 'Noise of the angular velocity of the base.', 'rad/s', minimum=0.0)
+
+
+@dataclass(frozen=True)
+class SimulatorConfig:
+    """Everything that decides what the simulated robot does and what its sensors say."""
+
+    robot_description_file: str = parameter('', 'URDF file of the robot.')
+    duration: float = parameter(0.0, 'Length of the run; 0 means that the node runs on.', unit='s', minimum=0.0)
+    joint_rate: float = parameter(
+        100.0, 'JointState messages a second.', unit='Hz', minimum=0.0, maximum=1e4, exclusive_minimum=True
+    )
+    odometry_rate: float = parameter(
+        100.0, 'Odometry messages a second.', unit='Hz', minimum=0.0, maximum=1e4, exclusive_minimum=True
+    )
+    step: float = parameter(
+        0.02,
+        'Step of the integrator; it needs no relation to the rates. 0.02 s suits motions of periods above a second.',
+        unit='s',
+        minimum=1e-5,
+        maximum=1.0,
+    )
+    seed: int = parameter(0, 'The same seed gives the same sensor noise.', minimum=0)
+    real_time_factor: float = parameter(
+        1.0, 'Simulated seconds that pass in a second of the node.', minimum=0.0, maximum=1e3, exclusive_minimum=True
+    )
+    publish_clock: bool = parameter(
+        False,  # noqa: FBT003 - a default
+        'Publish /clock and stamp with simulated time from 0, for nodes with use_sim_time.',
+    )
+    wait_for_subscribers: bool = parameter(
+        False,  # noqa: FBT003 - a default
+        'Let the run of the node begin only when both joint_states and odom have a subscriber.',
+    )
+    target_link: str = parameter('', 'Link whose inertia is published as the truth; empty means the last link.')
+    odom_frame: str = parameter('odom', 'Name of the odometry frame.')
+    initial: InitialConfig = field(default_factory=InitialConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

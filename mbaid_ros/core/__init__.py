@@ -1,0 +1,1 @@
+"""The identification itself: arrays in, arrays out; no ROS, no files, no clock."""

@@ -1,0 +1,235 @@
+"""Linear equations whose coefficients carry noise too: maximum likelihood, its information, and what noise adds to it.
+
+Block k of the problem reads
+
+    f_k = A_k x + y_k,    covariance of f_k = G_k G_k^T,    G_k = G0_k + G1_k . x
+
+with A, y computed from measured quantities and G their whitened derivatives: d A / d e = G1, d y / d e = G0 for unit
+errors e. Plain weighted least squares is biased, because A is noisy. The functional maximum likelihood minimises
+sum f^T (G G^T)^-1 f; its gradient is that of a least squares with the corrected rows A + G1 . u, where
+u = -G^T (G G^T)^-1 f is the adjustment of the measurements that fulfils the equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """K blocks of r equations for u unknowns, with z error sources each.
+
+    Attributes
+    ----------
+    rows : (K, r, u) A
+    offset : (K, r) y
+    noise : (K, r, z) G0
+    noise_rows : (K, r, z, u) G1
+    """
+
+    rows: Array
+    offset: Array
+    noise: Array
+    noise_rows: Array
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self.rows)
+
+    def __getitem__(self, index: slice) -> Blocks:
+        """Return a slice of the blocks."""
+        return Blocks(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @staticmethod
+    def concatenate(parts: list[Blocks]) -> Blocks:
+        """Return the parts' blocks, joined in order."""
+        return Blocks(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Blocks)))
+
+    def restrict(self, selection: Array, basis: Array) -> Blocks:
+        """Return the equations E f in the unknowns x' with x = B x'.
+
+        Parameters
+        ----------
+        selection : (k, r) E
+        basis : (u, v) B
+        """
+        noise_rows = np.asarray(np.tensordot(self.noise_rows @ basis, selection, axes=(1, 1)), dtype=float)
+        return Blocks(
+            selection @ self.rows @ basis,
+            self.offset @ selection.T,
+            selection @ self.noise,
+            np.moveaxis(noise_rows, -1, 1),
+        )
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """The normal equations of some blocks at one x: cost(x + d) = cost + 2 gradient d + d information d.
+
+    Attributes
+    ----------
+    cost : sum of the squared normalised residuals
+    gradient : (u,)
+    information : (u, u)
+    equations : number of equations
+    """
+
+    cost: float
+    gradient: Array
+    information: Array
+    equations: int
+
+
+def cost(blocks: Blocks, x: Array) -> float:
+    """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
+    residual = blocks.rows @ x + blocks.offset
+    noise = blocks.noise + blocks.noise_rows @ x
+    factor = _factor(noise)
+    if factor is None:
+        return np.inf
+    whitened = np.linalg.solve(factor, residual[..., None])
+    return float(np.sum(whitened**2))
+
+
+def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
+    """Return the likelihood's gradient and Gauss-Newton information at x.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite at this x.
+    """
+    residual = blocks.rows @ x + blocks.offset
+    noise = blocks.noise + blocks.noise_rows @ x
+    factor = _factor_or_raise(noise)
+    whitened = np.linalg.solve(factor, np.concatenate((residual[..., None], noise), axis=-1))
+    white_residual, white_noise = whitened[..., 0], whitened[..., 1:]
+    adjustment = -(np.swapaxes(white_noise, 1, 2) @ white_residual[..., None])  # u, (K, z, 1)
+    corrected = blocks.rows + (np.swapaxes(blocks.noise_rows, 2, 3) @ adjustment[:, None])[..., 0]
+    white_rows = np.linalg.solve(factor, corrected).reshape(-1, corrected.shape[-1])
+    white_residual = white_residual.reshape(-1)
+    return Linearisation(
+        cost=float(white_residual @ white_residual),
+        gradient=white_rows.T @ white_residual,
+        information=white_rows.T @ white_rows,
+        equations=len(white_residual),
+    )
+
+
+def noise_information(blocks: Blocks, x: Array) -> Array:
+    """Return the (u, u) part of the likelihood's information at x that the noise in the rows brings in expectation.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite at this x.
+    """
+    noise = blocks.noise + blocks.noise_rows @ x
+    whitener = np.linalg.inv(_factor_or_raise(noise))
+    weight = np.swapaxes(whitener, 1, 2) @ whitener
+    # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W G.
+    seen = (whitener @ noise)[:, None] @ blocks.noise_rows
+    return _weighted_square(weight, blocks.noise_rows) - _weighted_square(weight, seen)
+
+
+def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
+    """Return the weighted least squares less what the noise in the rows adds in expectation, as a form around zero.
+
+    It is quadratic as it is: x has a part in its weights alone, and those allow for x being uncertain.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    x : (u,) for the weights
+    spread : (u, k) factor of the covariance of x
+
+    Returns
+    -------
+    Linearisation at x = 0, without the noise's own information, and (u, u) that information
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite.
+    """
+    noise = blocks.noise + blocks.noise_rows @ x
+    count, equations = blocks.offset.shape
+    uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
+    whitener = np.linalg.inv(_factor_or_raise(np.concatenate((noise, uncertain), axis=2)))
+    weight = np.swapaxes(whitener, 1, 2) @ whitener
+    own = _weighted_square(weight, blocks.noise_rows)
+    known, offset = weight @ blocks.noise, (weight @ blocks.offset[..., None])[..., 0]
+    bias = np.tensordot(blocks.noise_rows, known, axes=((0, 1, 2), (0, 1, 2)))
+    expected = float(np.sum((whitener @ noise) ** 2))
+    return Linearisation(
+        cost=float(np.sum(blocks.offset * offset) - np.sum(blocks.noise * known)) + expected,
+        gradient=np.tensordot(blocks.rows, offset, axes=((0, 1), (0, 1))) - bias,
+        information=_weighted_square(weight, blocks.rows[:, :, None]) - own,
+        equations=blocks.offset.size,
+    ), own
+
+
+def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
+    """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
+    count, equations = blocks.offset.shape
+    whitener = np.linalg.inv(_factor_or_raise(blocks.noise + blocks.noise_rows @ x))
+    uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
+    return float(np.sum(uncertain**2)) / blocks.offset.size
+
+
+def weighted(blocks: Blocks, x: Array, *, compensate: bool) -> tuple[Array, Array]:
+    """Return information and right side of the weighted least squares with the weights of x.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    x : (u,) for the weights
+    compensate : subtract what the noise in the rows adds in expectation, to first order
+
+    Returns
+    -------
+    (u, u) information and (u,) right side
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite at this x.
+    """
+    noise = blocks.noise + blocks.noise_rows @ x
+    factor = _factor_or_raise(noise)
+    white_rows = np.linalg.solve(factor, blocks.rows)
+    white_offset = np.linalg.solve(factor, blocks.offset[..., None])[..., 0]
+    information = np.tensordot(white_rows, white_rows, axes=((0, 1), (0, 1)))
+    right_side = -np.tensordot(white_rows, white_offset, axes=((0, 1), (0, 1)))
+    if compensate:
+        count, equations, sources, unknowns = blocks.noise_rows.shape
+        white = np.linalg.solve(factor, blocks.noise_rows.reshape(count, equations, -1))
+        white = white.reshape(count * equations * sources, unknowns)
+        white_known = np.linalg.solve(factor, blocks.noise).reshape(-1)
+        information = information - white.T @ white
+        right_side = right_side + white.T @ white_known
+    return information, right_side
+
+
+def _weighted_square(weight: Array, rows: Array) -> Array:
+    """Return the (u, u) sum over k, z of rows^T W rows, for W (K, r, r) and rows (K, r, z, u)."""
+    weighted_rows = (weight @ rows.reshape(*rows.shape[:2], -1)).reshape(-1, rows.shape[-1])
+    return rows.reshape(weighted_rows.shape).T @ weighted_rows
+
+
+def _factor(noise: Array) -> Array | None:
+    try:
+        return np.asarray(np.linalg.cholesky(noise @ np.swapaxes(noise, 1, 2)))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _factor_or_raise(noise: Array) -> Array:
+    factor = _factor(noise)
+    if factor is None or not np.all(np.isfinite(factor)):
+        raise FloatingPointError('the covariance of the momentum equations is not positive definite')
+    return factor

@@ -1,0 +1,172 @@
+"""Three-dimensional geometry for batches: any number of leading axes, the last one or two hold the vector or matrix."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.floating[Any]]
+
+# Order of the six independent elements of a symmetric matrix (paper, definition 1).
+_ROWS = np.array([0, 0, 0, 1, 1, 2])
+_COLUMNS = np.array([0, 1, 2, 1, 2, 2])
+# Cyclic neighbours of the three axes, and the number of elements up to which a batch is short.
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_SHORT = 1500
+
+
+def skew(vector: Array) -> Array:
+    """Return [a]x with [a]x b = a x b (paper, definition 5).
+
+    Parameters
+    ----------
+    vector : (..., 3) array
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    matrix = np.zeros((*vector.shape, 3))
+    matrix[..., 0, 1] = -vector[..., 2]
+    matrix[..., 0, 2] = vector[..., 1]
+    matrix[..., 1, 0] = vector[..., 2]
+    matrix[..., 1, 2] = -vector[..., 0]
+    matrix[..., 2, 0] = -vector[..., 1]
+    matrix[..., 2, 1] = vector[..., 0]
+    return matrix
+
+
+def cross(left: Array, right: Array) -> Array:
+    """Return left x right along the last axis, with broadcasting.
+
+    One product in two arrangements: few numpy calls for short batches, no gathering for long ones.
+    """
+    if left.size < _SHORT and right.size < _SHORT:
+        after, before = left.take(_NEXT, -1), left.take(_LAST, -1)
+        return np.asarray(after * right.take(_LAST, -1) - before * right.take(_NEXT, -1))
+    product = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    a, b, c = left[..., 0], left[..., 1], left[..., 2]
+    x, y, z = right[..., 0], right[..., 1], right[..., 2]
+    product[..., 0] = b * z - c * y
+    product[..., 1] = c * x - a * z
+    product[..., 2] = a * y - b * x
+    return product
+
+
+def rotate(rotation: Array, vector: Array) -> Array:
+    """Return R a for batches of (..., 3, 3) and (..., 3)."""
+    return np.matmul(rotation, vector[..., None])[..., 0]
+
+
+def rotate_back(rotation: Array, vector: Array) -> Array:
+    """Return R^T a for batches of (..., 3, 3) and (..., 3)."""
+    return np.matmul(vector[..., None, :], rotation)[..., 0, :]
+
+
+def bracket(vector: Array) -> Array:
+    """Return the 3x6 matrix with I a = bracket(a) vec(I) (paper, definition 6)."""
+    matrix = np.zeros((*vector.shape, 6))
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    matrix[..., 0, 0] = matrix[..., 1, 1] = matrix[..., 2, 2] = x
+    matrix[..., 0, 1] = matrix[..., 1, 3] = matrix[..., 2, 4] = y
+    matrix[..., 0, 2] = matrix[..., 1, 4] = matrix[..., 2, 5] = z
+    return matrix
+
+
+def vec(matrix: Array) -> Array:
+    """Return (xx, xy, xz, yy, yz, zz) of a symmetric (..., 3, 3) matrix (paper, definition 1)."""
+    return matrix[..., _ROWS, _COLUMNS]
+
+
+def unvec(elements: Array) -> Array:
+    """Return the symmetric (..., 3, 3) matrix of (..., 6) elements (xx, xy, xz, yy, yz, zz)."""
+    matrix = np.empty((*elements.shape[:-1], 3, 3))
+    matrix[..., _ROWS, _COLUMNS] = elements
+    matrix[..., _COLUMNS, _ROWS] = elements
+    return matrix
+
+
+def exp(rotation_vector: Array) -> Array:
+    """Return the rotation matrix of a rotation vector (Rodrigues), exact to rounding at any angle.
+
+    Parameters
+    ----------
+    rotation_vector : (..., 3) array, rad
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    angle = np.sqrt(np.sum(rotation_vector**2, axis=-1))
+    sine = np.sinc(angle / np.pi)
+    versine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    generator = skew(rotation_vector)
+    square = np.matmul(generator, generator)
+    return np.eye(3) + sine[..., None, None] * generator + versine[..., None, None] * square
+
+
+def log(rotation: Array) -> Array:
+    """Return the rotation vector of a rotation matrix, by way of its quaternion (well conditioned at every angle).
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 3) array, rad, of length at most pi
+    """
+    quaternion = quaternion_from_rotation(rotation)
+    quaternion = np.where(quaternion[..., 3:] < 0.0, -quaternion, quaternion)
+    imaginary = quaternion[..., :3]
+    length = np.sqrt(np.sum(imaginary**2, axis=-1))
+    angle = 2.0 * np.arctan2(length, quaternion[..., 3])
+    # At angle zero the ratio angle / sin(angle / 2) tends to 2.
+    ratio = np.where(length > 1e-12, angle / np.maximum(length, 1e-300), 2.0)
+    return ratio[..., None] * imaginary
+
+
+def rotation_from_quaternion(quaternion: Array) -> Array:
+    """Return the rotation matrix of a unit quaternion in ROS order (x, y, z, w).
+
+    Parameters
+    ----------
+    quaternion : (..., 4) array; normalised here
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    unit = quaternion / np.sqrt(np.sum(quaternion**2, axis=-1))[..., None]
+    imaginary, real = unit[..., :3], unit[..., 3]
+    generator = skew(imaginary)
+    return np.eye(3) + 2.0 * (real[..., None, None] * generator + np.matmul(generator, generator))
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    """Return the unit quaternion (x, y, z, w) of a rotation matrix, from its largest component (Shepperd).
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 4) array
+    """
+    xx, yy, zz = rotation[..., 0, 0], rotation[..., 1, 1], rotation[..., 2, 2]
+    # Outer product 4 q q^T: its row of the largest diagonal element, normalised, is q.
+    outer = np.empty((*rotation.shape[:-2], 4, 4))
+    outer[..., 0, 0] = 1.0 + xx - yy - zz
+    outer[..., 1, 1] = 1.0 - xx + yy - zz
+    outer[..., 2, 2] = 1.0 - xx - yy + zz
+    outer[..., 3, 3] = 1.0 + xx + yy + zz
+    for row, column in ((0, 1), (0, 2), (1, 2)):
+        outer[..., row, column] = outer[..., column, row] = rotation[..., row, column] + rotation[..., column, row]
+    for axis, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
+        outer[..., axis, 3] = outer[..., 3, axis] = rotation[..., row, column] - rotation[..., column, row]
+    largest = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    chosen = np.take_along_axis(outer, largest[..., None, None], axis=-2)[..., 0, :]
+    return chosen / np.sqrt(np.sum(chosen**2, axis=-1))[..., None]

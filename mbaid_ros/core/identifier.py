@@ -1,0 +1,120 @@
+"""From two streams of measurements to estimates, live or recorded: synchronise, cut into windows, identify."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.rates import FEWEST, missing_rates, with_rates
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+from mbaid_ros.core.synchroniser import Synchroniser
+from mbaid_ros.core.twist_frame import TwistFrame
+from mbaid_ros.core.windows import Windows
+
+RATE_MISSING = 'velocity missing, and too few positions to take it from'
+
+JOINT_RATES_DERIVED = (
+    'JointState without velocities: taken from the positions of each window, with the noise that implies; method '
+    'trajectory needs none'
+)
+TWIST_DERIVED = (
+    'Odometry without a twist: taken from the poses of each window, with the noise that implies; method trajectory '
+    'needs none'
+)
+POSES_ALONE = 'Odometry without a twist: the poses alone are used'
+
+
+class Estimator(Protocol):
+    """A method of identification."""
+
+    method: str
+    needs_rates: bool  # whether it works with measured velocities, of the joints and of the base
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows, in order, and return the estimates they lead to.
+
+        Parameters
+        ----------
+        windows : list of Samples
+        origin : ns, stamp at time 0
+        """
+        ...
+
+
+class Identifier:
+    """One identification, from its first measurement on.
+
+    What comes out does not depend on how the measurements are cut into calls: the live node hands over a few at a time,
+    a replay thousands, and both get the same numbers.
+
+    Parameters
+    ----------
+    estimator : the method
+    window : s, length of a window
+    maximum_gap : s, longest odometry interval that is interpolated
+    twist_frame : 'child' or 'inertial', as the base's twist was read
+    """
+
+    def __init__(self, estimator: Estimator, window: float, maximum_gap: float, twist_frame: str = 'child') -> None:
+        self._estimator = estimator
+        self._synchroniser = Synchroniser(maximum_gap)
+        self._windows = Windows(window)
+        self._twist_frame = TwistFrame(twist_frame)
+        self._window = window
+        self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
+        self.used = 0
+        self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
+        self._dropped: Counter[str] = Counter()
+
+    def note(self, text: str) -> None:
+        """Let every estimate carry a warning."""
+        self._notes[text] = -np.inf
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Measurements that were not used, by cause."""
+        return self._dropped + self._synchroniser.dropped
+
+    def push(self, joints: JointStream | None, base: BaseStream | None) -> list[Estimate]:
+        """Take measurements of either kind and return the estimates of the windows they close."""
+        samples = self._synchroniser.push(joints, base)
+        if samples is None:
+            return []
+        self.used += len(samples)
+        number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
+        self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
+        closed = [window for window in map(self._prepared, self._windows.push(samples)) if window is not None]
+        if not closed:
+            return []
+        estimates = self._estimator.update(closed, self._synchroniser.origin)
+        return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates
+
+    def _prepared(self, window: Samples) -> Samples | None:
+        """Return a closed window with the velocities its method needs, None if it cannot have them."""
+        start = float(window.time[0])
+        self._twist_frame.update(window)
+        if self._twist_frame.contradiction:
+            self._notes.setdefault(self._twist_frame.contradiction, start)
+        joints, base = missing_rates(window)
+        if not self._estimator.needs_rates:
+            if base:
+                self._notes.setdefault(POSES_ALONE, start)
+            return window
+        if (joints or base) and len(window) < FEWEST:
+            self._dropped[RATE_MISSING] += len(window)
+            self.used -= len(window)
+            return None
+        if joints:
+            self._notes.setdefault(JOINT_RATES_DERIVED, start)
+        if base:
+            self._notes.setdefault(TWIST_DERIVED, start)
+        return with_rates(window)
+
+    def _with_notes(self, estimate: Estimate) -> Estimate:
+        """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""
+        notes = (text for text, since in self._notes.items() if since <= estimate.time)
+        return replace(estimate, warnings=(*estimate.warnings, *notes))

@@ -1,0 +1,71 @@
+"""One body's ten parameters in their two forms: standard (m, h, I_o) and physical (m, r_c, I_c)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, skew, unvec, vec
+
+# d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
+_GENERATORS = skew(np.eye(3))
+
+
+def physical(standard: Array) -> Array:
+    """Return (m, r_c, I_c) of standard parameters: CoM in the link frame, inertia about it in link axes.
+
+    Parameters
+    ----------
+    standard : (..., 10) (m, h, I_o): kg, kg m, kg m^2
+
+    Returns
+    -------
+    (..., 10) array: kg, m, kg m^2; NaN where the mass is zero
+    """
+    mass = standard[..., :1]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        com = np.where(mass != 0.0, standard[..., 1:4] / mass, np.nan)
+    lever = skew(com)
+    # I_c = I_o + m [r_c]x [r_c]x
+    about_com = standard[..., 4:] + mass * vec(lever @ lever)
+    return np.concatenate((mass, com, about_com), axis=-1)
+
+
+def standard(physical_parameters: Array) -> Array:
+    """Return (m, h, I_o) of (m, r_c, I_c); the inverse of `physical`."""
+    mass, com = physical_parameters[..., :1], physical_parameters[..., 1:4]
+    lever = skew(com)
+    return np.concatenate((mass, mass * com, physical_parameters[..., 4:] - mass * vec(lever @ lever)), axis=-1)
+
+
+def physical_jacobian(standard_parameters: Array) -> Array:
+    """Return d(m, r_c, I_c) / d(m, h, I_o), (10, 10), at (10,) standard parameters with non-zero mass."""
+    mass = standard_parameters[0]
+    com = standard_parameters[1:4] / mass
+    lever = skew(com)
+    jacobian = np.eye(10)
+    jacobian[1:4, 0] = -com / mass
+    jacobian[1:4, 1:4] = np.eye(3) / mass
+    # I_c = I_o + [h]x[h]x / m, so dI_c = ([dh]x[c]x + [c]x[dh]x) - dm [c]x[c]x
+    jacobian[4:, 0] = -vec(lever @ lever)
+    jacobian[4:, 1:4] = vec(_GENERATORS @ lever + lever @ _GENERATORS).T
+    return jacobian
+
+
+def pseudo_inertia(standard_parameters: Array) -> Array:
+    """Return the (..., 4, 4) pseudo-inertia matrix; it is positive definite exactly for a real body.
+
+    [[tr(I_o)/2 1 - I_o, h], [h^T, m]]
+    """
+    inertia = unvec(standard_parameters[..., 4:])
+    matrix = np.empty((*standard_parameters.shape[:-1], 4, 4))
+    matrix[..., :3, :3] = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
+    matrix[..., :3, 3] = matrix[..., 3, :3] = standard_parameters[..., 1:4]
+    matrix[..., 3, 3] = standard_parameters[..., 0]
+    return matrix
+
+
+def from_pseudo_inertia(matrix: Array) -> Array:
+    """Return the (..., 10) standard parameters of a pseudo-inertia matrix."""
+    second = matrix[..., :3, :3]
+    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    return np.concatenate((matrix[..., 3, 3, None], matrix[..., :3, 3], vec(inertia)), axis=-1)

@@ -1,0 +1,132 @@
+"""What the arm's joints are made to do while the base floats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+
+# Gains of the tracking error. The torques are those of the exact model, so only the integrator's own error is left to
+# correct: a slow, critically damped loop (1 rad/s) is enough and does not shorten the step.
+_STIFFNESS = 1.0  # 1/s^2
+_DAMPING = 2.0  # 1/s
+
+
+class Motion(Protocol):
+    """How the joints are driven."""
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array | None:
+        """Return the joint accelerations to give (n,) in rad/s^2 or m/s^2, or None where no torque acts."""
+        ...
+
+
+class Passive:
+    """Free joints: no torque (the paper's case)."""
+
+    def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - the protocol's
+        """Return None: nothing drives the joints."""
+        return
+
+
+@dataclass(frozen=True)
+class Sinusoids:
+    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk)).
+
+    Attributes
+    ----------
+    start : (n,) q0, rad or m
+    amplitude, frequency, phase : (n, K): rad or m; Hz; rad
+    """
+
+    start: Array
+    amplitude: Array
+    frequency: Array
+    phase: Array
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        rate = 2.0 * np.pi * self.frequency
+        angle = rate * time + self.phase
+        sine, speed = self.amplitude * np.sin(angle), self.amplitude * rate
+        position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
+        return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the reference's acceleration, corrected by the tracking error."""
+        wanted, speed, acceleration = self.reference(time)
+        return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
+
+
+def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:
+    """Build sinusoids from flat arrays, joint by joint: (j1 term 1, j1 term 2, ..., j2 term 1, ...).
+
+    Parameters
+    ----------
+    start : (n,) rad or m
+    amplitudes, frequencies : (n K,) rad or m; Hz
+    phases : (n K,) rad, or empty for zero
+
+    Returns
+    -------
+    Sinusoids
+
+    Raises
+    ------
+    ParameterError
+        The arrays are not of one length, a multiple of the number of joints.
+    """
+    joints = len(start)
+    if not len(phases):
+        phases = np.zeros(len(amplitudes))
+    if len(amplitudes) != len(frequencies) or len(amplitudes) != len(phases):
+        raise ParameterError(
+            f'motion.amplitudes, motion.frequencies and motion.phases have {len(amplitudes)}, {len(frequencies)} and '
+            f'{len(phases)} numbers; arrays of one length are accepted'
+        )
+    if joints == 0 or len(amplitudes) == 0 or len(amplitudes) % joints:
+        raise ParameterError(
+            f'motion.amplitudes has {len(amplitudes)} numbers; a multiple of the {joints} joints is accepted'
+        )
+    shape = (joints, -1)
+    return Sinusoids(start, amplitudes.reshape(shape), frequencies.reshape(shape), phases.reshape(shape))
+
+
+def random_sinusoids(
+    start: Array, seed: int, terms: int, amplitude: float, period_min: float, period_max: float
+) -> Sinusoids:
+    """Draw sinusoids: amplitudes in (0.5, 1) of `amplitude` shared among the terms, periods uniform in their range.
+
+    Parameters
+    ----------
+    start : (n,) rad or m
+    seed : the same seed gives the same motion
+    terms : sinusoids a joint
+    amplitude : rad or m, largest excursion of a joint from the middle of its motion
+    period_min, period_max : s
+
+    Returns
+    -------
+    Sinusoids
+
+    Raises
+    ------
+    ParameterError
+        The periods are not in order.
+    """
+    if not 0.0 < period_min <= period_max:
+        raise ParameterError(
+            f'motion.period_min is {period_min:g} s and motion.period_max {period_max:g} s; '
+            '0 < period_min <= period_max is accepted'
+        )
+    generator = np.random.default_rng(seed)
+    shape = (len(start), terms)
+    return Sinusoids(
+        start,
+        amplitude=generator.uniform(0.5, 1.0, shape) * amplitude / terms,
+        frequency=1.0 / generator.uniform(period_min, period_max, shape),
+        phase=generator.uniform(-np.pi, np.pi, shape),
+    )

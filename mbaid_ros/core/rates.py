@@ -1,0 +1,131 @@
+"""Velocities that no sensor gave, from the positions of a window: the derivative of a polynomial fitted to them.
+
+The mean of such a rate over the window carries a noise that follows from the positions' own; it goes into the samples,
+as that of single samples whose mean would be as noisy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from mbaid_ros.core.geometry import Array, cross, log
+from mbaid_ros.core.samples import Samples
+
+# Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
+_DEGREE = 4
+_WORST_CONDITION = 1e4
+FEWEST = 2  # samples that a rate can be taken from
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A polynomial fitted to N instants, for any number of signals.
+
+    Attributes
+    ----------
+    values, slopes : (N, d + 1) the polynomials and their derivatives (1/s) at the instants
+    solve : (d + 1, N) from measurements to coefficients
+    mean_gain : variance of the mean slope over that of one measurement, 1/s^2
+    """
+
+    values: Array
+    slopes: Array
+    solve: Array
+    mean_gain: float
+
+    def smooth(self, measured: Array) -> tuple[Array, Array]:
+        """Return values and derivatives of (N, k) signals."""
+        coefficients = self.solve @ measured
+        return self.values @ coefficients, self.slopes @ coefficients
+
+    def mean_slope(self, measured: Array) -> Array:
+        """Return the (k,) mean derivative of (N, k) signals."""
+        return np.mean(self.slopes, axis=0) @ (self.solve @ measured)
+
+
+def fit(time: Array) -> Fit:
+    """Return the fit for N >= 2 instants (s, increasing): of degree 4, or of as much as they determine."""
+    half = 0.5 * (time[-1] - time[0])
+    place = (time - time[0]) / half - 1.0
+    for degree in range(min(_DEGREE, len(time) - 1), 0, -1):
+        values = legendre.legvander(place, degree)
+        orthonormal, triangle = np.linalg.qr(values)
+        if degree == 1 or np.linalg.cond(triangle) < _WORST_CONDITION:
+            break
+    slopes = legendre.legvander(place, degree - 1) @ legendre.legder(np.eye(degree + 1)) / half
+    solve = np.linalg.solve(triangle, orthonormal.T)
+    return Fit(values, slopes, solve, float(np.sum((np.mean(slopes, axis=0) @ solve) ** 2)))
+
+
+def missing_rates(window: Samples) -> tuple[bool, bool]:
+    """Tell whether joint velocities, and whether parts of the base's twist, are missing from a window."""
+    twist = np.sum(window.base_linear_velocity) + np.sum(window.base_angular_velocity)
+    return not np.isfinite(np.sum(window.joint_velocity)), not np.isfinite(twist)
+
+
+def with_rates(window: Samples) -> Samples:
+    """Return a window of at least two samples with every velocity: those that are not all there, from the positions."""
+    joints, base = missing_rates(window)
+    if not joints and not base:
+        return window
+    local = fit(window.time)
+    if joints:
+        window = _joint_rates(window, local)
+    return _base_rates(window, local) if base else window
+
+
+def _joint_rates(window: Samples, local: Fit) -> Samples:
+    absent = ~np.all(np.isfinite(window.joint_velocity), axis=0)
+    # Of a mid-window position: differences of large angles would lose digits.
+    middle = window.joint_position[len(window) // 2]
+    slopes = local.smooth(window.joint_position - middle)[1]
+    # Single samples whose mean is as noisy as the mean slope.
+    gain = np.where(absent, len(window) * local.mean_gain, np.nan)
+    return replace(
+        window,
+        joint_velocity=np.where(absent, slopes, window.joint_velocity),
+        joint_rate_gain=np.broadcast_to(gain, slopes.shape),
+    )
+
+
+def _base_rates(window: Samples, local: Fit) -> Samples:
+    linear = np.all(np.isfinite(window.base_linear_velocity))
+    angular = np.all(np.isfinite(window.base_angular_velocity))
+    velocity, rate = base_slopes(window, local)
+    to_base = np.zeros((len(window), 6, 6))
+    to_base[:, :3, :3] = to_base[:, 3:, 3:] = np.swapaxes(window.base_rotation, -1, -2)
+    derived = len(window) * local.mean_gain * (to_base @ window.pose_covariance @ np.swapaxes(to_base, -1, -2))
+    covariance = window.twist_covariance.copy()
+    for block, measured in ((slice(0, 3), linear), (slice(3, 6), angular)):
+        if not measured:
+            covariance[:, block] = covariance[..., block] = 0.0
+            covariance[:, block, block] = derived[:, block, block]
+    if not linear and not angular:
+        covariance = derived
+    return replace(
+        window,
+        base_linear_velocity=window.base_linear_velocity if linear else velocity,
+        base_angular_velocity=window.base_angular_velocity if angular else rate,
+        twist_covariance=covariance,
+    )
+
+
+def base_slopes(window: Samples, local: Fit) -> tuple[Array, Array]:
+    """Return the (N, 3) linear and angular velocities (odometry axes) that a window's poses imply."""
+    velocity = local.smooth(window.base_position - window.base_position[len(window) // 2])[1]
+    turn, slope = local.smooth(turns(window))
+    # R = Exp(turn) R_mid turns at w = J_l(turn) turn', with the left Jacobian of the rotation group.
+    angle = np.sqrt(np.sum(turn**2, axis=1, keepdims=True))
+    second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    third = np.where(angle > 1e-3, (1.0 - np.sinc(angle / np.pi)) / np.maximum(angle, 1e-3) ** 2, 1.0 / 6.0)
+    bend = cross(turn, slope)
+    return velocity, slope + second * bend + third * cross(turn, bend)
+
+
+def turns(window: Samples) -> Array:
+    """Return the (N, 3) rotation vectors, odometry axes, from the orientation at mid-window."""
+    middle = window.base_rotation[len(window) // 2]
+    return log(window.base_rotation @ middle.T)

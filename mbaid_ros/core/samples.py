@@ -1,0 +1,128 @@
+"""What the core is fed with: synchronised samples of the joints and of the base, a batch at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.core.geometry import Array
+
+Stamps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """One standard deviation of each sensor channel, a sample (white).
+
+    Attributes
+    ----------
+    joint_position : rad (m for a prismatic joint)
+    joint_velocity : rad/s (m/s)
+    base_position, base_orientation : m, rad; used where the Odometry carries no pose covariance
+    base_linear_velocity, base_angular_velocity : m/s, rad/s; used where it carries no twist covariance
+    """
+
+    joint_position: float
+    joint_velocity: float
+    base_position: float
+    base_orientation: float
+    base_linear_velocity: float
+    base_angular_velocity: float
+
+    def pose_covariance(self) -> Array:
+        """Return the (6, 6) covariance of (position, orientation)."""
+        return np.diag(np.repeat([self.base_position, self.base_orientation], 3) ** 2)
+
+    def twist_covariance(self) -> Array:
+        """Return the (6, 6) covariance of (linear, angular) velocity."""
+        return np.diag(np.repeat([self.base_linear_velocity, self.base_angular_velocity], 3) ** 2)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A batch of N samples, joints and base at common stamps.
+
+    Attributes
+    ----------
+    time : (N,) s since the first sample of the run, increasing
+    joint_position : (N, n) rad or m, in the model's joint order
+    joint_velocity : (N, n) rad/s or m/s
+    base_position : (N, 3) m, origin of the base link in the odometry frame
+    base_rotation : (N, 3, 3), base link to odometry frame
+    base_linear_velocity : (N, 3) m/s, of the base link's origin, in odometry axes
+    base_angular_velocity : (N, 3) rad/s, in odometry axes
+    pose_covariance : (N, 6, 6) position and orientation (fixed axes), both in odometry axes
+    twist_covariance : (N, 6, 6) linear and angular velocity, in base axes
+    joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) where it was taken from the
+        positions; NaN, also where not given, is a measured velocity
+    """
+
+    time: Array
+    joint_position: Array
+    joint_velocity: Array
+    base_position: Array
+    base_rotation: Array
+    base_linear_velocity: Array
+    base_angular_velocity: Array
+    pose_covariance: Array
+    twist_covariance: Array
+    joint_rate_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Take velocities as measured where nothing else is said."""
+        if self.joint_rate_gain.shape != self.joint_velocity.shape:
+            object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.time)
+
+    def __getitem__(self, index: slice | Array) -> Samples:
+        """Return the samples of a slice or mask."""
+        return Samples(*(getattr(self, item.name)[index] for item in fields(self)))
+
+    @staticmethod
+    def concatenate(parts: list[Samples]) -> Samples:
+        """Return the parts joined in order."""
+        if len(parts) == 1:
+            return parts[0]
+        return Samples(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Samples)))
+
+
+@dataclass(frozen=True)
+class JointStream:
+    """Joint measurements as they arrived.
+
+    Attributes
+    ----------
+    stamp : (N,) int64 ns
+    position, velocity : (N, n) in the model's joint order
+    """
+
+    stamp: Stamps
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class BaseStream:
+    """Base measurements as they arrived.
+
+    Attributes
+    ----------
+    stamp : (N,) int64 ns
+    position : (N, 3) m, base link origin in the odometry frame
+    rotation : (N, 3, 3) base link to odometry axes
+    linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in odometry axes
+    pose_covariance, twist_covariance : (N, 6, 6) as in Samples
+    """
+
+    stamp: Stamps
+    position: Array
+    rotation: Array
+    linear_velocity: Array
+    angular_velocity: Array
+    pose_covariance: Array
+    twist_covariance: Array

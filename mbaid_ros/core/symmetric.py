@@ -1,0 +1,29 @@
+"""Symmetric systems, some of whose directions may be empty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+
+# Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
+_RESOLUTION = 1e-13
+
+
+def solve_symmetric(information: Array, right_side: Array) -> Array:
+    """Solve a symmetric system; directions without information to double precision are left at zero.
+
+    Parameters
+    ----------
+    information : (u, u)
+    right_side : (u,) or (u, k)
+
+    Returns
+    -------
+    (u,) or (u, k) array
+    """
+    size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information)), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(information * size * size[:, None])
+    usable = values > _RESOLUTION * values[-1]
+    vectors = size[:, None] * vectors[:, usable]
+    return np.asarray(vectors @ ((vectors.T @ right_side).T / values[usable]).T)

@@ -1,0 +1,1 @@
+"""The trajectory-level estimator: the conservation law integrated and matched to the measured poses."""

@@ -1,0 +1,189 @@
+"""Windows of the error chain: how the true pose drifts from the measured one, and what a window measures of it.
+
+The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From node to node it
+changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
+twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first node.
+
+State: xi (6), P (3), L (3), phi (10), errors of uncertain known bodies (10 each), a constant force and torque on the
+base (6), tau (1): the joints' stamps are tau late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise, midpoints
+from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
+
+LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
+PARAMETERS = slice(6, -7)  # all that enters the prediction
+FORCE = slice(-7, -1)
+DELAY = -1
+# Rows of a twist (v, w) in the order (angular, linear) of the pose error.
+_ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
+
+
+@dataclass(frozen=True)
+class WindowModel:
+    """A window, linear in the state x at its first node: measurements, and the way to the next window.
+
+    Attributes
+    ----------
+    pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
+    twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
+    transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
+    process : (6, 6) covariance of the joint noise that accumulates on the way
+    length : s
+    rotation, position : (3, 3), (3,) m, of the base in mid-window
+    """
+
+    pose_value: Array
+    pose_rows: Array
+    pose_covariance: Array
+    twist_value: Array
+    twist_rows: Array
+    twist_covariance: Array
+    transition: Array
+    drift: Array
+    process: Array
+    length: float
+    rotation: Array
+    position: Array
+
+
+def window_model(
+    kernel: MomentumKernel, window: Window, parameters: Array, uncertain: Sequence[int] = ()
+) -> WindowModel:
+    """Return one window's model, linearised at parameters.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    window : Window
+    parameters : (u,) (P, L, phi, errors of the uncertain bodies)
+    uncertain : indices of those bodies
+    """
+    middle = midpoints(window.nodes, window.spacing)
+    prediction = predict(kernel, middle, parameters, uncertain)
+    slope = np.gradient(prediction.twist, window.spacing, axis=0)
+    integral = _integral(prediction.twist, slope, window.spacing)[window.inside]
+    slope = slope[window.inside]
+    middle, prediction = middle[window.inside], prediction[window.inside]
+    errors = _compose(*_chain_steps(prediction, integral, middle, window.spacing))
+    # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
+    errors[..., -1] -= errors[..., 6:-1] @ parameters
+    places = [0, len(middle) // 2, len(middle) - 1]
+    exact = with_errors(kernel, parameters[16:], uncertain)
+    by_rate, by_position = joint_gains(exact, middle[places], prediction.twist[places], parameters[6:16])
+    by_rate, by_position = by_rate[:, _ANGULAR_FIRST], by_position[:, _ANGULAR_FIRST]
+    # What joint noise leaves behind at position level: the turn of its own gain A, and what F makes of A dq.
+    length = len(middle) * window.spacing
+    turning = (by_rate[2] - by_rate[0]) / (length - window.spacing)
+    remainder = by_position[1] + _error_slope(prediction)[places[1]] @ by_rate[1] - turning
+    variance = (window.noise.joint_position * length) ** 2 / window.noise.samples
+    return WindowModel(
+        *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise),
+        *_twist_measurement(errors, prediction, middle, by_rate[1], window, (parameters, slope)),
+        transition=_state_rows(errors[-1]),
+        drift=errors[-1][:, -1],
+        process=variance * remainder @ remainder.T,
+        length=length,
+        rotation=middle.base_rotation[places[1]],
+        position=middle.base_position[places[1]],
+    )
+
+
+def _integral(twist: Array, slope: Array, spacing: float) -> Array:
+    """Return (J, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
+    bend = np.concatenate((np.zeros((1, 6)), np.diff(twist, n=2, axis=0), np.zeros((1, 6))))
+    bend[0], bend[-1] = bend[1], bend[-2]
+    integral = spacing * (twist + bend / 24.0)
+    integral[:, 3:] += spacing**3 / 12.0 * cross(slope[:, 3:], twist[:, 3:])
+    return integral
+
+
+def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
+    """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
+    gain = np.empty((len(middle), 6, prediction.by_parameters.shape[-1] + 1))
+    gain[..., :-1] = spacing * prediction.by_parameters[:, _ANGULAR_FIRST]
+    surplus = integral[:, 3:] - middle.turn
+    gain[:, :3, -1] = surplus
+    gain[:, 3:, -1] = integral[:, :3] - middle.step
+    # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
+    half = 0.5 * spacing * _error_slope(prediction)
+    solved = np.linalg.solve(np.eye(6) - half, np.concatenate((np.eye(6) + half, gain), axis=-1))
+    return solved[..., :6], solved[..., 6:]
+
+
+def _error_slope(prediction: Prediction) -> Array:
+    """Return F, the (J, 6, 6) rate of change of xi by xi."""
+    slope = prediction.by_pose_error[:, _ANGULAR_FIRST]
+    slope[:, 3:, :3] -= skew(prediction.twist[:, :3])  # the predicted velocity turns with the true base
+    return slope
+
+
+def _compose(transition: Array, gain: Array) -> Array:
+    """Return xi at every node, (m + 1, 6, 6 + u + 1): linear in (xi at the first node, parameters, 1)."""
+    count = len(transition)
+    errors = np.zeros((count + 1, 6, 6 + gain.shape[-1]))
+    errors[0, :, :6] = np.eye(6)
+    for index in range(count):
+        errors[index + 1] = transition[index] @ errors[index]
+        errors[index + 1, :, 6:] += gain[index]
+    return errors
+
+
+def _state_rows(errors: Array) -> Array:
+    """Return the rows of the state of a composition: the column of the constant goes, force and delay come."""
+    rows = np.zeros((6, errors.shape[-1] + 6))
+    rows[:, : PARAMETERS.stop] = errors[:, :-1]
+    return rows
+
+
+def _pose_measurement(errors: Array, twist: Array, by_rate: Array, noise: WindowNoise) -> tuple[Array, Array, Array]:
+    """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late."""
+    mean = np.mean(errors[:-1], axis=0)
+    rows = _state_rows(mean)
+    rows[:, DELAY] = np.mean(twist, axis=0)[_ANGULAR_FIRST]
+    # An error dq of the joints moves the predicted pose by A dq; it does not accumulate.
+    covariance = noise.pose / noise.samples + noise.joint_position**2 / noise.samples * by_rate @ by_rate.T
+    return -mean[:, -1], rows, covariance
+
+
+def _twist_measurement(
+    errors: Array,
+    prediction: Prediction,
+    middle: Midpoints,
+    by_rate: Array,
+    window: Window,
+    point: tuple[Array, Array],
+) -> tuple[Array, Array, Array]:
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + tau (V' - w x V) + noise, weighted.
+
+    `point` holds the parameters of the linearisation and the slope V' there.
+    """
+    count, noise = len(middle), window.noise
+    parameters, slope = point
+    place = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    weight = (1.0 - place**2) / np.sum(1.0 - place**2)
+    gain = prediction.by_parameters[:, _ANGULAR_FIRST]
+    model: Array = prediction.by_pose_error[:, _ANGULAR_FIRST] @ (0.5 * (errors[1:] + errors[:-1]))
+    model[..., 6:-1] += gain
+    model[..., -1] += prediction.twist[:, _ANGULAR_FIRST] - gain @ parameters
+    model = np.tensordot(weight, model, axes=1)
+    value = weight @ middle.base_twist[:, _ANGULAR_FIRST] - model[:, -1]
+    axes = np.zeros((6, 6))
+    axes[:3, :3] = axes[3:, 3:] = middle.base_rotation[count // 2]
+    white = float(np.sum(weight**2)) * count / noise.samples
+    telescoped = float(np.sum(np.diff(np.pad(weight, 1)) ** 2)) * count / noise.samples / window.spacing**2
+    covariance = white * axes @ noise.twist @ axes.T + noise.joint_position**2 * telescoped * by_rate @ by_rate.T
+    rows = _state_rows(model)
+    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
+    turning = np.concatenate((slope[:, 3:], slope[:, :3] - cross(prediction.twist[:, 3:], prediction.twist[:, :3])), 1)
+    rows[:, DELAY] = weight @ turning
+    return value, rows, covariance

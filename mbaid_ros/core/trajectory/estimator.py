@@ -1,0 +1,238 @@
+"""Method `trajectory`: from windows of samples to estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.estimate import Estimate, Event
+from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.planar import PlaneDetector
+from mbaid_ros.core.reporting import Reporting, Solution
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, LINEAR
+from mbaid_ros.core.trajectory.coordinates import coordinates
+from mbaid_ros.core.trajectory.filter import Walk
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average
+from mbaid_ros.core.trajectory.tracker import Track, Tracker
+
+_NODE = 0.05  # s, wanted spacing of nodes
+_FEWEST_NODES = 5
+# A joint has moved when its range is this many standard deviations of one sample; noise alone reaches about five.
+_MOVED = 10.0
+# Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
+_CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
+# Mean normalised innovation squared, and number of jumps, from which the model is wrong rather than the run unlucky.
+_LARGEST_SURPRISE = 1.5
+_MOST_JUMPS = 3
+
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """Settings of the trajectory-level estimator.
+
+    Attributes
+    ----------
+    noise : of the joint sensors, and of the base where the samples carry none
+    window : s
+    start : windows before the first estimate
+    kept : windows linearised again while the run is young
+    time_offset_std : s, of the joints' stamps before they are estimated; 0 takes them as true
+    adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
+    known_std : relative standard deviation of the known bodies' parameters, which are then estimated along; 0 is exact
+    """
+
+    noise: SensorNoise
+    window: float
+    start: int
+    kept: int
+    time_offset_std: float
+    adapt: bool
+    known_std: float
+
+
+class TrajectoryEstimator:
+    """Identifies one link and the total momentum from how the base's pose moves."""
+
+    method = 'trajectory'
+    needs_rates = False
+
+    def __init__(self, kernel: MomentumKernel, settings: TrajectorySettings, reporting: Reporting) -> None:
+        self._kernel = kernel
+        self._settings = settings
+        self._reporting = reporting
+        self._plane = PlaneDetector(kernel.model)
+        self._origin: Array | None = None
+        self._nodes_a_window = 0
+        self._tracker: Tracker | None = None
+        self._number = -1
+        self._sequence: list[Nodes] = []  # nodes of up to three consecutive windows
+        self._noise: WindowNoise | None = None  # of the last of them
+        self._lowest = np.full(kernel.model.joints, np.inf)
+        self._highest = np.full(kernel.model.joints, -np.inf)
+        self._samples = 0
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows and return one estimate a window.
+
+        Parameters
+        ----------
+        windows : list of Samples
+        origin : ns, stamp at time 0
+        """
+        return [self._window(window, origin) for window in windows]
+
+    def _window(self, window: Samples, origin: int) -> Estimate:
+        if self._origin is None:
+            self._origin = window.base_position[0].copy()
+            self._nodes_a_window = nodes_a_window(window, self._settings.window)
+        self._plane.update(window)
+        self._samples += len(window)
+        ready, still_open = self._collect(window, self._origin)
+        tracker = self._tracking()
+        if ready is not None:
+            tracker.add(ready)
+        tracker.preview(still_open)
+        time = float(window.time[-1])
+        return self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
+
+    def _collect(self, window: Samples, origin: Array) -> tuple[Window | None, Window | None]:
+        """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
+        number = int(np.floor((window.time[0] + 1e-9) / self._settings.window))
+        count = self._nodes_a_window
+        nodes = average(window, number * self._settings.window, self._settings.window / count, count, origin)
+        if nodes is None or number != self._number + 1:
+            self._sequence = []  # a gap: what comes next is linked to the past by momentum and body alone
+        self._number = number
+        if nodes is None:
+            return None, None
+        self._lowest = np.minimum(self._lowest, np.min(nodes.joint_position, axis=0))
+        self._highest = np.maximum(self._highest, np.max(nodes.joint_position, axis=0))
+        self._sequence = [*self._sequence[-2:], nodes]
+        noise, self._noise = self._noise, window_noise(window, self._settings.noise)
+        ready = None
+        if len(self._sequence) > 1 and noise is not None:
+            ready = self._linked(self._sequence[:-2], self._sequence[-2], nodes[:AFTER], noise)
+        return ready, self._linked(self._sequence[:-1], nodes, nodes[:0], self._noise)
+
+    def _linked(self, earlier: list[Nodes], nodes: Nodes, after: Nodes, noise: WindowNoise) -> Window:
+        """Return a window with the neighbours it has; the last interval of one without a successor is missing."""
+        before = earlier[-1][-BEFORE:] if earlier else nodes[:0]
+        number = self._number - 1 if len(after) else self._number
+        return Window(
+            nodes=Nodes.concatenate([before, nodes, after]),
+            inside=slice(len(before), len(before) + len(nodes) - (0 if len(after) else 1)),
+            spacing=self._settings.window / self._nodes_a_window,
+            noise=noise,
+            start=number * self._settings.window,
+            fresh=not earlier,
+        )
+
+    def _tracking(self) -> Tracker:
+        """Return the filter; a new one where the motion has turned out spatial."""
+        if self._tracker is None or self._tracker.planar != self._plane.planar:
+            settings, kernel = self._settings, self._kernel
+            massive = np.flatnonzero(kernel.known[:, 0] > 0.0) if settings.known_std > 0.0 else ()
+            uncertain = tuple(int(index) for index in massive)
+            variables = coordinates(kernel, self._plane, uncertain, settings.known_std, settings.time_offset_std)
+            self._tracker = Tracker(kernel, variables, uncertain, self._walks(), (settings.start, settings.kept))
+        return self._tracker
+
+    def _walks(self) -> tuple[Walk, ...]:
+        still = Walk('nothing drifts')
+        if not self._settings.adapt:
+            return (still,)
+        mass = float(np.sum(self._kernel.known[:, 0]))
+        return (
+            still,
+            Walk('a constant force or torque acts, in inertial axes', force='inertial'),
+            Walk('a constant force or torque acts, in base axes', force='body'),
+            Walk('the momentum drifts: a changing external force', momentum=_CHANGING_FORCE * mass),
+            Walk('the odometry position drifts', position=self._settings.noise.base_position),
+        )
+
+    def _estimate(self, tracker: Tracker, origin: Array, time: float, stamp: int) -> Estimate:
+        if not tracker.started:
+            warning = f'collecting the first {self._settings.start} windows'
+            return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
+        track = tracker.best
+        mean, covariance = tracker.state()
+        order = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
+        # More surprise than the noise explains widens the intervals.
+        surprise = track.belief.surprise / max(track.belief.measured, 1)
+        ordered = covariance[np.ix_(order, order)] * max(1.0, surprise)
+        moved = np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position)
+        solution = Solution(
+            x=mean[order],
+            covariance=ordered,
+            # A robot that does not move its joints tells nothing of one body alone, whatever noise makes of it.
+            cautious_covariance=ordered if moved else ordered + np.diag(tracker.open_variance()[order]),
+            cost=track.belief.surprise,
+            redundancy=track.belief.measured,
+            origin=origin,
+            plane=self._plane.plane(self._kernel.target),
+        )
+        estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
+        estimate = replace(estimate, events=events(track, mean[LINEAR.start : ANGULAR.stop], origin))
+        if self._settings.time_offset_std > 0.0:
+            deviation = float(np.sqrt(covariance[DELAY, DELAY]))
+            estimate = replace(estimate, time_offset=float(mean[DELAY]), time_offset_std=deviation)
+        return _judged(estimate, track, surprise)
+
+
+def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
+    """Return the estimate with what its run says against it."""
+    warnings = list(estimate.warnings)
+    if track.walk.disturbed:
+        warnings.append(f'{track.walk.name}; estimated along, which widens the intervals')
+    wrong = surprise > _LARGEST_SURPRISE or len(track.jumps) > _MOST_JUMPS
+    if wrong:
+        warnings.append(
+            f'the model does not explain the data: innovations {np.sqrt(surprise):.1f} times the noise, '
+            f'{len(track.jumps)} jumps of the momentum'
+        )
+    status = 'inconsistent' if wrong and estimate.status != 'not_identifiable' else estimate.status
+    return replace(estimate, status=status, warnings=tuple(warnings))
+
+
+def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
+    """Return the jumps of the momentum, each as the difference of what is known now of it before and after.
+
+    Parameters
+    ----------
+    track : Track
+    momentum : (6,) (P, L) at present, about the run's origin
+    origin : (3,) m, of the run, in the odometry frame
+    """
+    levels = [*(jump.before for jump in track.jumps), momentum]
+    found = []
+    for jump, after in zip(track.jumps, levels[1:], strict=True):
+        linear = after[:3] - jump.before[:3]
+        angular = after[3:] - jump.before[3:] + cross(origin, linear)
+        found.append(Event(jump.time, 'step', linear, angular, 'thrust pulse or contact'))
+    return tuple(found)
+
+
+def nodes_a_window(window: Samples, length: float) -> int:
+    """Return how many nodes a window is cut into: near 50 ms each, and no fewer samples than nodes.
+
+    Parameters
+    ----------
+    window : the first one
+    length : s
+    """
+    spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
+    return max(round(length / max(_NODE, spacing)), _FEWEST_NODES)
+
+
+def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
+    """Return the noise of a window's means; a twist's covariance as given, whether or not it is measured."""
+    swap = np.array([3, 4, 5, 0, 1, 2])
+    return WindowNoise(
+        samples=len(window),
+        joint_position=noise.joint_position,
+        pose=np.mean(window.pose_covariance, axis=0)[np.ix_(swap, swap)],
+        twist=np.mean(window.twist_covariance, axis=0)[np.ix_(swap, swap)],
+    )

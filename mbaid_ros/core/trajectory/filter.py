@@ -1,0 +1,232 @@
+"""The Kalman filter over windows: one update and one step on each, in scaled variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
+
+_POSE = slice(0, 6)
+_MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The variables of the filter: state = basis (scale * variables).
+
+    Attributes
+    ----------
+    basis : (s, v) orthonormal columns; fewer than s for a planar motion
+    scale : (v,) typical size of each variable
+    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
+    open_variance : (s,) of the state when nothing has been measured
+    """
+
+    basis: Array
+    scale: Array
+    measured: Array
+    open_variance: Array
+
+    @property
+    def spread(self) -> Array:
+        """The (s, v) matrix from variables to state."""
+        return self.basis * self.scale
+
+    @property
+    def gather(self) -> Array:
+        """The (v, s) matrix from state to variables."""
+        return self.basis.T / self.scale[:, None]
+
+    def state(self, belief: Belief) -> tuple[Array, Array]:
+        """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
+        spread = self.spread
+        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
+        return spread @ belief.mean, spread @ belief.covariance @ spread.T + (outside * self.open_variance) @ outside.T
+
+    def open(self, *, force: bool = False) -> Belief:
+        """Return the belief before the first measurement, with or without a force that may act."""
+        variance = self.open_variance.copy()
+        if not force:
+            variance[FORCE] = 0.0
+        gather = self.gather
+        return Belief(np.zeros(len(self.scale)), (gather * variance) @ gather.T)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What may act or drift: a constant force, and random walks with intensities a square root of a second.
+
+    Attributes
+    ----------
+    name : what it stands for
+    momentum : N s and N m s: an external force
+    position, orientation : m, rad: the odometry's own drift
+    force : axes in which a constant force and torque act on the base's origin
+    """
+
+    name: str
+    momentum: float = 0.0
+    position: float = 0.0
+    orientation: float = 0.0
+    force: Literal['none', 'inertial', 'body'] = 'none'
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether anything acts or drifts at all."""
+        return self.force != 'none' or self.drifts
+
+    @property
+    def drifts(self) -> bool:
+        """Whether there is a random walk."""
+        return any((self.momentum, self.position, self.orientation))
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Mean and covariance of the state, in scaled variables, and how well the measurements have agreed with it.
+
+    Attributes
+    ----------
+    mean : (v,)
+    covariance : (v, v)
+    surprise, measured : sum of the normalised innovations squared, and how many there were
+    last_surprise, last_measured : the same of the last update
+    evidence : log-likelihood of all measurements, up to a constant
+    """
+
+    mean: Array
+    covariance: Array
+    surprise: float = 0.0
+    measured: int = 0
+    last_surprise: float = 0.0
+    last_measured: int = 0
+    evidence: float = 0.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """A window in the filter's variables, measurements in units of their noise.
+
+    Attributes
+    ----------
+    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
+    log_noise : logarithm of the determinant of the noise's covariance
+    transition, drift, process : (v, v), (v,), (v, v): to the next window's first node, without force
+    window : what it was made of
+    """
+
+    value: Array
+    rows: Array
+    log_noise: float
+    transition: Array
+    drift: Array
+    process: Array
+    window: WindowModel
+
+
+def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
+    """Return a window's step of the filter."""
+    parts = [(window.pose_value, window.pose_rows, window.pose_covariance)]
+    if np.all(np.isfinite(window.twist_value)):
+        parts.append((window.twist_value, window.twist_rows, window.twist_covariance))
+    select, spread, gather = coordinates.measured, coordinates.spread, coordinates.gather
+    values, rows, log_noise = [], [], 0.0
+    for value, state_rows, covariance in parts:
+        factor = np.linalg.cholesky(select @ covariance @ select.T)
+        values.append(np.linalg.solve(factor, select @ value))
+        rows.append(np.linalg.solve(factor, select @ state_rows @ spread))
+        log_noise += 2.0 * float(np.sum(np.log(np.diag(factor))))
+    whole = np.eye(len(coordinates.basis))
+    whole[_POSE] = window.transition
+    turn = gather[:, _POSE]
+    return Step(
+        value=np.concatenate(values),
+        rows=np.concatenate(rows),
+        log_noise=log_noise,
+        transition=gather @ whole @ spread,
+        drift=turn @ window.drift,
+        process=turn @ window.process @ turn.T,
+        window=window,
+    )
+
+
+def update(belief: Belief, step: Step) -> Belief:
+    """Return the belief after a window's measurements."""
+    rows = step.rows
+    innovation = step.value - rows @ belief.mean
+    cross = belief.covariance @ rows.T
+    uncertainty = rows @ cross + np.eye(len(rows))
+    solved = np.linalg.solve(uncertainty, np.concatenate((cross.T, innovation[:, None]), axis=1))
+    gain = solved[:, :-1].T
+    keep = np.eye(len(belief.mean)) - gain @ rows
+    covariance = keep @ belief.covariance @ keep.T + gain @ gain.T
+    surprise = float(innovation @ solved[:, -1])
+    likelihood = surprise + step.log_noise + float(np.linalg.slogdet(uncertainty)[1])
+    return Belief(
+        mean=belief.mean + gain @ innovation,
+        covariance=0.5 * (covariance + covariance.T),
+        surprise=belief.surprise + surprise,
+        measured=belief.measured + len(rows),
+        last_surprise=surprise,
+        last_measured=len(rows),
+        evidence=belief.evidence - 0.5 * likelihood,
+    )
+
+
+def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
+    """Return the belief at the next window's first node."""
+    transition, process = step.transition, step.process
+    gather, length = coordinates.gather, step.window.length
+    if walk.force != 'none':
+        push = length * _push(step.window, walk)
+        transition = transition + gather[:, _MOMENTUM] @ push @ coordinates.spread[FORCE]
+    if walk.drifts:
+        rates = np.zeros(len(coordinates.basis))
+        rates[:3], rates[3:6], rates[_MOMENTUM] = walk.orientation, walk.position, walk.momentum
+        process = process + (gather * (rates**2 * length)) @ gather.T
+    covariance = transition @ belief.covariance @ transition.T + process
+    return replace(belief, mean=transition @ belief.mean + step.drift, covariance=0.5 * (covariance + covariance.T))
+
+
+def _push(window: WindowModel, walk: Walk) -> Array:
+    """Return the (6, 6) change of (P, L) a second by a force and torque on the base's origin.
+
+    A window's momentum is that of its middle, so that the change within it cancels in the pose.
+    """
+    axes = window.rotation if walk.force == 'body' else np.eye(3)
+    push = np.zeros((6, 6))
+    push[:3, :3] = push[3:, 3:] = axes
+    push[3:, :3] = skew(window.position) @ axes
+    return push
+
+
+def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
+    """Return the belief with a pose error about which nothing is known: the chain was broken."""
+    poses = len(coordinates.measured)
+    start = coordinates.open().covariance
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    mean[:poses] = 0.0
+    covariance[:poses], covariance[:, :poses] = start[:poses], start[:, :poses]
+    return replace(belief, mean=mean, covariance=covariance)
+
+
+def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:
+    """Return the belief with a momentum that may have jumped in the window just before.
+
+    Parameters
+    ----------
+    belief : at the first node of the window in which it is noticed
+    step : of that window; the one before is much like it
+    coordinates : Coordinates
+    sizes : (6,) standard deviations of the jump of (P, L)
+    """
+    change = np.zeros((len(coordinates.basis), 6))
+    change[_MOMENTUM] = np.eye(6)
+    # The jump acted for half a window on average.
+    change[_POSE] = 0.5 * step.window.transition[:, _MOMENTUM]
+    moved = coordinates.gather @ (change * sizes)
+    return replace(belief, covariance=belief.covariance + moved @ moved.T)

@@ -1,0 +1,111 @@
+"""The base's twist that conservation predicts from joint motion and momentum, and its derivatives.
+
+About the base's origin, in odometry axes,  M(q, R; phi) V + b(q, q', R; phi) = (P, L - p x P),  with the locked inertia
+M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.model import express
+from mbaid_ros.core.momentum import inertia_matrix, momentum, regressor
+from mbaid_ros.core.sensitivity import sensitivity
+from mbaid_ros.core.trajectory.nodes import Midpoints
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The predicted twist (v, w) of the base at N instants, odometry axes.
+
+    Attributes
+    ----------
+    twist : (N, 6)
+    by_parameters : (N, 6, u) derivative by the parameters
+    by_pose_error : (N, 6, 6) derivative by an error (theta, rho) of the base's pose, the turn of V itself left out
+    """
+
+    twist: Array
+    by_parameters: Array
+    by_pose_error: Array
+
+    def __getitem__(self, index: slice) -> Prediction:
+        """Return some of the instants."""
+        return Prediction(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Prediction:
+    """Return the twist that conservation predicts at midpoints.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    middle : Midpoints of N intervals
+    parameters : (u,) (P, L, phi) with L about the run's origin, then the errors of the uncertain known bodies, 10 each
+    uncertain : indices of those bodies
+    """
+    linear, angular, body = parameters[:3], parameters[3:6], parameters[6:16]
+    kernel = with_errors(kernel, parameters[16:], uncertain)
+    still = np.zeros((len(middle), 6))
+    states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, still)
+    target = express(body, states.rotation, states.position)
+    locked = inertia_matrix(np.sum(states.known, axis=1) + target)
+    about_base = angular - cross(middle.base_position, np.broadcast_to(linear, middle.base_position.shape))
+    total = np.concatenate((np.broadcast_to(linear, about_base.shape), about_base), axis=1)
+    moving = states.known_momentum + momentum(target, states.twist)
+    twist = np.linalg.solve(locked, (total - moving)[..., None])[..., 0]
+    # M dV = dh - (dM V + db): the second is the target's regressor at the predicted motion.
+    count = len(parameters)
+    right = np.zeros((len(twist), 6, count + 6))
+    right[..., :6] = np.eye(6)
+    right[:, 3:, :3] = -skew(middle.base_position)
+    right[..., 6:16] = -regressor(states.rotation, states.position, states.twist + twist)
+    bodies = states.configuration
+    for place, index in enumerate(uncertain):
+        motion = states.body_twist[:, index] + twist
+        columns = regressor(bodies.rotation[:, index], bodies.position[:, index], motion)
+        right[..., 16 + 10 * place : 26 + 10 * place] = -columns
+    # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
+    turned = skew(linear)
+    right[:, :3, count : count + 3] = turned
+    right[:, 3:, count : count + 3] = skew(about_base)
+    right[:, 3:, count + 3 :] = turned
+    solved = np.linalg.solve(locked, right)
+    return Prediction(twist, solved[..., :count], solved[..., count:])
+
+
+def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int]) -> MomentumKernel:
+    """Return the kernel with the errors of uncertain known bodies, 10 standard parameters each, taken into account."""
+    if not uncertain:
+        return kernel
+    change = np.zeros_like(kernel.known)
+    change[list(uncertain)] = errors.reshape(-1, 10)
+    return kernel.corrected(change)
+
+
+def joint_gains(kernel: MomentumKernel, middle: Midpoints, twist: Array, body: Array) -> tuple[Array, Array]:
+    """Return how joint errors move the prediction.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    middle : Midpoints of N intervals
+    twist : (N, 6) predicted there
+    body : (10,) phi
+
+    Returns
+    -------
+    (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
+    """
+    states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, twist)
+    derivative = sensitivity(kernel, states)
+    joints = kernel.model.joints
+    by_joints = (derivative.known + derivative.target @ body)[..., : 2 * joints]
+    locked = inertia_matrix(np.sum(states.known, axis=1) + express(body, states.rotation, states.position))
+    gains = -np.linalg.solve(locked, by_joints)
+    return gains[..., joints:], gains[..., :joints]

@@ -1,0 +1,1 @@
+"""The live face: nodes on a ROS 2 graph."""

@@ -1,0 +1,233 @@
+"""What the estimator says about itself: what arrives, what is dropped and why, and how good the estimate is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.nodes.inlet import Inlet
+from mbaid_ros.session import Session, explain, obstacles
+
+STALE_AFTER = 2.0  # s without a message
+_WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s, that a wait is told of once it is longer
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+_LEVEL_OF_STATUS = {
+    'waiting': WARN,
+    'estimating': OK,
+    'converged': OK,
+    'not_identifiable': WARN,
+    'inconsistent': ERROR,
+}
+
+Values = list[tuple[str, object]]
+Report = tuple[bytes, str, Values]
+
+
+@dataclass
+class State:
+    """What the node knows.
+
+    Attributes
+    ----------
+    session : the run, None before the first usable robot description
+    problem : why the last robot description or the last data could not be used; empty: they could
+    estimate : the last one
+    paused : True while no samples are taken
+    ignored : messages not handed to a session, by reason
+    """
+
+    session: Session | None = None
+    problem: str = ''
+    estimate: Estimate | None = None
+    paused: bool = False
+    ignored: Counter[str] = field(default_factory=Counter)
+
+
+class Diagnostics:
+    """Makes the statuses of one period from what has changed since the one before.
+
+    Parameters
+    ----------
+    inlets : mapping
+        The subscriptions by what they bring: 'joint_states', 'odom'.
+    description_topic : str
+        Where the robot description is expected; empty: it came from a file.
+    """
+
+    def __init__(self, inlets: Mapping[str, Inlet], description_topic: str) -> None:
+        self._inlets = inlets
+        self._description_topic = description_topic
+        self._received = dict.fromkeys(inlets, 0)
+        self._recent = dict.fromkeys(inlets, 0)  # messages since the last report
+        self._arrival = dict.fromkeys(inlets, -np.inf)
+        self._time = self._start = monotonic()
+        self._used = 0
+        self._dropped: Counter[str] = Counter()
+
+    def statuses(self, state: State, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
+        """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
+        now = monotonic()
+        period, self._time = now - self._time, now
+        reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._inlets}
+        reports['robot description'] = self._description(state)
+        reports['samples'] = self._samples(state)
+        reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
+        reports['estimate'] = _estimate(state)
+        hardware = state.session.model.name if state.session else ''
+        return [
+            DiagnosticStatus(
+                level=level,
+                name=f'{name}: {key}',
+                message=text,
+                hardware_id=hardware,
+                values=[KeyValue(key=str(what), value=str(value)) for what, value in values],
+            )
+            for key, (level, text, values) in reports.items()
+        ]
+
+    def missing(self, state: State) -> tuple[str, ...]:
+        """Return what has to come or to change before there can be an estimate, one sentence each."""
+        wanted = [state.problem] if state.problem else []
+        if state.session is None and not state.problem:
+            wanted.append(f'no robot description on {self._description_topic} yet')
+        wanted += [self._absence(inlet) for inlet in self._inlets.values() if not inlet.received]
+        if state.paused:
+            wanted.append('paused: no samples are taken')
+        if state.session is not None and not state.session.used:
+            wanted += complaints(state.session)
+        elif state.session is not None:
+            wanted += state.session.restarts[-1:]
+        return tuple(wanted)
+
+    def _absence(self, inlet: Inlet) -> str:
+        """Return that nothing has come, for how long, and what would help; it changes but a few times."""
+        waited = monotonic() - self._start
+        longest = next((limit for limit in _WAITED if waited > limit), 0.0)
+        if not longest:
+            return f'no messages on {inlet.topic} yet'
+        return f'no messages on {inlet.topic} yet, for more than {longest:g} s{_help(inlet)}'
+
+    def _topic(self, key: str, now: float, period: float) -> Report:
+        inlet = self._inlets[key]
+        count = self._recent[key] = inlet.received - self._received[key]
+        self._received[key] = inlet.received
+        if count:
+            self._arrival[key] = now
+        publishers = inlet.publishers()
+        values: Values = [
+            ('topic', inlet.topic),
+            ('publishers', len(publishers)),
+            ('received', inlet.received),
+            ('rate (Hz)', f'{count / period:.1f}'),
+            ('reliability', 'best effort' if inlet.best_effort else 'reliable'),
+        ]
+        if inlet.timed is not None:
+            values.append(('latency (s)', f'{(inlet.timed[1] - inlet.timed[0]) * 1e-9:.4f}'))
+        if not inlet.received:
+            return WARN, f'no messages on {inlet.topic} yet{_help(inlet)}', values
+        silence = now - self._arrival[key]
+        if silence > STALE_AFTER:
+            return STALE, f'no messages on {inlet.topic} for {silence:.0f} s', values
+        return OK, f'{count / period:.1f} Hz', values
+
+    def _description(self, state: State) -> Report:
+        session = state.session
+        if session is None:
+            text = state.problem or f'no robot description on {self._description_topic} yet'
+            return ERROR if state.problem else WARN, text, []
+        values: Values = [
+            ('robot', session.model.name),
+            ('target link', session.target_link),
+            ('base link', session.model.base_link),
+            ('joints', listing(session.model.joint_names)),
+        ]
+        if state.problem:
+            return ERROR, state.problem, values
+        return OK, f"robot '{session.model.name}', target link '{session.target_link}'", values
+
+    def _samples(self, state: State) -> Report:
+        session = state.session
+        values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
+        if session is None:
+            return WARN, 'no sample can be used without a robot description', values
+        used, dropped = session.used, session.dropped
+        restarted = used < self._used or any(dropped[cause] < count for cause, count in self._dropped.items())
+        recent_used = used - (0 if restarted else self._used)
+        recent_dropped = dropped - (Counter[str]() if restarted else self._dropped)
+        self._used, self._dropped = used, dropped
+        values += [('used', used), *((f'dropped, {cause}', count) for cause, count in sorted(dropped.items()))]
+        values += [(f'reason {index + 1}', reason) for index, reason in enumerate(complaints(session))]
+        if session.problem:
+            return ERROR, session.problem, values
+        if state.paused:
+            return WARN, 'paused: no samples are taken', values
+        lost = sum(recent_dropped.values())
+        reasons = '; '.join([*explain(session, recent_dropped), *obstacles(session)])
+        if not recent_used and reasons and any(self._recent.values()):
+            return ERROR, f'nothing used, {lost} messages dropped since the last report: {reasons}', values
+        if lost:
+            return WARN, f'{recent_used} samples used, {lost} messages dropped since the last report: {reasons}', values
+        return OK if used else WARN, f'{used} used', values
+
+
+def _help(inlet: Inlet) -> str:
+    """Return what may be wrong with a topic that nothing comes on, as the end of a sentence."""
+    publishers = inlet.publishers()
+    if not publishers:
+        return '; nothing publishes it: check its name, the namespaces and ROS_DOMAIN_ID'
+    others = sorted({info.topic_type for info in publishers} - {inlet.type_name})
+    return f'; its publishers send {listing(others)}, not {inlet.type_name}' if others else '; its publisher is silent'
+
+
+def complaints(session: Session) -> list[str]:
+    """Return everything that was or is in the way of using messages, one sentence each."""
+    return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
+
+
+def _estimate(state: State) -> Report:
+    estimate = state.estimate
+    if estimate is None:
+        return WARN, 'waiting: paused' if state.paused else 'waiting', []
+    values: Values = [
+        ('method', estimate.method),
+        ('time (s)', f'{estimate.time:.3f}'),
+        ('samples', estimate.samples),
+        ('residual', f'{estimate.residual:.3g}'),
+        ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
+        *_parameters(estimate),
+        ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
+        ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
+        *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
+    ]
+    level = _LEVEL_OF_STATUS[estimate.status]
+    text = estimate.status.replace('_', ' ')
+    if estimate.warnings:
+        text = f'{text}: {estimate.warnings[0]}'
+        level = max(level, WARN)
+    return level, text, values
+
+
+def _parameters(estimate: Estimate) -> Values:
+    rows: Values = []
+    for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
+        spread = f' +- {std:.2g}' if np.isfinite(std) else ''
+        rows.append((f'{name} ({unit})', f'{value:.6g}{spread}' if np.isfinite(value) else 'not determined'))
+    return rows
+
+
+def _numbers(values: Sequence[float] | Array) -> str:
+    return ' '.join(f'{value:.6g}' for value in values)

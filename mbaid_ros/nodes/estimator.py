@@ -1,0 +1,284 @@
+"""The node `estimator`: joint states and odometry in, the inertia of the captured body out."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.core.errors import DataError, MbaidError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.nodes.clocks import clock_problems
+from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
+from mbaid_ros.nodes.inlet import Inlet
+from mbaid_ros.nodes.markers import Display
+from mbaid_ros.nodes.outlets import Outlets
+from mbaid_ros.nodes.parameters import declare_parameters
+from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
+from mbaid_ros.nodes.runner import own_arguments, run_node
+from mbaid_ros.outgoing import Frames
+from mbaid_ros.session import Session
+
+NAME = 'estimator'
+PERIOD = 1.0  # s, of /diagnostics
+
+_NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
+
+# A robot that any method can be set up for: tells parameters that can never work from a robot description to come.
+_ANY_ROBOT = """\
+<robot name="any"><link name="base_link"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
+
+
+class EstimatorNode(Node):
+    """Converts, calls the session, publishes.
+
+    Raises
+    ------
+    ParameterError, ModelError
+        A parameter, or the robot description file it names, cannot be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._config = declare_parameters(self, EstimatorConfig)
+        self._state = State()
+        self._restarted = 0  # how often the session had started again when that was last told
+        self._logged: set[str] = set()
+        self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
+        self._outlets = Outlets(self)
+        self._display = Display(self, with_frames=self._config.publish_tf)
+        self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
+        description_topic = self._use_description()
+        self._inlets = {
+            'joint_states': Inlet(self, JointState, 'joint_states', self._on_joint_state),
+            'odom': Inlet(self, Odometry, 'odom', self._on_odometry),
+        }
+        self._diagnostics = Diagnostics(self._inlets, description_topic)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
+        self.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._say_what_is_missing()
+
+    # Robot description
+
+    def _use_description(self) -> str:
+        """Read the robot description file, or subscribe; return the topic."""
+        path = self._config.robot_description_file
+        if path:
+            self._state.session = Session(self._config, read_robot_description(path))
+            return ''
+        Session(replace(self._config, target_link=''), _ANY_ROBOT)
+        late = SubscriptionEventCallbacks(
+            incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
+        )
+        self._descriptions = [
+            self.create_subscription(String, 'robot_description', self._on_description, LATCHED, event_callbacks=late)
+        ]
+        return str(self._descriptions[0].topic_name)
+
+    def _subscribe_to_unlatched(self) -> None:
+        """Take robot descriptions also from a publisher that does not latch them (``ros2 topic pub``)."""
+        if len(self._descriptions) == 1:
+            self._descriptions.append(
+                self.create_subscription(String, 'robot_description', self._on_description, qos(1))
+            )
+
+    def _on_description(self, message: String) -> None:
+        state = self._state
+        if state.session is not None and state.session.model.urdf == message.data:
+            state.problem = ''
+            return
+        try:
+            session = Session(self._config, message.data)
+        except MbaidError as error:
+            kept = '; the one before stays in use' if state.session is not None else ''
+            state.problem = f'robot description refused: {error}{kept}'
+            self._warn_once(state.problem)
+            self._say_what_is_missing()
+            return
+        restarted = state.session is not None
+        state.session, state.problem = session, ''
+        self._log.info(
+            f"robot '{session.model.name}', target link '{session.target_link}', method {self._config.method}"
+        )
+        if restarted:
+            self._start_again()
+
+    # Data
+
+    def _on_joint_state(self, message: JointState) -> None:
+        session = self._open_session()
+        if session is None:
+            return
+        self._display.follow(session.model, message)
+        if session.add_joint_state(message):
+            self._process(session)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        session = self._open_session()
+        if session is not None and session.add_odometry(message):
+            self._process(session)
+
+    def _open_session(self) -> Session | None:
+        """Return the session if it takes messages now."""
+        state = self._state
+        if state.session is None:
+            state.ignored['no robot description'] += 1
+        elif state.paused:
+            state.ignored['paused'] += 1
+        else:
+            return state.session
+        return None
+
+    def _process(self, session: Session) -> None:
+        try:
+            estimates = session.process()
+        except DataError as error:
+            self._warn_once(str(error))
+            return
+        for estimate in last_of_each_window(estimates, self._config.window):
+            if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
+                self._follow_restart(session)
+            self._state.estimate = estimate
+            self._outlets.publish(estimate, self._frames(session), session.model.urdf)
+            self._display.show(estimate, session.target_link)
+        if session.restarted != self._restarted:
+            self._follow_restart(session)
+
+    def _follow_restart(self, session: Session) -> None:
+        """Withdraw what was published before the stamps jumped back."""
+        self._restarted = session.restarted
+        for restart in session.restarts:
+            self._warn_once(restart)
+        self._state.estimate, self._waiting = None, None
+        self._outlets.clear()
+        self._display.clear()
+        self._say_what_is_missing()
+
+    @staticmethod
+    def _frames(session: Session) -> Frames:
+        return Frames(target_link=session.target_link, odometry=session.odometry_reader.frame)
+
+    # Services
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._start_again()
+        response.success, response.message = True, 'everything forgotten, started again'
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._state.paused = bool(request.data)
+        response.success = True
+        response.message = 'paused: no samples are taken' if request.data else 'taking samples'
+        self._say_what_is_missing()
+        return response
+
+    def _start_again(self) -> None:
+        state = self._state
+        if state.session is not None:
+            state.session.reset()
+        state.estimate, state.ignored, self._restarted = None, Counter(), 0
+        self._waiting = None
+        self._logged.clear()
+        self._outlets.clear()
+        self._display.clear()
+        self._say_what_is_missing()
+
+    # Reports
+
+    def _on_timer(self) -> None:
+        state = self._state
+        for inlet in self._inlets.values():
+            inlet.refresh()
+        if state.session is not None:
+            # Also what no window waits for: a stream without the other one must not pile up unread.
+            self._process(state.session)
+            for complaint in complaints(state.session):
+                self._warn_once(complaint)
+        self._say_what_is_missing()
+        clocks = self._clock_problems()
+        for problem in clocks:
+            self._warn_once(problem)
+        statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'), clocks)
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)
+
+    def _clock_problems(self) -> list[str]:
+        readings = {inlet.topic: inlet.timed for inlet in self._inlets.values() if inlet.timed is not None}
+        use_sim_time = bool(self.get_parameter('use_sim_time').value)
+        return clock_problems(self.get_clock().now().nanoseconds, readings, use_sim_time=use_sim_time)
+
+    def _say_what_is_missing(self) -> None:
+        """Publish, while there is no estimate, what it waits for, whenever that changes."""
+        state = self._state
+        missing = self._diagnostics.missing(state)
+        if state.estimate is not None or missing == self._waiting:
+            return
+        self._waiting = missing
+        session = state.session
+        frames = self._frames(session) if session else Frames(target_link=self._config.target_link, odometry='')
+        estimate = Estimate(
+            method=self._config.method,
+            status='waiting',
+            stamp=self.get_clock().now().nanoseconds,
+            warnings=missing,
+        )
+        self._outlets.publish(estimate, frames, '')
+
+    def _warn_once(self, text: str) -> None:
+        """Log a text, unless it differs from an earlier one in its numbers alone."""
+        key = _NUMBER.sub('#', text)
+        if key not in self._logged:
+            self._logged.add(key)
+            self._log.warning(text)
+
+
+def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:
+    """Return the last estimate of each window: the methods of the paper give one a sample, which nobody can follow.
+
+    Windows are told apart by the stamps of the samples alone, so how many come at once makes no difference.
+    """
+    windows = groupby(estimates, key=lambda estimate: int((estimate.time + 1e-9) / window))
+    return [list(several)[-1] for _, several in windows]
+
+
+def _main(argv: list[str]) -> int:
+    parser = ArgumentParser(
+        NAME,
+        'Identify the inertia of a captured body from joint_states and odom; publish it on ~/estimate and ~/inertia.\n'
+        'Parameters are ROS parameters (config/estimator.yaml has them all); a running node describes them:\n'
+        '  ros2 param list /estimator; ros2 param describe /estimator window',
+        'ros2 run mbaid_ros estimator --ros-args -p robot_description_file:=robot.urdf -p noise.joint_position:=1e-4\n'
+        '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
+    )
+    parser.parse(own_arguments(argv))
+    return run_node(EstimatorNode, argv)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node and return the exit code."""
+    return run(_main, argv, name=NAME)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""A subscription that every publisher suits, reliable or best-effort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import qos_policy_name_from_kind
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from mbaid_ros.messages import stamp_of
+from mbaid_ros.nodes.qos import qos
+
+DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of work on a window
+
+
+class Inlet:
+    """Receives messages of one topic and loses none of a reliable publisher.
+
+    The subscription asks for reliable delivery. A best-effort publisher does not offer that, and the middleware says so
+    when it finds one: only then is best effort asked for, until no publisher is left.
+
+    Parameters
+    ----------
+    node : Node
+    message_type : type
+        The ROS message class.
+    topic : str
+    take : callable
+        Called with each message.
+    """
+
+    def __init__(self, node: Node, message_type: type, topic: str, take: Callable[[Any], None]) -> None:
+        self._node = node
+        self._message_type = message_type
+        self._given_topic = topic
+        self._take = take
+        self.received = 0
+        self.timed: tuple[int, int] | None = None  # of a recent message: stamp, and the node's clock at its arrival, ns
+        self._to_be_timed = True
+        self.best_effort = False
+        self._subscription = self._subscribe()
+
+    @property
+    def topic(self) -> str:
+        """Name of the topic as the graph has it, after remapping."""
+        return str(self._subscription.topic_name)
+
+    @property
+    def type_name(self) -> str:
+        """Name of the message type: ``package/msg/Type``."""
+        return self._message_type.__module__.split('.')[0] + '/msg/' + self._message_type.__name__
+
+    def refresh(self) -> None:
+        """Ask for reliable delivery again once the best-effort publisher is gone; time a message. Call it regularly."""
+        self._to_be_timed = True
+        if self.best_effort and not self._subscription.get_publisher_count():
+            self._resubscribe(best_effort=False)
+
+    def publishers(self) -> list[TopicEndpointInfo]:
+        """Return what is known of the topic's publishers."""
+        return list(self._node.get_publishers_info_by_topic(self.topic))
+
+    def _resubscribe(self, *, best_effort: bool) -> None:
+        self.best_effort = best_effort
+        self._node.destroy_subscription(self._subscription)
+        self._subscription = self._subscribe()
+
+    def _subscribe(self) -> Subscription:
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=None if self.best_effort else self._on_incompatible, use_default_callbacks=False
+        )
+        return self._node.create_subscription(
+            self._message_type,
+            self._given_topic,
+            self._on_message,
+            qos(DEPTH, best_effort=self.best_effort),
+            event_callbacks=events,
+        )
+
+    def _on_message(self, message: Any) -> None:
+        self.received += 1
+        if self._to_be_timed:
+            self._to_be_timed = False
+            self.timed = stamp_of(message), self._node.get_clock().now().nanoseconds
+        self._take(message)
+
+    def _on_incompatible(self, event: QoSRequestedIncompatibleQoSInfo) -> None:
+        if self.best_effort:
+            return
+        policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+        text = f'a publisher of {self.topic} offers less than asked for ({policy}): best effort is taken instead'
+        self._node.get_logger().warning(text)  # type: ignore[no-untyped-call]
+        self._resubscribe(best_effort=True)

@@ -1,0 +1,98 @@
+"""What the estimator publishes."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import InertiaStamped
+from mbaid_msgs.msg import InertiaEstimate
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from std_msgs.msg import String
+
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.urdf_output import replace_inertial
+from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
+from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+
+
+_PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
+
+
+@cache
+def message_class(type_name: str) -> Any:
+    """Return rclpy's class of a message type: ``package/msg/Type``."""
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+TYPES = MessageTypes(find=message_class, flags=lambda flags: flags.tolist())
+
+
+class Outlets:
+    """The latched topics of the estimate: ~/estimate, ~/inertia and ~/robot_description.
+
+    Parameters
+    ----------
+    node : Node
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publishers: dict[str, Publisher] = {}
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what has been published: whoever subscribes from now on gets nothing of it."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers = {
+            topic: quiet_publisher(self._node, message_type, topic, LATCHED)
+            for topic, message_type in (
+                ('~/estimate', InertiaEstimate),
+                ('~/inertia', InertiaStamped),
+                ('~/robot_description', String),
+            )
+        }
+
+    def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
+        """Publish an estimate in the forms it is good for.
+
+        Parameters
+        ----------
+        estimate : Estimate
+        frames : Frames
+        urdf : str
+            The robot description that it belongs to.
+        """
+        self._publish('~/estimate', estimate_message(estimate, TYPES, frames))
+        if is_usable(estimate):
+            self._publish('~/inertia', inertia_message(estimate, TYPES, frames))
+        if is_complete(estimate):
+            text = replace_inertial(urdf, frames.target_link, estimate.parameters)
+            self._publish('~/robot_description', String(data=text))
+
+    def _publish(self, topic: str, message: Any) -> None:
+        # A latched topic keeps one message, and would forget it for the next when several windows close at once: that
+        # waits until the subscribers have the one before, which they mostly have long since.
+        self._publishers[topic].wait_for_all_acked(_PATIENCE)
+        self._publishers[topic].publish(message)
+
+
+def is_usable(estimate: Estimate) -> bool:
+    """Tell whether an estimate says enough to compute with, at least in a plane.
+
+    That is a positive mass, two coordinates of the centre of mass and a moment of inertia.
+    """
+    mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
+    known = mass > 0.0 and np.sum(np.isfinite(com)) >= 2 and np.any(moments > 0.0)
+    return bool(known) and estimate.status != 'inconsistent'
+
+
+def is_complete(estimate: Estimate) -> bool:
+    """Tell whether all ten parameters of a link are known."""
+    return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))

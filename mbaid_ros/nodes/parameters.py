@@ -1,0 +1,80 @@
+"""The parameters of a node, declared from the dataclass that describes them."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from mbaid_ros.config.parameters import ParameterSpec, build, specifications, values_of
+
+T = TypeVar('T')
+
+_SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
+
+
+def declare_parameters(node: Node, cls: type[T]) -> T:
+    """Declare every parameter of a dataclass on a node and return an instance with the values given to the node.
+
+    rclpy ignores an override whose name is not declared, and does not take a whole number for a double. Here the first
+    is an error and the second is accepted, by the rules that `replay` and `simulate` apply to parameter files.
+
+    Parameters
+    ----------
+    node : Node
+    cls : type
+        A dataclass of parameters.
+
+    Raises
+    ------
+    ParameterError
+        An override has an unknown name, or a value that is not accepted.
+    """
+    # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
+    overrides = node._parameter_overrides  # noqa: SLF001
+    known = specifications(cls)
+    given = {name: override.value for name, override in overrides.items()}
+    # An empty list comes without a type, hence without a value.
+    empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
+    config = build(cls, given | dict.fromkeys(empty, ()))
+    values = values_of(config)
+    for spec in known.values():
+        value = values[spec.name]
+        if value == ():
+            _declare_empty_list(node, spec)
+        else:
+            plain = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(spec.name, plain, _descriptor(spec), ignore_override=True)
+    return config
+
+
+def _declare_empty_list(node: Node, spec: ParameterSpec) -> None:
+    """Declare a list by its type: rclpy takes an empty one for a list of bytes."""
+    kind = Parameter.Type[spec.type.upper()]
+    # Declared by type, a parameter has no value; it can be given one before it becomes read-only.
+    node.declare_parameter(spec.name, kind, ignore_override=True)
+    node.set_parameters([Parameter(spec.name, kind, [])])  # type: ignore[no-untyped-call]
+    descriptor = _descriptor(spec)
+    descriptor.name, descriptor.type = spec.name, kind.value
+    node.set_descriptor(spec.name, descriptor)
+
+
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=spec.description, additional_constraints=spec.accepted, read_only=spec.read_only
+    )
+    if spec.minimum is None and spec.maximum is None:
+        return descriptor
+    # A minimum that is itself not accepted, or the range of each number of a list, is told in words only.
+    if spec.type == 'double':
+        low = -math.inf if spec.minimum is None else float(spec.minimum)
+        high = math.inf if spec.maximum is None else float(spec.maximum)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif spec.type == 'integer':
+        low_integer = _SMALLEST_INTEGER if spec.minimum is None else int(spec.minimum)
+        high_integer = _LARGEST_INTEGER if spec.maximum is None else int(spec.maximum)
+        descriptor.integer_range = [IntegerRange(from_value=low_integer, to_value=high_integer, step=0)]
+    return descriptor

@@ -1,0 +1,187 @@
+"""The node `player`: publishes a bag's messages at their times, for machines without `ros2 bag play`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.utilities import ok
+from rosgraph_msgs.msg import Clock
+from tqdm import tqdm
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.cli import ArgumentParser, number, run
+from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.nodes.outlets import message_class
+from mbaid_ros.nodes.parameters import declare_parameters
+from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.runner import own_arguments, ros
+
+NAME = 'player'
+
+_CLOCK_PERIOD = 0.01  # s, of /clock
+_LONGEST_NAP = 0.1  # s, after which an interrupt is noticed at the latest
+_DEPTH = 1000  # messages kept for a subscriber that is behind
+_PATIENCE = 2.0  # s, for subscribers that are still behind at the end
+
+
+@dataclass(frozen=True)
+class PlayerConfig:
+    """The player has arguments instead of parameters: one that is given is an error."""
+
+
+class PlayerNode(Node):
+    """Publishes the messages of a bag.
+
+    Parameters
+    ----------
+    bag : the open bag
+    topics : what to publish of it; empty is everything that can be
+    rate : speed relative to the recording
+    clock : whether to publish /clock
+
+    Raises
+    ------
+    DataError
+        The bag lacks a topic, or its type is not installed.
+    """
+
+    def __init__(self, bag: BagReader, topics: Sequence[str], rate: float, *, clock: bool) -> None:
+        super().__init__(NAME, start_parameter_services=False)
+        declare_parameters(self, PlayerConfig)
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._bag = bag
+        self._rate = rate
+        self._outlets: dict[str, Publisher] = {}
+        for topic in topics or bag.topics:
+            if not (clock and topic == '/clock'):  # there is one clock: this node's
+                self._add(topic, required=bool(topics))
+        self._clock_outlet = self.create_publisher(Clock, '/clock', qos(1)) if clock else None
+        self._last_clock = -_CLOCK_PERIOD
+        self._origin = (0.0, 0)  # monotonic time in s and bag time in ns that belong together
+
+    @property
+    def total(self) -> int:
+        """Number of messages to publish."""
+        return sum(self._bag.topics[topic].count for topic in self._outlets)
+
+    def _add(self, name: str, *, required: bool) -> None:
+        if name not in self._bag.topics:
+            raise DataError(f"bag '{self._bag.path}' has no topic '{name}'; topics: {listing(self._bag.topics)}")
+        topic = self._bag.topics[name]
+        try:
+            message_type = message_class(topic.type)
+        except (ImportError, AttributeError, ValueError) as error:
+            text = f"topic '{name}' cannot be played: its type '{topic.type}' is not installed"
+            if required:
+                raise DataError(text) from error
+            self._log.warning(text)
+            return
+        depth = min(topic.count, _DEPTH) if topic.latched else _DEPTH
+        profile = qos(max(1, depth), best_effort=not topic.reliable, latched=topic.latched)
+        self._outlets[name] = self.create_publisher(message_type, name, profile)
+
+    def wait_for_subscribers(self, timeout: float) -> None:
+        """Wait until every topic has a subscriber, or the time (s) is over."""
+        end = time.monotonic() + timeout
+        while alone := [name for name, outlet in self._outlets.items() if not outlet.get_subscription_count()]:
+            if time.monotonic() > end or not ok():
+                self._log.warning(f'playing without subscribers of {listing(alone)}')
+                return
+            time.sleep(_CLOCK_PERIOD)
+
+    def play(self) -> None:
+        """Publish every message when it is due."""
+        first = True
+        with tqdm(total=self.total, unit=' messages', disable=None, leave=False) as bar:
+            for topic, data, due in self._bag.raw(self._outlets):
+                if first:
+                    self._origin, first = (time.monotonic(), due), False
+                self._wait_until(due)
+                if not ok():
+                    return
+                self._outlets[topic].publish(data)
+                bar.update()
+
+    def finish(self) -> None:
+        """Wait until reliable subscribers have everything, or have had time for it."""
+        for outlet in self._outlets.values():
+            outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
+
+    def _wait_until(self, due: int) -> None:
+        """Return at a bag time (ns), with the clock going on until then."""
+        begin, origin = self._origin
+        while ok():
+            now = time.monotonic()
+            passed = origin + round((now - begin) * self._rate * 1e9)
+            if self._clock_outlet and now - self._last_clock >= _CLOCK_PERIOD:
+                self._publish_clock(min(passed, due))
+                self._last_clock = now
+            if passed >= due:
+                return
+            time.sleep(min((due - passed) * 1e-9 / self._rate, _CLOCK_PERIOD if self._clock_outlet else _LONGEST_NAP))
+
+    def _publish_clock(self, when: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(when, 1_000_000_000)
+        if self._clock_outlet:
+            self._clock_outlet.publish(message)
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        NAME,
+        "Publish a bag's messages at their times; latched topics as latched.",
+        'ros2 run mbaid_ros player run1 --rate 2 --topics /joint_states /odom --wait-for-subscribers 10',
+    )
+    add = parser.add_argument
+    add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
+    add('--rate', type=number(0.0, exclusive=True), default=1.0, metavar='R', help='speed (default: 1)')
+    add('--clock', action='store_true', help='publish the time of the recording on /clock')
+    add('--loop', action='store_true', help='start again at the end, until interrupted')
+    add('--topics', nargs='+', default=[], metavar='TOPIC', help='what to play (default: everything)')
+    add(
+        '--wait-for-subscribers',
+        type=number(0.0, unit='s'),
+        default=0.0,
+        metavar='S',
+        help='wait up to S seconds until every topic has a subscriber',
+    )
+    return parser
+
+
+def _play(arguments: argparse.Namespace, bag: BagReader) -> None:
+    node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock)
+    if arguments.wait_for_subscribers:
+        node.wait_for_subscribers(arguments.wait_for_subscribers)
+    while ok():
+        node.play()
+        if not arguments.loop:
+            break
+    if ok():
+        node.finish()
+
+
+def _main(argv: list[str]) -> int:
+    arguments = _parser().parse(own_arguments(argv))
+    with BagReader(arguments.bag) as bag:
+        with ros(argv):
+            _play(arguments, bag)
+        for warning in bag.warnings:
+            print(f'mbaid_ros {NAME}: warning: {warning}', file=sys.stderr)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node and return the exit code."""
+    return run(_main, argv, name=NAME)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

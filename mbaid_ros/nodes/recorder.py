@@ -1,0 +1,172 @@
+"""The node `recorder`: writes topics to an MCAP bag as they arrive, for machines without `ros2 bag record`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import FrameType
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.signals import uninstall_signal_handlers
+from rclpy.subscription import Subscription
+
+from mbaid_ros.bags import BagWriter
+from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.config.recorder import RecorderConfig
+from mbaid_ros.nodes.outlets import message_class
+from mbaid_ros.nodes.parameters import declare_parameters
+from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.runner import own_arguments, ros
+
+NAME = 'recorder'
+
+_INPUTS = ('joint_states', 'odom', 'robot_description')
+_OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
+_DISCOVERY_PERIOD = 0.1  # s
+_FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails
+_DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of a busy disk
+_IDLE_TURNS = 20  # turns of the executor without a message, after which nothing received is left
+
+
+class RecorderNode(Node):
+    """Subscribes to what appears on the graph, and writes the bytes of what arrives.
+
+    Raises
+    ------
+    ParameterError, DataError
+        A parameter is not accepted, or the bag cannot be made.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._config = declare_parameters(self, RecorderConfig)
+        self._wanted = [self.resolve_topic_name(topic) for topic in self._config.topics or _INPUTS]
+        self._subscriptions_of: dict[str, Subscription] = {}
+        self._offers: dict[str, tuple[bool, bool]] = {}
+        self._refused: set[str] = set()
+        self._begin: float | None = None  # monotonic time of the first message
+        self._writer = BagWriter(self._config.output or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=clock)
+        self.create_timer(_FLUSH_PERIOD, self._writer.flush, clock=clock)
+        self._log.info(f"recording into '{self._writer.path}'")
+
+    @property
+    def messages(self) -> int:
+        """Number of messages written."""
+        return self._writer.messages
+
+    @property
+    def over(self) -> bool:
+        """Whether the wanted duration has passed."""
+        duration = self._config.duration
+        return duration > 0.0 and self._begin is not None and time.monotonic() - self._begin >= duration
+
+    def close(self) -> str:
+        """Complete the bag and return what is in it, in words."""
+        self._writer.close()
+        return f"{self.messages} messages on {len(self._offers)} topics in '{self._writer.path}'"
+
+    def _discover(self) -> None:
+        """Subscribe to topics that have appeared, and anew where a publisher offers less than those before."""
+        for topic, types in self.get_topic_names_and_types():
+            if topic not in self._refused and self._is_wanted(topic, types[0]):
+                publishers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+                if publishers:
+                    self._follow(topic, types[0], publishers)
+
+    def _is_wanted(self, topic: str, type_name: str) -> bool:
+        if topic in self._wanted:
+            return True
+        return not self._config.topics and (
+            type_name.startswith('mbaid_msgs/')
+            or type_name in _OUTPUT_TYPES
+            or (type_name == 'std_msgs/msg/String' and topic.endswith('/robot_description'))
+        )
+
+    def _follow(self, topic: str, type_name: str, publishers: Sequence[Any]) -> None:
+        # A subscription that asks for more than a publisher offers gets nothing from it.
+        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in publishers)
+        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in publishers)
+        before = self._offers.get(topic)
+        if before is not None:
+            reliable, latched = reliable and before[0], latched and before[1]
+        if before == (reliable, latched):
+            return
+        try:
+            message_type = message_class(type_name)
+        except (ImportError, AttributeError):
+            self._refused.add(topic)
+            self._log.warning(f"topic '{topic}' is not recorded: its type {type_name} is not installed")
+            return
+        if before is None:
+            self._writer.add_topic(topic, type_name, latched=latched, reliable=reliable)
+            self._log.info(f'recording {topic} ({type_name})')
+        else:
+            self.destroy_subscription(self._subscriptions_of[topic])
+        self._offers[topic] = (reliable, latched)
+        profile = qos(_DEPTH, best_effort=not reliable, latched=latched)
+        take = partial(self._take, topic)
+        self._subscriptions_of[topic] = self.create_subscription(message_type, topic, take, profile, raw=True)
+
+    def _take(self, topic: str, data: bytes, info: Mapping[str, int]) -> None:
+        if self._begin is None:
+            self._begin = time.monotonic()
+        self._writer.write_raw(topic, data, info['received_timestamp'])
+
+
+def record(node: RecorderNode) -> None:
+    """Run the node until it is interrupted or its time is over, and then until all it has received is written."""
+    stopped = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        stopped.append(number)
+
+    # ROS's own handlers would shut it down at once, with what has been received but not been taken.
+    uninstall_signal_handlers()  # type: ignore[no-untyped-call]
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stopped and not node.over:
+        executor.spin_once(timeout_sec=_DISCOVERY_PERIOD)
+    idle = 0
+    while idle < _IDLE_TURNS and not node.over:
+        before = node.messages
+        executor.spin_once(timeout_sec=0.0)
+        idle = 0 if node.messages > before else idle + 1
+
+
+def _main(argv: list[str]) -> int:
+    parser = ArgumentParser(
+        NAME,
+        'Write topics to an MCAP bag as they arrive; SIGINT (Ctrl-C) completes it.\n'
+        'Parameters are ROS parameters: output (folder), topics (list), duration (s).',
+        'ros2 run mbaid_ros recorder --ros-args -p output:=run1 -p duration:=60.0',
+    )
+    parser.parse(own_arguments(argv))
+    with ros(argv):
+        node = RecorderNode()
+        try:
+            record(node)
+        finally:
+            print(node.close())
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node and return the exit code."""
+    return run(_main, argv, name=NAME)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""The node `simulator`: a free-floating robot in motion; joint states and odometry out, and the truth."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+
+from geometry_msgs.msg import InertiaStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.parameters import declare_parameters
+from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.runner import own_arguments, run_node
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+
+NAME = 'simulator'
+
+_AHEAD = 0.1  # s of this machine's time that is simulated at once: a batch costs little more than a single sample
+_SHORTEST_PERIOD = 0.001  # s, of the timer; at higher rates it publishes several messages at a time
+_PATIENCE = 2.0  # s, with subscribers that have not got everything when the run is over
+_DEPTH = 1000  # messages kept for a slow subscriber
+
+
+class SimulatorNode(Node):
+    """Publishes what a simulated run says when it is due.
+
+    Raises
+    ------
+    ParameterError, ModelError
+        A parameter, or the robot description file it names, cannot be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._config = declare_parameters(self, SimulatorConfig)
+        if not self._config.robot_description_file:
+            raise ParameterError("parameter 'robot_description_file' is empty; accepted: the path of a URDF file")
+        urdf = read_robot_description(self._config.robot_description_file)
+        self._run = SimulatedRun(self._config, urdf, TYPES)
+        self._outlets = {
+            'joint_states': self.create_publisher(JointState, 'joint_states', qos(_DEPTH)),
+            'odom': self.create_publisher(Odometry, 'odom', qos(_DEPTH)),
+        }
+        self._clock_outlet = (
+            self.create_publisher(ClockMessage, '/clock', qos(10)) if self._config.publish_clock else None
+        )
+        self._description = self.create_publisher(String, 'robot_description', LATCHED)
+        self._truth = self.create_publisher(InertiaStamped, '~/truth', LATCHED)
+        self._waiting: deque[TimedMessage] = deque()
+        self._computed = -math.inf  # s of the run that the messages computed so far reach
+        self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
+        self._description.publish(self._run.description())
+        self._say_what_runs()
+        if not self._config.wait_for_subscribers:
+            self._start()
+        rate = max(self._config.joint_rate, self._config.odometry_rate) * self._config.real_time_factor
+        # A clock that nothing stops: this node is what others may take their time from.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(max(1.0 / rate, _SHORTEST_PERIOD), self._on_timer, clock=steady)
+
+    def _start(self) -> None:
+        """Let the run begin now."""
+        if not self._config.publish_clock:  # otherwise simulated time begins at 0
+            self._run.start = time.time_ns()
+        self._truth.publish(self._run.truth())
+        self._begin = time.monotonic()
+
+    def _on_timer(self) -> None:
+        """Publish what is due.
+
+        Raises
+        ------
+        ExternalShutdownException
+            The run is over: ends the executor like a shutdown from outside.
+        """
+        if math.isnan(self._begin):
+            if not all(outlet.get_subscription_count() for outlet in self._outlets.values()):
+                return
+            self._start()
+        now = (time.monotonic() - self._begin) * self._config.real_time_factor
+        duration = self._config.duration
+        over = 0.0 < duration <= now
+        self._compute(now)
+        while self._waiting and self._waiting[0].time <= now:
+            timed = self._waiting.popleft()
+            self._publish_clock(timed.time)
+            self._outlets[timed.topic].publish(timed.message)
+        if over:
+            for outlet in (*self._outlets.values(), self._clock_outlet):
+                if outlet is not None:
+                    outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
+            self.get_logger().info(f'{duration:g} s are over')  # type: ignore[no-untyped-call]
+            raise ExternalShutdownException
+
+    def _compute(self, now: float) -> None:
+        """Simulate ahead when less than half of that is left."""
+        ahead = _AHEAD * self._config.real_time_factor
+        end = self._config.duration or math.inf
+        if self._computed >= min(now + 0.5 * ahead, end):
+            return
+        self._computed = min(now + ahead, end)
+        self._waiting.extend(self._run.read(self._computed))
+
+    def _publish_clock(self, when: float) -> None:
+        if self._clock_outlet is not None:
+            self._clock_outlet.publish(self._run.clock(when))
+
+    def _say_what_runs(self) -> None:
+        config = self._config
+        length = f'{config.duration:g} s' if config.duration > 0.0 else 'until it is stopped'
+        self.get_logger().info(  # type: ignore[no-untyped-call]
+            f"robot '{self._run.model.name}', target link '{self._run.target.name}', motion {config.motion.kind}, "
+            f'{length}'
+        )
+
+
+def _main(argv: list[str]) -> int:
+    parser = ArgumentParser(
+        NAME,
+        'Simulate a free-floating robot: publish joint_states, odom and robot_description, and the truth on ~/truth.\n'
+        'Parameters are ROS parameters; a running node describes them:\n'
+        '  ros2 param list /simulator; ros2 param describe /simulator motion.kind',
+        'ros2 run mbaid_ros simulator --ros-args -p robot_description_file:=robot.urdf -p motion.kind:=random\n'
+        '  ros2 run mbaid_ros simulator --ros-args -p robot_description_file:=config/table1.urdf '
+        '--params-file config/table1_simulator.yaml',
+    )
+    parser.parse(own_arguments(argv))
+    return run_node(SimulatorNode, argv)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node and return the exit code."""
+    return run(_main, argv, name=NAME)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""The executable `watch`: the estimate in a terminal, as it converges."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from typing import TextIO
+
+from mbaid_msgs.msg import InertiaEstimate
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.utilities import ok
+
+from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.runner import own_arguments, ros
+from mbaid_ros.nodes.terminal import drawn, line, screen
+
+NAME = 'watch'
+TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+_PERIOD = 0.2  # s, between two looks at the graph for an estimator
+
+
+class WatchNode(Node):
+    """Finds an estimator and shows what it says.
+
+    Parameters
+    ----------
+    wanted : name of an estimator or of its topic; empty for the first one that is found
+    show : called with the message and the topic
+    """
+
+    def __init__(self, wanted: str, show: Callable[[InertiaEstimate, str], None]) -> None:
+        super().__init__(f'{NAME}_{os.getpid()}', start_parameter_services=False)
+        self._wanted = wanted
+        self._show = show
+        self._subscription: Subscription | None = None
+        self.seen = 0
+        self.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _look(self) -> None:
+        """Subscribe once there is something to subscribe to."""
+        if self._subscription is not None:
+            return
+        found = sorted(name for name, types in self.get_topic_names_and_types() if TYPE in types)
+        topic = next((name for name in found if not self._wanted or name in self._names()), None)
+        if topic is None:
+            return
+
+        def take(message: InertiaEstimate) -> None:
+            self.seen += 1
+            self._show(message, topic)
+
+        self._subscription = self.create_subscription(InertiaEstimate, topic, take, qos(100, latched=True))
+
+    def _names(self) -> tuple[str, str]:
+        absolute = '/' + self._wanted.strip('/')
+        return absolute, f'{absolute}/estimate'
+
+
+class Screen:
+    """Shows each estimate in place of the last one.
+
+    Parameters
+    ----------
+    stream : a terminal
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._sign = sign_for(stream)
+        self._begun = False
+
+    def __call__(self, message: InertiaEstimate, topic: str) -> None:
+        """Show a message."""
+        size = shutil.get_terminal_size((80, 24))
+        begin = '' if self._begun else '\x1b[2J'
+        self._begun = True
+        self._stream.write(begin + drawn(screen(message, topic, size.columns, self._sign), size.lines))
+        self._stream.flush()
+
+
+class Lines:
+    """Writes each estimate as a line.
+
+    Parameters
+    ----------
+    stream : a file or pipe
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._sign = sign_for(stream)
+
+    def __call__(self, message: InertiaEstimate, _topic: str) -> None:
+        """Write a message."""
+        encoding = self._stream.encoding or 'ascii'
+        text = line(message, self._sign).encode(encoding, 'backslashreplace').decode(encoding)
+        self._stream.write(text + '\n')
+        self._stream.flush()
+
+
+def sign_for(stream: TextIO) -> str:
+    """Return plus-minus as a stream can take it."""
+    sign = '\N{PLUS-MINUS SIGN}'
+    try:
+        sign.encode(stream.encoding or 'ascii')
+    except (UnicodeEncodeError, LookupError):
+        return '+-'
+    return sign
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        NAME,
+        'Show the estimate of a running estimator in the terminal as it converges: a bar is full at a standard\n'
+        'deviation of 0.1 %. Written to a file or pipe, one line an update.',
+        'watch /servicer/estimator\n  watch --once | tee now.txt',
+    )
+    parser.add_argument('estimator', nargs='?', default='', metavar='NAME', help='node or topic (default: any)')
+    parser.add_argument('--once', action='store_true', help='show one update and end')
+    return parser
+
+
+def _main(argv: list[str]) -> int:
+    arguments = _parser().parse(own_arguments(argv))
+    wanted = arguments.estimator
+    if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
+        raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")
+    on_terminal = sys.stdout.isatty() and os.environ.get('TERM', 'dumb') != 'dumb' and not arguments.once
+    with ros(argv):
+        node = WatchNode(wanted, Screen(sys.stdout) if on_terminal else Lines(sys.stdout))
+        if sys.stdout.isatty():
+            print(f'waiting for {wanted or "an estimator"} ...', flush=True)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while ok() and not (arguments.once and node.seen):
+            executor.spin_once()
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `watch` and return its exit code."""
+    return run(_main, argv, name=NAME)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The offline face: recorded bags, without a graph."""

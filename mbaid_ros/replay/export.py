@@ -1,0 +1,131 @@
+"""The executable `export`: an identified body in the form the next tool takes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.inertia import physical, pseudo_inertia, standard
+from mbaid_ros.core.model import load_model
+from mbaid_ros.core.urdf_output import replace_inertial
+from mbaid_ros.replay import formats
+from mbaid_ros.replay.identified import Identified, read_identified
+
+FORMATS = ('urdf-link', 'urdf', 'mjcf', 'basilisk-hub', 'basilisk-effector', 'json')
+NOT_DETERMINED = 3
+_PRINCIPAL = ('urdf-link', 'mjcf', 'json')  # formats with axes of their own for the inertia
+_SHAPES = {
+    'urdf-link': (formats.BOX,),
+    'mjcf': (formats.BOX, formats.ELLIPSOID),
+    'json': (formats.BOX, formats.ELLIPSOID),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable: 0 if it has written, 3 if the body is not determined, 2 after a user's error."""
+    return run(_export, argv)
+
+
+def _export(argv: list[str]) -> int:
+    arguments = _parser().parse(argv)
+    _check(arguments)
+    body = read_identified(arguments.input, arguments.result)
+    urdf = read_robot_description(arguments.model) if arguments.model else ''
+    if arguments.fill:
+        body = _filled(body, urdf)
+    reason = _why_not(body, arguments)
+    if reason:
+        print(f'mbaid_ros export: {one_line(reason)}', file=sys.stderr)
+        return NOT_DETERMINED
+    text = _written(body, arguments, urdf)
+    if arguments.output is None:
+        sys.stdout.write(text)
+    else:
+        Path(arguments.output).write_text(text, encoding='utf-8')
+    return 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'export',
+        'Write an identified body as a URDF link, a whole URDF, a MuJoCo body, Basilisk parameters or plain JSON.\n'
+        'Exit code: 0 written, 3 the data do not determine the body, 2 bad input.',
+        'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
+    )
+    add = parser.add_argument
+    add('input', metavar='FILE', help='what replay --json wrote, or a bag that holds estimates (the last one counts)')
+    add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
+    add('--output', metavar='FILE', help='default: standard output')
+    add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
+    add('--result', type=_count, default=1, metavar='N', help='which result of a JSON of several bags (default: 1)')
+    add('--principal', action='store_true', help='write the inertia in its principal axes')
+    add('--equivalent', choices=(formats.BOX, formats.ELLIPSOID), help='add the uniform body of the same inertia')
+    add('--fill', action='store_true', help='take what the data do not determine from the link in --model')
+    return parser
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: a whole number > 0")
+    return int(text)
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse options that contradict each other."""
+    form, shape = arguments.format, arguments.equivalent
+    if (form == 'urdf' or arguments.fill) and not arguments.model:
+        raise ParameterError(f'{"--fill" if arguments.fill else "--format urdf"} needs --model URDF')
+    if arguments.principal and form not in _PRINCIPAL:
+        raise ParameterError(f'--principal is not for --format {form}; accepted: {listing(_PRINCIPAL)}')
+    if shape and shape not in _SHAPES.get(form, ()):
+        fitting = [name for name, shapes in _SHAPES.items() if shape in shapes]
+        raise ParameterError(f'--equivalent {shape} is not for --format {form}; accepted: {listing(fitting)}')
+    output = arguments.output
+    if output is not None and (not Path(output).parent.is_dir() or Path(output).is_dir()):
+        raise ParameterError(f"--output '{output}' cannot be written; accepted: a file in a folder that exists")
+
+
+def _filled(body: Identified, urdf: str) -> Identified:
+    """Return the body with what is missing taken from its link in the robot description."""
+    described = physical(load_model(urdf).link(body.link).parameters)
+    return replace(body, parameters=np.where(np.isnan(body.parameters), described, body.parameters))
+
+
+def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
+    """Return why a body cannot be written; empty if it can."""
+    if arguments.format == 'json' and not (arguments.principal or arguments.equivalent):
+        return ''
+    if body.missing:
+        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
+        return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
+    if body.status == 'inconsistent':
+        return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
+    if np.linalg.eigvalsh(pseudo_inertia(standard(body.parameters)))[0] <= 0.0:
+        return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"
+    return ''
+
+
+def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
+    principal, shape = arguments.principal, arguments.equivalent or ''
+    if arguments.format == 'urdf':
+        load_model(urdf).link(body.link)
+        return replace_inertial(urdf, body.link, body.parameters)
+    if arguments.format == 'urdf-link':
+        return formats.urdf_link(body, in_principal_axes=principal, shape=shape)
+    if arguments.format == 'mjcf':
+        return formats.mjcf(body, in_principal_axes=principal, shape=shape)
+    if arguments.format == 'json':
+        return formats.plain_json(body, in_principal_axes=principal, shape=shape)
+    return formats.basilisk(body, effector=arguments.format == 'basilisk-effector')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

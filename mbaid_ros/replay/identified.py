@@ -1,0 +1,120 @@
+"""An identified body as files carry it: the JSON of `replay`, or a bag of estimates."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.estimate import PARAMETERS
+from mbaid_ros.core.geometry import Array
+
+ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+_ACCEPTED = 'accepted: what replay --json writes, or a bag that holds estimates'
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A body.
+
+    Attributes
+    ----------
+    link : whose frame the parameters are in
+    status : of the estimate
+    parameters : (10,) in the order of PARAMETERS, NaN where not determined
+    covariance : (10, 10) of them; NaN where not known
+    """
+
+    link: str
+    status: str
+    parameters: Array
+    covariance: Array
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of the parameters that are not determined."""
+        return [name for name, value in zip(PARAMETERS, self.parameters, strict=True) if math.isnan(value)]
+
+
+def read_identified(path: str, result: int = 1) -> Identified:
+    """Return the body in a file.
+
+    Parameters
+    ----------
+    path : JSON of `replay`, or a bag
+    result : which one, counted from 1, of a file with several
+
+    Raises
+    ------
+    DataError
+        The file cannot be read or holds no such body.
+    """
+    if Path(path).suffix.lower() != '.json':
+        return _from_bag(path)
+    try:
+        content = json.loads(Path(path).read_text(encoding='utf-8'))
+    except OSError as error:
+        raise DataError(f"cannot read '{path}': {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"'{path}' is not JSON: {error}; {_ACCEPTED}") from error
+    results = content if isinstance(content, list) else [content]
+    if not 1 <= result <= len(results):
+        raise DataError(f"'{path}' holds {len(results)} results; result {result} is not among them")
+    try:
+        return _from_json(results[result - 1])
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"'{path}' cannot be used ({type(error).__name__}: {error}); {_ACCEPTED}") from error
+
+
+def _from_json(content: Any) -> Identified:
+    values = _ten(content['estimate'])
+    covariance = content.get('covariance')
+    std = content.get('std')
+    if covariance is not None:
+        matrix = np.array([[_number(value) for value in row] for row in covariance])
+    elif std is not None:
+        matrix = np.diag(_ten(std) ** 2)
+    else:
+        matrix = np.full((10, 10), np.nan)
+    if matrix.shape != (10, 10):
+        raise ValueError(f'covariance has the shape {matrix.shape}')
+    return Identified(str(content['target_link']), str(content['status']), values, matrix)
+
+
+def _ten(shaped: Any) -> Array:
+    """Return the ten numbers of mass, com and inertia."""
+    com = list(shaped['com'])
+    if len(com) != 3:
+        raise ValueError(f'com has {len(com)} numbers')
+    return np.array([_number(v) for v in (shaped['mass'], *com, *(shaped['inertia'][name] for name in PARAMETERS[4:]))])
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _from_bag(path: str) -> Identified:
+    with BagReader(path) as bag:
+        names = [name for name, topic in bag.topics.items() if topic.type == ESTIMATE_TYPE]
+        if not names:
+            raise DataError(
+                f"bag '{path}' holds no estimates ({ESTIMATE_TYPE}); topics: {listing(bag.topics)}; "
+                'replay it with --json, and export that'
+            )
+        last = None
+        for _, message, _ in bag.read(names):
+            last = message
+    if last is None:
+        raise DataError(f"bag '{path}' holds no estimate on {listing(names)}")
+    inertia = last.inertia
+    values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
+    known = np.asarray(last.identifiable, dtype=bool)
+    parameters = np.where(known, np.array(values, dtype=float), np.nan)
+    covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
+    return Identified(last.header.frame_id, last.status, parameters, covariance)

@@ -1,0 +1,203 @@
+"""The courses of a run: parameters, momentum, residual, identifiability, arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate, Flags
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.replay.report.canvas import (
+    BAND,
+    FAINT,
+    FIRST,
+    INK,
+    LINE,
+    PAGE,
+    SECOND,
+    SERIES,
+    TRUTH,
+    curve,
+    entitle,
+    legend,
+    new_axes,
+    scale,
+    svg,
+)
+from mbaid_ros.replay.results import Run, events
+from mbaid_ros.replay.truth import Truth
+
+_PLOTTED = 800  # points of a curve: more than a screen resolves
+_TIME = 'time [s]'
+_SHORTEST = 1e-9  # s, that a time axis spans
+SHOWN_UNITS = tuple(unit.replace('^2', '\N{SUPERSCRIPT TWO}') for unit in UNITS)
+_STATUS_COLOURS = {'converged': FIRST, 'estimating': FAINT, 'inconsistent': SECOND}
+
+
+def thinned(run: Run) -> Sequence[Estimate]:
+    """Return as many estimates of a run as a screen resolves, with the last one."""
+    return (*run.history[: -1 : max(1, len(run.history) // _PLOTTED)], run.history[-1])
+
+
+def convergence(run: Run, truth: Truth | None, name: str) -> str:
+    """Return the course of each parameter that was ever determined."""
+    history = thinned(run)
+    time = _times(history)
+    values = np.array([estimate.parameters for estimate in history])
+    stds = np.array([estimate.std for estimate in history])
+    shown = [index for index in range(len(PARAMETERS)) if np.any(np.isfinite(values[:, index]))]
+    figure, axes = new_axes(-(-len(shown) // 2), 2, 1.7, sharex=True)
+    for axis, index in zip(axes, shown, strict=False):  # the last row may have places left
+        value, spread = values[:, index], BAND * stds[:, index]
+        curve(axis, time, value, stds[:, index])
+        scale(axis, value, value - spread, value + spread)
+        if truth is not None:
+            axis.axhline(truth.parameters[index], color=TRUTH, linestyle=':', linewidth=1.3)
+        _mark_events(axis, run)
+        axis.set_xlim(0.0, max(time[-1], _SHORTEST))
+        axis.tick_params(labelbottom=True)
+        entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]', _TIME)
+    for axis in axes[len(shown) :]:
+        axis.remove()
+    return svg(figure, f'{name} convergence', 'Course of each parameter with its 95 % band')
+
+
+def momentum(run: Run, truth: Truth | None, name: str) -> str:
+    """Return the course of the total momentum and, where the method has it, of the residual."""
+    history = thinned(run)
+    time = _times(history)
+    values = np.array([estimate.momentum for estimate in history])
+    variances = np.array([np.diag(estimate.momentum_covariance) for estimate in history])
+    residual = np.array([estimate.residual for estimate in history])
+    parts: list[tuple[str, slice]] = [('linear [N s]', slice(0, 3)), ('angular [N m s]', slice(3, 6))]
+    # Where nothing was determined, the momentum was not either, whatever its prior says.
+    parts = [part for part in parts if run.reached and np.any(np.isfinite(values[:, part[1]]))]
+    with_residual = bool(np.any(np.isfinite(residual)))
+    if not parts and not with_residual:
+        return ''
+    figure, axes = new_axes(len(parts) + with_residual, 1, 2.0, sharex=True)
+    for axis, (title, which) in zip(axes, parts, strict=False):
+        _vector(axis, time, values[:, which], np.sqrt(variances[:, which]))
+        if truth is not None:
+            for value in truth.momentum[which][determined(values[-1, which], np.sqrt(variances[-1, which]))]:
+                axis.axhline(value, color=TRUTH, linestyle=':', linewidth=1.0)
+        entitle(axis, f'Total momentum, {title}')
+        _mark_events(axis, run)
+    if with_residual:
+        _residual(axes[-1], time, residual, run)
+    axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
+    axes[-1].set_xlabel(_TIME, color=INK, fontsize=8)
+    return svg(figure, f'{name} momentum', 'Course of the total momentum and of the residual')
+
+
+def determined(values: Array, stds: Array) -> Flags:
+    """Return which components of a final (3,) momentum are worth a number: of a planar motion some are not."""
+    size = max(float(np.linalg.norm(np.nan_to_num(values))), 100.0 * float(np.min(np.nan_to_num(stds))))
+    return np.isfinite(values) & ~(stds > size)
+
+
+def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
+    known = determined(values[-1], stds[-1])
+    for value, std, style, label, there in zip(values.T, stds.T, SERIES, 'xyz', known, strict=True):
+        if there:
+            curve(axis, time, value, std, style, label)
+    values, stds = values[:, known], stds[:, known]
+    scale(axis, *values.T, *(values - BAND * stds).T, *(values + BAND * stds).T)
+    legend(axis, 3)
+
+
+def _residual(axis: Axes, time: Array, residual: Array, run: Run) -> None:
+    axis.plot(time, residual, color=FIRST, linewidth=1.3)
+    axis.axhline(1.0, color=FAINT, linestyle='--', linewidth=1.0)
+    limit = run.settings.get('convergence.largest_residual')
+    always = [0.0, 1.0]
+    if isinstance(limit, float) and np.nanmax(residual) > 0.5 * limit:
+        axis.axhline(limit, color=SECOND, linestyle='--', linewidth=1.0)
+        always.append(limit)
+    scale(axis, residual, always=always)
+    axis.set_ylim(bottom=0.0)
+    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 is as noisy as the noise model says')
+    _mark_events(axis, run)
+
+
+def identifiability(run: Run, name: str) -> str:
+    """Return when which parameter was determined, and the status."""
+    history = run.history
+    edges = np.array([0.0, *(estimate.time for estimate in history)])
+    flags = np.array([estimate.identifiable for estimate in history])
+    figure, axes = new_axes(1, 1, 2.6)
+    axis = axes[0]
+    rows = len(PARAMETERS)
+    for row in range(rows):
+        known = _spans(edges, flags[:, row])
+        axis.broken_barh([(0.0, float(edges[-1]))], (row - 0.36, 0.72), facecolor=LINE)
+        axis.broken_barh(known, (row - 0.36, 0.72), facecolor=FIRST)
+    statuses = [estimate.status for estimate in history]
+    for status in dict.fromkeys(statuses):
+        there = np.array([each == status for each in statuses])
+        spans = _spans(edges, there)
+        axis.broken_barh(spans, (rows - 0.36, 0.72), facecolor=_STATUS_COLOURS.get(status, LINE))
+        begin, length = max(spans, key=lambda span: span[1])
+        if length > 0.14 * edges[-1]:
+            colour = INK if status not in {'converged', 'inconsistent'} else PAGE
+            axis.text(
+                begin + 0.5 * length, rows, status.replace('_', ' '), ha='center', va='center', fontsize=7, color=colour
+            )
+    axis.set_yticks(range(rows + 1), (*PARAMETERS, 'status'))
+    axis.set_ylim(rows + 0.6, -0.6)
+    axis.set_xlim(0.0, max(float(edges[-1]), _SHORTEST))
+    axis.grid(visible=False)
+    _mark_events(axis, run)
+    entitle(axis, '', _TIME)
+    return svg(figure, f'{name} identifiability', 'When the data determined which parameter')
+
+
+def _spans(edges: Array, flags: Array) -> list[tuple[float, float]]:
+    """Return (begin, length) of the stretches in which a flag holds; flag i holds from edge i to edge i + 1."""
+    steps = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
+    return [(float(edges[a]), float(edges[b] - edges[a])) for a, b in steps.reshape(-1, 2)]
+
+
+def arrival(run: Run, name: str) -> str:
+    """Return the rate of each topic over time, with the gaps."""
+    topics = [topic for topic in run.topics if topic.course]
+    if not topics:
+        return ''
+    figure, axes = new_axes(1, 1, 1.9)
+    axis = axes[0]
+    for topic, (colour, line) in zip(topics, SERIES, strict=False):
+        time, rate = np.array(topic.course).T
+        axis.plot(time, rate, color=colour, linestyle=line, linewidth=1.3, label=_short(topic.topic))
+        for begin, length in topic.gaps:
+            axis.axvspan(begin, begin + length, color=colour, alpha=0.25, linewidth=0.0)
+    axis.set_ylim(bottom=0.0, top=1.25 * max(rate for topic in topics for _, rate in topic.course))
+    entitle(axis, 'Messages a second [Hz]; shaded: gaps', 'time since the first message [s]')
+    legend(axis, 2)
+    return svg(figure, f'{name} arrival', 'Rate of each topic')
+
+
+def _short(name: str) -> str:
+    safe = ''.join(char if char.isascii() and char.isprintable() else '?' for char in name)
+    safe = safe if len(safe) <= 50 else f'{safe[:47]}...'
+    return f' {safe}'  # matplotlib hides a label that begins with an underscore
+
+
+def _mark_events(axis: Axes, run: Run) -> None:
+    """Draw a line where the momentum changed."""
+    for event in events(run):
+        _mark(axis, event)
+
+
+def _mark(axis: Axes, event: dict[str, Any]) -> None:
+    axis.axvline(float(event['t']), color=SECOND, linestyle='-.', linewidth=1.2)
+    axis.annotate(
+        str(event['kind']), (float(event['t']), 1.0), xycoords=('data', 'axes fraction'), xytext=(3, -9),
+        textcoords='offset points', fontsize=7, color=SECOND,
+    )  # fmt: skip
+
+
+def _times(history: Sequence[Estimate]) -> Array:
+    return np.array([estimate.time for estimate in history])

@@ -1,0 +1,249 @@
+"""The page: verdict first, then the table, the courses, the robot, the data, the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import values_of
+from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.core.estimate import PARAMETERS
+from mbaid_ros.replay.report import figures
+from mbaid_ros.replay.report.canvas import BAND
+from mbaid_ros.replay.report.comparison import comparison
+from mbaid_ros.replay.report.drawing import drawing
+from mbaid_ros.replay.report.markup import NO_NUMBER, STYLE, figure, listed, number, paragraph, table, text
+from mbaid_ros.replay.report.scene import scene
+from mbaid_ros.replay.report.versions import versions
+from mbaid_ros.replay.results import Run, events, verdict
+from mbaid_ros.replay.truth import Truth
+
+_MOMENTUM = ('linear x', 'linear y', 'linear z', 'angular x', 'angular y', 'angular z')
+_MOMENTUM_UNITS = (*('N s',) * 3, *('N m s',) * 3)
+_PLUS_MINUS = '\N{PLUS-MINUS SIGN} 95 %'
+_SIGMA = '\N{GREEK SMALL LETTER SIGMA}'
+_GOOD = {'converged', 'estimating'}
+
+
+def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
+    """Return the page on one or several replays.
+
+    Parameters
+    ----------
+    runs : in the order they are to be shown
+    truths : of each run, where it is known
+    """
+    known = [*truths, *[None] * (len(runs) - len(truths))]
+    sections = [
+        f'<section class="run">{_section(run, truth, f"run {place}")}</section>'
+        for place, (run, truth) in enumerate(zip(runs, known, strict=True))
+    ]
+    if len(runs) > 1:
+        sections.insert(0, comparison(runs, known))
+    body = '\n'.join(sections)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<title>Inertia identification</title>\n<style>{STYLE}</style>\n</head>\n'
+        f'<body>\n<h1>Inertia identification</h1>\n{body}\n{_versions()}\n</body>\n</html>\n'
+    )
+
+
+def _section(run: Run, truth: Truth | None, name: str) -> str:
+    good = run.reached and run.final.status in _GOOD
+    sentence = verdict(run)
+    matching = truth if truth is not None and not truth.why_not(run.target_link) else None
+    parts = [
+        f'<h2><code>{text(run.bag)}</code></h2>',
+        paragraph(
+            f'{sentence[0].upper()}{sentence[1:]}.{_accuracy(run, matching)}', f'verdict {"good" if good else "bad"}'
+        ),
+        listed(_notes(run, truth), 'warnings'),
+        '<h3>Estimate</h3>',
+        _parameters(run, matching),
+        _debris(run),
+        *_courses(run, matching, name),
+        '<h3>The robot in its last pose</h3>',
+        _robot(run, name),
+        '<h3>What arrived</h3>',
+        _data(run, name),
+        '<h3>Settings</h3>',
+        _settings(run),
+    ]
+    return '\n'.join(part for part in parts if part)
+
+
+def _accuracy(run: Run, truth: Truth | None) -> str:
+    """Return how far from the truth the worst parameter is."""
+    if truth is None or not run.reached:
+        return ''
+    error = np.abs(run.final.parameters - truth.parameters)
+    sigmas = error / run.final.std
+    if np.all(np.isnan(sigmas)):
+        return ''
+    worst = int(np.nanargmax(sigmas))
+    return f' Furthest from the truth is {PARAMETERS[worst]}, by {sigmas[worst]:.1f} standard deviations.'
+
+
+def _notes(run: Run, truth: Truth | None) -> list[str]:
+    problem = '' if truth is None else truth.why_not(run.target_link)
+    return [*run.all_warnings, problem] if problem else run.all_warnings
+
+
+def _parameters(run: Run, truth: Truth | None) -> str:
+    final = run.final
+    head = ['parameter', 'estimate', _PLUS_MINUS, 'unit', 'identifiable']
+    rows = [
+        [parameter, number(value), number(BAND * std, 2), unit, 'yes' if known else 'no']
+        for parameter, unit, value, std, known in zip(
+            PARAMETERS, figures.SHOWN_UNITS, final.parameters, final.std, final.identifiable, strict=True
+        )
+    ]
+    if truth is not None:
+        head += ['truth', 'error', 'error / std']
+        for row, value, std, true in zip(rows, final.parameters, final.std, truth.parameters, strict=True):
+            error = value - true
+            row += [number(true), number(error, 2), f'{error / std:+.1f}' if np.isfinite(error / std) else NO_NUMBER]
+    where = (
+        f"Centre of mass in the frame of link '{run.target_link}', inertia about it in that link's axes. "
+        f'{final.samples} samples over {final.time:.4g} s, method {final.method}, status {final.status}.'
+    )
+    return table(head, rows) + paragraph(where, 'note')
+
+
+def _debris(run: Run) -> str:
+    """Return the captured body alone, where that was asked for."""
+    if run.debris is None:
+        return ''
+    rows = [
+        (name, number(value), number(BAND * std, 2), unit)
+        for name, unit, value, std in zip(
+            PARAMETERS, figures.SHOWN_UNITS, run.debris.parameters, run.debris.std, strict=True
+        )
+    ]
+    note = 'The target link without what its robot description says of it: the captured body alone, in the same frame.'
+    return (
+        '<h3>Captured body</h3>' + table(('parameter', 'estimate', _PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')
+    )
+
+
+def _courses(run: Run, truth: Truth | None, name: str) -> list[str]:
+    if len(run.history) < 2:
+        return []
+    parts = []
+    if any(np.any(np.isfinite(estimate.parameters)) for estimate in run.history):
+        caption = 'Shaded: 95 % band.' + (' Dotted: truth.' if truth is not None else '')
+        parts += ['<h3>Convergence</h3>', figure(figures.convergence(run, truth, name), caption)]
+    momentum = figures.momentum(run, truth, name)
+    if momentum:
+        caption = 'In the odometry frame, angular about its origin. Shaded: 95 % band.'
+        parts += [
+            '<h3>Total momentum and residual</h3>',
+            figure(momentum, caption),
+            _momentum(run) if run.reached else '',
+            _events(run),
+        ]
+    caption = 'Filled: the data so far determine the parameter.'
+    return [*parts, '<h3>Identifiability</h3>', figure(figures.identifiability(run, name), caption)]
+
+
+def _momentum(run: Run) -> str:
+    values, stds = run.final.momentum, np.sqrt(np.diag(run.final.momentum_covariance))
+    known = np.concatenate([figures.determined(values[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
+    values, stds = np.where(known, values, np.nan), np.where(known, stds, np.nan)
+    rows = [
+        (name, number(value), number(BAND * std, 2), unit)
+        for name, unit, value, std in zip(_MOMENTUM, _MOMENTUM_UNITS, values, stds, strict=True)
+    ]
+    return table(('momentum', 'estimate', _PLUS_MINUS, 'unit'), rows)
+
+
+def _events(run: Run) -> str:
+    rows = [
+        (
+            f'{event["t"]:.4g}',
+            str(event['kind']),
+            _triple(event['linear']),
+            _triple(event['angular']),
+            str(event['cause']),
+        )
+        for event in events(run)
+    ]
+    return table(('time [s]', 'event', 'linear [N s]', 'angular [N m s]', 'cause'), rows) if rows else ''
+
+
+def _triple(values: Sequence[float | None]) -> str:
+    return f'({", ".join(NO_NUMBER if value is None else f"{value:.3g}" for value in values)})'
+
+
+def _robot(run: Run, name: str) -> str:
+    try:
+        found = scene(run)
+    except MbaidError as error:
+        return paragraph(f'Not drawn: {error}', 'note')
+    if found is None:
+        return paragraph('Not drawn: the bag holds no pose that can be read.', 'note')
+    body = found.body
+    caption = 'In odometry axes, the origin in the base link. '
+    if body is None:
+        caption += f"The centre of mass of '{run.target_link}' is not known."
+    elif body.complete:
+        caption += 'Cross: centre of mass with its 95 % region. Ellipsoid: the uniform body of the same inertia.'
+    else:
+        caption += 'Cross: centre of mass, a coordinate that is not known drawn as 0. Circle: radius of gyration.'
+    if not found.solids:
+        caption += ' The robot description holds no boxes, cylinders or spheres to draw; meshes are left out.'
+    return figure(drawing(found, name), caption)
+
+
+def _data(run: Run, name: str) -> str:
+    topics = [
+        (
+            topic.topic,
+            topic.type,
+            str(topic.messages),
+            number(topic.rate, 4),
+            str(len(topic.gaps)),
+            _longest(topic.gaps),
+        )
+        for topic in run.topics
+    ]
+    content = table(('topic', 'type', 'messages', 'rate [Hz]', 'gaps', 'longest gap'), topics)
+    drawn = figures.arrival(run, name)
+    content += figure(drawn) if drawn else ''
+    content += paragraph(f'{run.used} synchronised samples were used.')
+    if run.dropped:
+        rows = [(cause, str(count)) for cause, count in run.dropped.items()]
+        return content + table(('not used because', 'messages'), rows)
+    return content + paragraph('No message was dropped.')
+
+
+def _longest(gaps: Sequence[tuple[float, float]]) -> str:
+    if not gaps:
+        return NO_NUMBER
+    begin, length = max(gaps, key=lambda gap: gap[1])
+    return f'{length:.3g} s at {begin:.4g} s'
+
+
+def _settings(run: Run) -> str:
+    defaults = values_of(EstimatorConfig())
+    changed = [(name, _shown(value)) for name, value in run.settings.items() if value != defaults.get(name)]
+    same = [(name, _shown(value)) for name, value in run.settings.items() if value == defaults.get(name)]
+    head = ('parameter', 'value')
+    content = table(head, changed) if changed else paragraph('Every parameter has its default value.')
+    if same:
+        content += (
+            f'<details><summary>{len(same)} parameters with their defaults</summary>{table(head, same)}</details>'
+        )
+    return content
+
+
+def _shown(value: object) -> str:
+    return ', '.join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _versions() -> str:
+    made = ', '.join(f'{name} {number}' for name, number in versions())
+    return paragraph(f'Made by {made}.', 'note')

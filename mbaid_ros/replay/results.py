@@ -1,0 +1,243 @@
+"""What a replay leads to, and its JSON form, which scripts rely on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.cli import one_line
+from mbaid_ros.core.debris import Debris
+from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.geometry import Array
+
+HISTORY_LIMIT = 5_000
+_INERTIA = PARAMETERS[4:]
+
+
+@dataclass(frozen=True)
+class TopicStatistics:
+    """What was received on a topic.
+
+    Attributes
+    ----------
+    topic, type : full names
+    messages : number
+    rate : Hz, NaN for fewer than two messages
+    gaps : (begin, length), s, of the longest intervals without a message that stand out
+    course : (time, rate), s and Hz, of equal pieces of the run
+    """
+
+    topic: str
+    type: str
+    messages: int
+    rate: float
+    gaps: tuple[tuple[float, float], ...] = ()
+    course: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the robot is at an instant.
+
+    Attributes
+    ----------
+    base_rotation : (3, 3) base to odometry axes
+    base_position : (3,) m
+    joint_position : (n,) rad or m, in the order of the model's joints
+    """
+
+    base_rotation: Array
+    base_position: Array
+    joint_position: Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """A bag's way through the estimator.
+
+    Attributes
+    ----------
+    bag : path as the user gave it
+    target_link : link whose inertia was identified
+    final : the last estimate
+    history : estimates in order, thinned evenly to at most HISTORY_LIMIT
+    topics : the inputs
+    used : number of samples the estimator was given
+    dropped : messages that were not used, by cause
+    warnings : of the bag and of the run, one line each
+    urdf : text of the robot description
+    pose : the last one, None where the bag holds none
+    settings : every parameter of the estimator with its value
+    debris : the captured body alone, None where not asked for or not determined
+    """
+
+    bag: str
+    target_link: str
+    final: Estimate
+    history: tuple[Estimate, ...]
+    topics: tuple[TopicStatistics, ...]
+    used: int
+    dropped: Mapping[str, int]
+    warnings: tuple[str, ...]
+    urdf: str = ''
+    pose: Pose | None = None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    debris: Debris | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether there is an estimate: at least one parameter is determined."""
+        return self.final.status != 'waiting' and bool(np.any(self.final.identifiable))
+
+    @property
+    def all_warnings(self) -> list[str]:
+        """Every warning once, the estimator's first."""
+        return list(dict.fromkeys((*self.final.warnings, *self.warnings)))
+
+
+class History:
+    """Keeps a sequence of estimates of any length, thinned evenly, in bounded memory.
+
+    Parameters
+    ----------
+    limit : int
+        Most entries that `entries` returns.
+    """
+
+    def __init__(self, limit: int = HISTORY_LIMIT) -> None:
+        self._limit = limit
+        self._stride = 1
+        self._count = 0
+        self._kept: list[Estimate] = []
+        self.last: Estimate | None = None
+
+    def add(self, estimate: Estimate) -> None:
+        """Take the next estimate."""
+        if self._count % self._stride == 0:
+            self._kept.append(estimate)
+            if len(self._kept) > 2 * self._limit:
+                self._kept = self._kept[::2]
+                self._stride *= 2
+        self._count += 1
+        self.last = estimate
+
+    def entries(self) -> tuple[Estimate, ...]:
+        """Return at most `limit` estimates at equal distances, and the last one."""
+        kept = self._kept
+        if len(kept) > self._limit - 1 and self._count > self._limit:
+            kept = kept[:: -(-len(kept) // (self._limit - 1))]
+        if self.last is not None and kept[-1] is not self.last:
+            return (*kept, self.last)
+        return tuple(kept)
+
+
+def as_json(run: Run) -> dict[str, Any]:
+    """Return the run as scripts read it; what is not known is None."""
+    final = run.final
+    return {
+        'bag': run.bag,
+        'method': final.method,
+        'target_link': run.target_link,
+        'status': final.status,
+        'estimate': _shaped(_numbers(final.parameters)),
+        'std': _std(final),
+        'covariance': _covariance(final),
+        'identifiable': _shaped([bool(flag) for flag in final.identifiable]),
+        'momentum': _momentum(final),
+        'time_offset': None
+        if math.isnan(final.time_offset)
+        else {'value': final.time_offset, 'std': _number(final.time_offset_std)},
+        'events': events(run),
+        'capture': None,
+        'debris': None
+        if run.debris is None
+        else {**_shaped(_numbers(run.debris.parameters)), 'std': _shaped(_numbers(run.debris.std))},
+        'samples': final.samples,
+        'span_s': final.time,
+        'warnings': run.all_warnings,
+        'history': [
+            {
+                't': estimate.time,
+                'status': estimate.status,
+                'estimate': _shaped(_numbers(estimate.parameters)),
+                'std': _std(estimate),
+            }
+            for estimate in run.history
+        ],
+    }
+
+
+def events(run: Run) -> list[dict[str, Any]]:
+    """Return the steps and ramps of the momentum that were found: t, kind, linear, angular, cause."""
+    return [
+        {
+            't': event.time,
+            'kind': event.kind,
+            'linear': _numbers(event.linear),
+            'angular': _numbers(event.angular),
+            'cause': event.cause,
+        }
+        for event in run.final.events
+    ]
+
+
+def summary(run: Run) -> str:
+    """Return the result as a table for a terminal."""
+    rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
+    for name, unit, value, std in zip(PARAMETERS, UNITS, run.final.parameters, run.final.std, strict=True):
+        if math.isnan(value):
+            rows.append(f'  {name:6} not determined')
+        else:
+            spread = '' if math.isnan(std) else f' ± {std:.2g}'
+            rows.append(f'  {name:6} {value:>13.6g}{spread} {unit}')
+    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {run.final.method}']
+    return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def verdict(run: Run) -> str:
+    """Return the result in one sentence."""
+    missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
+    rest = f'; not determined by this motion: {missing}' if missing else ''
+    if run.final.status == 'inconsistent':
+        return f'the data contradict the model of {run.target_link}: momentum is not conserved as assumed'
+    if run.final.status == 'waiting':
+        return f'no estimate of {run.target_link}: the data hold no complete window'
+    if not run.reached:
+        return f'no estimate of {run.target_link}: the motion does not determine any of its parameters'
+    if run.final.status == 'converged':
+        return f'the inertia of {run.target_link} is identified{rest}'
+    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
+
+
+def _shaped(values: list[Any]) -> dict[str, Any]:
+    """Return ten values in the order of PARAMETERS as mass, com and inertia."""
+    return {'mass': values[0], 'com': values[1:4], 'inertia': dict(zip(_INERTIA, values[4:], strict=True))}
+
+
+def _std(estimate: Estimate) -> dict[str, Any] | None:
+    std = estimate.std
+    return None if np.all(np.isnan(std)) else _shaped(_numbers(std))
+
+
+def _covariance(estimate: Estimate) -> list[list[float | None]] | None:
+    if np.all(np.isnan(estimate.covariance)):
+        return None
+    return [_numbers(row) for row in estimate.covariance]
+
+
+def _momentum(estimate: Estimate) -> dict[str, Any]:
+    values = _numbers(estimate.momentum)
+    stds = _numbers(np.sqrt(np.diag(estimate.momentum_covariance)))
+    return {'linear': values[:3], 'angular': values[3:], 'linear_std': stds[:3], 'angular_std': stds[3:]}
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

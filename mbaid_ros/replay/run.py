@@ -1,0 +1,171 @@
+"""A bag through the estimator's core."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mbaid_ros.bags import BagReader, BagWriter, message_class
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import values_of
+from mbaid_ros.core.estimate import Estimate, Flags
+from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+from mbaid_ros.replay.arrivals import Arrivals
+from mbaid_ros.replay.last_pose import LastPose
+from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
+from mbaid_ros.session import Session, intake_warnings
+
+JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+ESTIMATE_TOPIC = '/estimator/estimate'
+INERTIA_TOPIC = '/estimator/inertia'
+
+# How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
+_MESSAGES_AT_ONCE = 2_000
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The topics to read.
+
+    Attributes
+    ----------
+    joint_states : of type sensor_msgs/JointState
+    odometry : of type nav_msgs/Odometry
+    """
+
+    joint_states: str = '/joint_states'
+    odometry: str = '/odom'
+
+
+class EstimateWriter:
+    """Writes estimates into a bag, with the messages and names of the estimator node.
+
+    Parameters
+    ----------
+    bag : an open bag
+    """
+
+    def __init__(self, bag: BagWriter) -> None:
+        self._bag = bag
+        bag.add_topic(ESTIMATE_TOPIC, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
+        bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
+        self._types = MessageTypes(find=message_class, flags=_as_it_is)
+
+    def write(self, estimate: Estimate, frames: Frames) -> None:
+        """Write an estimate at the stamp of the last sample it uses."""
+        time = max(0, estimate.stamp)
+        self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, self._types, frames), time)
+        self._bag.write(INERTIA_TOPIC, inertia_message(estimate, self._types, frames), time)
+
+
+def replay_bag(
+    path: str,
+    config: EstimatorConfig,
+    urdf: str,
+    inputs: Inputs,
+    *,
+    writer: EstimateWriter | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """Send a bag's messages through a session and return what it leads to.
+
+    Parameters
+    ----------
+    path : the bag
+    config : the estimator's parameters
+    urdf : text of the robot description
+    inputs : the topics to read
+    writer : where to write the estimates
+    progress : called now and then with the number of messages read and that of all
+
+    Raises
+    ------
+    DataError
+        The bag cannot be read, or lacks a topic.
+    ModelError, ParameterError
+        The robot or the parameters cannot be used.
+    """
+    session = Session(config, urdf)
+    history = History()
+    with BagReader(path) as bag:
+        bag.require(inputs.joint_states, JOINT_STATE_TYPE)
+        bag.require(inputs.odometry, ODOMETRY_TYPE)
+        topics = (inputs.joint_states, inputs.odometry)
+        intake = _Intake(session, topics)
+        total = sum(bag.topics[topic].count for topic in topics)
+        for count, (topic, message, time) in enumerate(bag.read(topics), start=1):
+            intake.add(topic, message, time)
+            if count % _MESSAGES_AT_ONCE == 0:
+                _take(session.process(), session, history, writer)
+                if progress:
+                    progress(count, total)
+        _take(session.process(), session, history, writer)
+        if progress:
+            progress(total, total)
+        warnings = (*bag.warnings, *intake_warnings(session))
+    return Run(
+        bag=path,
+        target_link=session.target_link,
+        final=history.last or Estimate(method=config.method, status='waiting'),
+        history=history.entries(),
+        topics=intake.statistics(bag),
+        used=session.used,
+        dropped=dict(session.dropped),
+        warnings=warnings,
+        urdf=urdf,
+        pose=intake.pose(),
+        settings=values_of(config),
+        debris=session.debris(history.last) if history.last and config.debris.report else None,
+    )
+
+
+class _Intake:
+    """Hands messages to the session and remembers what a report tells of them.
+
+    Parameters
+    ----------
+    session : Session
+    topics : of the joint states and of the odometry
+    """
+
+    def __init__(self, session: Session, topics: tuple[str, str]) -> None:
+        self._session = session
+        self._joint_states, self._odometry = topics
+        self._arrivals = {topic: Arrivals() for topic in topics}
+        self._pose = LastPose(session.model)
+
+    def add(self, topic: str, message: Any, time: int) -> None:
+        """Take a message that was recorded at a time, ns."""
+        self._arrivals[topic].add(time)
+        if topic == self._joint_states:
+            self._session.add_joint_state(message)
+            self._pose.add_joint_state(message)
+        else:
+            self._session.add_odometry(message)
+            self._pose.add_odometry(message)
+
+    def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
+        """Return what arrived."""
+        origin = min((each.first for each in self._arrivals.values() if each.first is not None), default=0)
+        return tuple(
+            arrivals.statistics(topic, bag.topics[topic].type, bag.topics[topic].count, origin)
+            for topic, arrivals in self._arrivals.items()
+        )
+
+    def pose(self) -> Pose | None:
+        """Return the last pose, None where there is none."""
+        return self._pose.pose()
+
+
+def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
+    frames = Frames(target_link=session.target_link, odometry=session.odometry_reader.frame)
+    for estimate in estimates:
+        history.add(estimate)
+        if writer:
+            writer.write(estimate, frames)
+
+
+def _as_it_is(flags: Flags) -> Flags:
+    return flags

@@ -1,0 +1,141 @@
+"""The simulator without a graph: straight to a bag, faster than real time, with the truth beside it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from mbaid_ros import cli
+from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.parameters import build, values_of
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.estimate import PARAMETERS
+from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.simulated_run import SimulatedRun
+
+NODE = 'simulator'
+JOINT_STATES, ODOMETRY, DESCRIPTION, TRUTH = '/joint_states', '/odom', '/robot_description', f'/{NODE}/truth'
+TRUTH_FILE = 'truth.json'
+
+_TYPES = MessageTypes(find=message_class, flags=np.asarray)
+_CHUNK = 1.0  # s of the run between two looks at the progress bar
+
+_EXAMPLE = (
+    'simulate --model config/table1.urdf --params config/table1_simulator.yaml --output /tmp/table1\n'
+    '  a minute of the robot as the folder /tmp/table1: an MCAP bag, and the truth in truth.json'
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `simulate` and return its exit code."""
+    return cli.run(_main, argv)
+
+
+def _main(argv: list[str]) -> int:
+    arguments = _parser().parse(argv)
+    config = _config(arguments)
+    run = SimulatedRun(config, read_robot_description(config.robot_description_file), _TYPES)
+    begin = time.monotonic()
+    if arguments.truth is not None:
+        _write_truth(arguments.truth, run)
+    with BagWriter(arguments.output) as bag:
+        if arguments.truth is None:
+            _write_truth(arguments.output / TRUTH_FILE, run)
+        _record(run, bag)
+    print(
+        f'{bag.messages} messages, {config.duration:g} s of {run.model.name} in {time.monotonic() - begin:.1f} s: '
+        f'{cli.one_line(str(arguments.output))}'
+    )
+    return 0
+
+
+def _parser() -> cli.ArgumentParser:
+    parser = cli.ArgumentParser(
+        'simulate', 'Simulate a free-floating robot and write what its sensors say to an MCAP bag.', _EXAMPLE
+    )
+    parser.add_argument('--model', metavar='URDF', help='robot description (or the parameter robot_description_file)')
+    parser.add_argument('--params', metavar='YAML', help='parameter file of the simulator node')
+    parser.add_argument(
+        '--duration', type=cli.number(0.0, 's', exclusive=True), metavar='S', help='length of the run, s'
+    )
+    parser.add_argument('--seed', type=_seed, metavar='N', help='seed of the sensor noise')
+    parser.add_argument('--output', type=Path, default=Path('simulation'), metavar='BAG', help='folder to make')
+    parser.add_argument(
+        '--truth', type=Path, metavar='JSON', help=f'where the truth is written, instead of BAG/{TRUTH_FILE}'
+    )
+    parser.add_argument(
+        '-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter'
+    )
+    return parser
+
+
+def _seed(text: str) -> int:
+    """Return a seed from the command line.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        It is none.
+    """
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: a whole number >= 0")
+    return int(text)
+
+
+def _config(arguments: argparse.Namespace) -> SimulatorConfig:
+    """Return the parameters: the file's, then those of -p, then those with an argument of their own."""
+    values = load_parameter_file(arguments.params, NODE) if arguments.params is not None else {}
+    values |= dict(map(parse_assignment, arguments.assignments))
+    own = {'robot_description_file': arguments.model, 'duration': arguments.duration, 'seed': arguments.seed}
+    values |= {name: value for name, value in own.items() if value is not None}
+    config = build(SimulatorConfig, values)
+    if not config.robot_description_file:
+        raise ParameterError("no robot is given; accepted: --model URDF, or the parameter 'robot_description_file'")
+    if config.duration == 0.0:
+        raise ParameterError(
+            "parameter 'duration' is 0 s, which never ends; accepted: a number > 0 s (or --duration S)"
+        )
+    return config
+
+
+def _record(run: SimulatedRun, bag: BagWriter) -> None:
+    bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
+    bag.add_topic(TRUTH, 'geometry_msgs/msg/InertiaStamped', latched=True)
+    bag.add_topic(JOINT_STATES, 'sensor_msgs/msg/JointState')
+    bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
+    topics = {'joint_states': JOINT_STATES, 'odom': ODOMETRY}
+    bag.write(DESCRIPTION, run.description(), run.stamp(0.0))
+    bag.write(TRUTH, run.truth(), run.stamp(0.0))
+    duration = run.config.duration
+    with tqdm(
+        total=duration, unit='s', disable=None, leave=False, bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} s'
+    ) as bar:
+        for chunk in range(int(np.ceil(duration / _CHUNK))):
+            until = min((chunk + 1) * _CHUNK, duration)
+            for timed in run.read(until):
+                bag.write(topics[timed.topic], timed.message, run.stamp(timed.time))
+            bar.update(until - bar.n)
+
+
+def _write_truth(path: Path, run: SimulatedRun) -> None:
+    parameters = dict(zip(PARAMETERS, run.target_inertia.tolist(), strict=True))
+    truth = {
+        'robot': run.model.name,
+        'target_link': run.target.name,
+        'mass': parameters['mass'],
+        'com': [parameters[name] for name in ('com_x', 'com_y', 'com_z')],
+        'inertia': {name: parameters[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
+        'momentum': {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
+        'seed': run.config.seed,
+        'parameters': values_of(run.config),
+    }
+    path.write_text(json.dumps(truth, indent=2) + '\n', encoding='utf-8')

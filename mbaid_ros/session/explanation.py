@@ -1,0 +1,81 @@
+"""Why messages are not used, and why there is no estimate, in sentences that name what is there and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.identifier import RATE_MISSING
+from mbaid_ros.core.reorder import LATE
+from mbaid_ros.core.stream_gate import OTHER_CLOCK, ZERO_STAMP
+from mbaid_ros.core.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
+from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
+from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
+
+_APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
+
+
+def explain(session: Session, causes: Iterable[str]) -> list[str]:
+    """Return the causes of dropped messages as sentences with what the messages held and what is accepted."""
+    config = session.config
+    details = {
+        JOINT_MISSING: _lacking(session),
+        WRONG_CHILD_FRAME: _wrong_child_frame(session),
+        BAD_QUATERNION: 'its length is not 1',
+        ZERO_STAMP: 'the publisher has to fill in header.stamp',
+        LATE: f'reorder_time is {config.reorder_time:g} s',
+        OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
+        ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
+        NO_ODOMETRY: 'it had not begun, or it stayed away',
+        RATE_MISSING: 'a window needs two samples',
+    }
+    return [f'{cause}: {details[cause]}' if cause in details else cause for cause in sorted(causes)]
+
+
+def intake_warnings(session: Session) -> list[str]:
+    """Return what became of the messages that were not used, one line a cause, and what would help."""
+    dropped = session.dropped
+    told = [
+        f'{dropped[cause]} messages not used: {text}'
+        for cause, text in zip(sorted(dropped), explain(session, dropped), strict=True)
+    ]
+    return [*session.restarts, *obstacles(session), *told]
+
+
+def obstacles(session: Session) -> list[str]:
+    """Return what keeps messages that have come from becoming samples."""
+    found = [session.problem] if session.problem else []
+    if session.merge.partial and session.merge.missing:
+        found.append(f'{JOINT_MISSING}: {_lacking(session)}')
+    joints, base = (session.gates[name].newest for name in (JOINTS, ODOMETRY))
+    if joints is not None and base is not None and abs(joints - base) > _APART:
+        ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
+        found.append(
+            f'the stamps of {ahead} are {abs(joints - base) * 1e-9:.6g} s ahead of those of {behind}: '
+            f'{behind} has stopped, or their clocks differ'
+        )
+    stamps = session.merge.newest
+    if len(stamps) > 1 and not session.merge.missing:
+        slowest = min(stamps, key=lambda key: stamps[key])
+        late = max(stamps.values()) - stamps[slowest]
+        if late > _APART:
+            names = listing(session.model.joint_names[joint] for joint in slowest)
+            found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
+    return found
+
+
+def _lacking(session: Session) -> str:
+    reader, merge = session.joint_reader, session.merge
+    missing = reader.missing
+    if merge.partial and merge.missing:
+        missing = tuple(session.model.joint_names[joint] for joint in merge.missing)
+    return f'the joint states lack {listing(missing)}; they hold {listing(reader.unknown)}'
+
+
+def _wrong_child_frame(session: Session) -> str:
+    links = [f"'{link.name}'" for link in session.model.links if link.body == 0]
+    given = session.odometry_reader.other_child_frame[:60]
+    return (
+        f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "
+        'of the robot'
+    )

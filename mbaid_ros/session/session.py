@@ -1,0 +1,210 @@
+"""The run itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.attached_frame import AttachedFrame
+from mbaid_ros.core.debris import Debris, debris
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.identifier import Identifier
+from mbaid_ros.core.joint_merge import JointMerge
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.model import load_model
+from mbaid_ros.core.reorder import Reorder
+from mbaid_ros.core.samples import BaseStream, SensorNoise
+from mbaid_ros.core.stream_gate import OTHER_CLOCK, Gate
+from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
+from mbaid_ros.session.methods import make_estimator
+
+JOINTS, ODOMETRY = 'joint_states', 'odom'
+STOPPED = 'after the stop by a jump of the stamps'
+
+_UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
+_RESTARTS_KEPT = 20
+
+
+class Session:
+    """Everything between the first message and the last estimate.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    urdf : str
+        Text of the robot description.
+
+    Attributes
+    ----------
+    restarts : why it has started again by itself since the last `reset`; the latest of them
+    restarted : how often
+    problem : why it takes no more messages until `reset`; empty while it does
+
+    Raises
+    ------
+    ModelError, ParameterError
+        The robot, the target link or a combination of parameters cannot be used.
+    """
+
+    def __init__(self, config: EstimatorConfig, urdf: str) -> None:
+        self.config = config
+        self.model = load_model(urdf)
+        self.target_link = config.target_link or self.model.last_link
+        self._kernel = MomentumKernel(self.model, self.target_link)
+        self._marker = _marker(config)
+        self._threshold = round(config.time_jump_threshold * 1e9)
+        self._reorder_limit = round(config.reorder_time * 1e9)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything and start again."""
+        ignore = self.config.time_jump == 'ignore'
+        self.gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in (JOINTS, ODOMETRY)}
+        self.received: Counter[str] = Counter()
+        self.restarts: list[str] = []
+        self.restarted = 0
+        self.problem = ''
+        self._earlier: Counter[str] = Counter()  # dropped in runs that are over
+        self._used = 0
+        self._epoch = 0
+        self._ready: list[Estimate] = []
+        self._begin()
+
+    def readers(self) -> tuple[JointReader, OdometryReader]:
+        """Return readers of this session's messages as they are before the first."""
+        links = self.model.links
+        attached = {link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
+        noise = SensorNoise(**vars(self.config.noise))
+        names = frozenset(link.name for link in links)
+        odometry = OdometryReader(attached, self._marker, names, self.config.twist_frame, noise)
+        return JointReader(self.model.joint_names), odometry
+
+    def add_joint_state(self, message: Any) -> bool:
+        """Take a JointState without looking into it; return whether a window may be complete."""
+        return self._add(JOINTS, ODOMETRY, message, self.merge.hold)
+
+    def add_odometry(self, message: Any) -> bool:
+        """Take an Odometry without looking into it; return whether a window may be complete."""
+        return self._add(ODOMETRY, JOINTS, message, self._reorder.hold)
+
+    def process(self) -> list[Estimate]:
+        """Work through what has been added and return the new estimates.
+
+        How the calls are spread makes no difference to the numbers.
+
+        Raises
+        ------
+        DataError
+            The stamps have jumped back, and the parameter time_jump says that this is an error.
+        """
+        estimates = self._ready + self._work()
+        self._ready = []
+        if self.problem and not estimates:
+            raise DataError(self.problem)
+        return estimates
+
+    @property
+    def used(self) -> int:
+        """Number of samples that went into the windows."""
+        return self._used + self._identifier.used
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages that were not used, by cause."""
+        return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
+
+    def debris(self, estimate: Estimate) -> Debris | None:
+        """Return the captured body alone: the estimate less the target link's own inertia from the URDF."""
+        return debris(estimate, self._kernel.target.parameters)
+
+    def _begin(self) -> None:
+        """Make anew what a run works with."""
+        config = self.config
+        self.joint_reader, self.odometry_reader = self.readers()
+        turning = ~np.array(self.model.prismatic, dtype=bool)
+        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
+        self._reorder = Reorder[BaseStream](self._reorder_limit)
+        self._refused: Counter[str] = Counter()
+        self._identifier = Identifier(
+            make_estimator(config, self._kernel), config.window, config.maximum_gap, config.twist_frame
+        )
+        if self.restarts:
+            self._identifier.note(self.restarts[-1])
+
+    def _add(self, name: str, other: str, message: Any, hold: int) -> bool:
+        stamp = stamp_of(message)
+        gate, opposite = self.gates[name], self.gates[other]
+        behind = gate.epoch != self._epoch
+        if (behind or self.problem) and not self._takes(opposite, stamp):
+            return bool(self.problem)
+        jump = gate.take(stamp, message)
+        if jump:
+            self._jumped(name, jump)
+            gate.settle(message)
+            return True
+        if behind and gate.messages and gate.messages[-1] is message:
+            gate.epoch = self._epoch
+        end = self._identifier.end_of_window
+        return bool(opposite.messages) and (end is None or stamp >= end + hold)
+
+    def _takes(self, opposite: Gate, stamp: int) -> bool:
+        """Tell whether a message is taken although its topic has not jumped back with the other one."""
+        if self.problem:
+            self._earlier[STOPPED] += 1
+            return False
+        if opposite.newest is not None and stamp > opposite.newest + self._threshold:
+            self._earlier[OTHER_CLOCK] += 1
+            return False
+        return True
+
+    def _jumped(self, name: str, amount: int) -> None:
+        """Start again, or stop, after stamps have jumped back; the second topic to do so only follows the first."""
+        gate = self.gates[name]
+        told = f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
+        if self.config.time_jump == 'error':
+            self.problem = f'{told}; stopped, as time_jump: error says'
+        elif gate.epoch > self._epoch:
+            self._ready += self._work()
+            self._epoch = gate.epoch
+            self._earlier += self._dropped_now()
+            self._used += self._identifier.used
+            self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{told}; started again']
+            self.restarted += 1
+            self._begin()
+
+    def _work(self) -> list[Estimate]:
+        joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
+        joints, dropped_joints = self.joint_reader.read(joint_states)
+        base, dropped_base = self.odometry_reader.read(odometry)
+        self.received[JOINTS] += len(joint_states)
+        self.received[ODOMETRY] += len(odometry)
+        self._refused += dropped_joints + dropped_base
+        return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+
+    def _dropped_now(self) -> Counter[str]:
+        """Return what the current run has dropped, by cause."""
+        return self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped
+
+
+def _marker(config: EstimatorConfig) -> AttachedFrame | None:
+    """Return the frame that the parameters place on the base.
+
+    Raises
+    ------
+    ParameterError
+        The orientation is no unit quaternion.
+    """
+    quaternion = np.array(config.marker.orientation)
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > _UNIT:
+        raise ParameterError(
+            f"parameter 'marker.orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
+        )
+    if not config.marker.position:
+        return None
+    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))

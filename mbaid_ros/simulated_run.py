@@ -1,0 +1,220 @@
+"""A run of the simulator, as both faces see it: parameters go in, messages come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core import quaternions
+from mbaid_ros.core.dynamics import State
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.model import RobotModel, load_model
+from mbaid_ros.core.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.core.simulation import Simulation, total_momentum, without_linear_momentum
+from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message
+
+Topic = Literal['joint_states', 'odom']
+
+_QUATERNION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class TimedMessage:
+    """A message and when it is due.
+
+    Attributes
+    ----------
+    time : s since the start of the run
+    topic : the one it belongs on
+    message : JointState or Odometry
+    """
+
+    time: float
+    topic: Topic
+    message: Any
+
+
+class SimulatedRun:
+    """A robot in motion and the messages of its sensors.
+
+    Parameters
+    ----------
+    config : SimulatorConfig
+    urdf : str
+        Text of the robot description.
+    types : MessageTypes
+
+    Attributes
+    ----------
+    start : stamp at time 0, ns; to be set before the first message is asked for
+    model : RobotModel
+    target : the target link
+    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
+
+    Raises
+    ------
+    ModelError, ParameterError
+        The robot, or a combination of parameters, cannot be used.
+    """
+
+    def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
+        self.config = config
+        self.model = load_model(urdf)
+        self.target = self.model.link(config.target_link or self.model.last_link)
+        self._types = types
+        self.start = 0
+        motion = make_motion(config, self.model)
+        simulation = Simulation(self.model, motion, make_initial_state(config, self.model, motion), config.step)
+        self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
+        self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
+
+    @property
+    def target_inertia(self) -> Array:
+        """The target link's true (m, r_c, I_c), (10,): kg; m, link frame; kg m^2, link axes."""
+        return physical(self.target.parameters)
+
+    def description(self) -> Any:
+        """Return the robot description as a std_msgs/String."""
+        return self._types.find('std_msgs/msg/String')(data=self.model.urdf)
+
+    def truth(self) -> Any:
+        """Return the target link's true mass properties as a geometry_msgs/InertiaStamped."""
+        known = Estimate('truth', 'converged', stamp=self.start, parameters=self.target_inertia)
+        return inertia_message(known, self._types, Frames(self.target.name, self.config.odom_frame))
+
+    def clock(self, time: float) -> Any:
+        """Return a rosgraph_msgs/Clock of a time (s) since the start of the run."""
+        return self._types.find('rosgraph_msgs/msg/Clock')(clock=self._time(time))
+
+    def stamp(self, time: float) -> int:
+        """Return the stamp in ns of a time (s) since the start of the run."""
+        return self.start + round(time * 1e9)
+
+    def read(self, until: float) -> list[TimedMessage]:
+        """Return the messages due up to and including a time (s) that were not returned before, in order of time.
+
+        Raises
+        ------
+        ModelError
+            The motion has diverged.
+        """
+        joints, base = self._sensed.read(until)
+        messages = [
+            *(TimedMessage(float(time), 'odom', self._odometry(base, index)) for index, time in enumerate(base.time)),
+            *(TimedMessage(float(time), 'joint_states', self._joints(joints, i)) for i, time in enumerate(joints.time)),
+        ]
+        return sorted(messages, key=lambda message: message.time)
+
+    def _joints(self, readings: JointReadings, index: int) -> Any:
+        return self._types.find('sensor_msgs/msg/JointState')(
+            header=self._header(readings.time[index], ''),
+            name=list(self.model.joint_names),
+            position=readings.position[index],
+            velocity=readings.velocity[index],
+            effort=readings.effort[index],
+        )
+
+    def _odometry(self, readings: BaseReadings, index: int) -> Any:
+        find = self._types.find
+        pose = find('geometry_msgs/msg/Pose')(
+            position=self._of('Point', readings.position[index], 'xyz'),
+            orientation=self._of('Quaternion', readings.orientation[index], 'xyzw'),
+        )
+        twist = find('geometry_msgs/msg/Twist')(
+            linear=self._of('Vector3', readings.linear_velocity[index], 'xyz'),
+            angular=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
+        )
+        return find('nav_msgs/msg/Odometry')(
+            header=self._header(readings.time[index], self.config.odom_frame),
+            child_frame_id=self.model.base_link,
+            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=readings.pose_covariance.ravel()),
+            twist=find('geometry_msgs/msg/TwistWithCovariance')(
+                twist=twist, covariance=readings.twist_covariance.ravel()
+            ),
+        )
+
+    def _of(self, name: str, values: Array, fields: str) -> Any:
+        return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))
+
+    def _header(self, time: float, frame: str) -> Any:
+        return self._types.find('std_msgs/msg/Header')(stamp=self._time(time), frame_id=frame)
+
+    def _time(self, time: float) -> Any:
+        seconds, nanoseconds = divmod(self.stamp(time), 1_000_000_000)
+        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+
+
+def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
+    """Return the motion of the joints that the parameters ask for.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not fit the robot.
+    """
+    motion = config.motion
+    start = _joint_values('initial.joint_positions', config.initial.joint_positions, model)
+    if motion.kind == 'passive':
+        return Passive()
+    if motion.kind == 'random':
+        return random_sinusoids(
+            start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max
+        )
+    return sinusoids(start, *(np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases)))
+
+
+def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
+    """Return the state at time 0.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not fit the robot, the motion, or each other.
+    """
+    initial = config.initial
+    rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model)
+    if isinstance(motion, Sinusoids):
+        if rates.any():
+            raise ParameterError(
+                f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
+                f"'{config.motion.kind}' the motion gives the velocities: empty is accepted"
+            )
+        rates = motion.reference(0.0)[1]
+    orientation = np.array(initial.base_orientation)
+    length = float(np.linalg.norm(orientation))
+    if abs(length - 1.0) > _QUATERNION_TOLERANCE:
+        raise ParameterError(
+            f"parameter 'initial.base_orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
+        )
+    orientation /= length
+    back = quaternions.conjugate(orientation)
+    twist = (initial.base_linear_velocity, initial.base_angular_velocity)
+    linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
+    positions = _joint_values('initial.joint_positions', initial.joint_positions, model)
+    state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
+    if not initial.zero_linear_momentum:
+        return state
+    if linear.any():
+        raise ParameterError(
+            f"parameter 'initial.base_linear_velocity' is {list(initial.base_linear_velocity)} m/s; with "
+            'initial.zero_linear_momentum it follows from the other velocities: zero is accepted'
+        )
+    return without_linear_momentum(model, state)
+
+
+def _joint_values(name: str, values: tuple[float, ...], model: RobotModel) -> Array:
+    if values and len(values) != model.joints:
+        raise ParameterError(
+            f"parameter '{name}' has {len(values)} numbers; accepted: none or {model.joints}, for "
+            f'{listing(model.joint_names)}'
+        )
+    return np.array(values or (0.0,) * model.joints)

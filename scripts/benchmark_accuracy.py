@@ -1,0 +1,97 @@
+"""Monte Carlo over sensor noise: the methods' errors beside the Cramér-Rao bound, and whether their intervals hold.
+
+usage: benchmark_accuracy.py [--seeds N] [--quick] [--robots R ...] [--levels L ...] [--methods M ...] [--output FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks import accuracy_page, figures
+from benchmarks.bound import bound
+from benchmarks.data import LEVELS, ROBOTS, Case, kernel, motion, moved
+from benchmarks.methods import METHODS
+from benchmarks.runs import Job, Outcome, monte_carlo
+from benchmarks.summary import summarise
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.inertia import physical
+
+_SEEDS, _QUICK_SEEDS = 100, 8
+_TIMES = {'table1': (20.0, 60.0)}
+_TIMES_IN_SPACE = (10.0, 20.0, 60.0)
+_DRIFTS = (0.01, 0.1)  # m/s
+_OFFSETS = (1e5, 7e6)  # m
+_FIGURE = 'accuracy.svg'
+
+
+def main() -> int:
+    """Run the benchmark and return the exit code."""
+    arguments = _parse()
+    seeds = arguments.seeds or (_QUICK_SEEDS if arguments.quick else _SEEDS)
+    robots, methods = tuple(arguments.robots), tuple(arguments.methods)
+    plan = {
+        Case(robot, level): Job(_TIMES.get(robot, _TIMES_IN_SPACE), seeds)
+        for robot in robots
+        for level in arguments.levels
+    }
+    if not arguments.quick:
+        plan |= {frame: Job(job.times, (seeds + 1) // 2) for case, job in plan.items() for frame in _frames(case)}
+    truths = {robot: physical(kernel(robot).target.parameters) for robot in robots}
+    bounds = {case: bound(case, moved(motion(case.robot), case), job.times) for case, job in plan.items()}
+    outcomes = monte_carlo(plan, truths, methods, arguments.processes)
+    results = {
+        case: {method: summarise(outcome, truths[case.robot], bounds[case]) for method, outcome in by_method.items()}
+        for case, by_method in outcomes.items()
+    }
+    report = accuracy_page.Report(plan, results, _still(outcomes, truths, bounds), bounds, truths, methods)
+    for line in accuracy_page.lines(report):
+        print(line)
+    if arguments.output:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        figures.draw(report, arguments.output / _FIGURE)
+        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
+        page = accuracy_page.page(report, command, _FIGURE)
+        (arguments.output / 'accuracy.md').write_text(page, encoding='utf-8')
+    return 0
+
+
+def _frames(case: Case) -> list[Case]:
+    """Return a case of mid noise seen from other frames."""
+    if case.level != 'mid' or case.drift or case.offset:
+        return []
+    drifting = [replace(case, drift=drift) for drift in _DRIFTS]
+    return drifting + [replace(case, offset=offset) for offset in _OFFSETS]
+
+
+def _still(
+    outcomes: dict[Case, dict[str, Outcome]], truths: dict[str, Array], bounds: dict[Case, Array]
+) -> accuracy_page.Results:
+    """Return the statistics of the cases that others are frames of, over no more runs than those have."""
+    still: accuracy_page.Results = {}
+    for case in [case for case in outcomes if _frames(case) and _frames(case)[0] in outcomes]:
+        frame = outcomes[_frames(case)[0]]
+        still[case] = {
+            method: summarise(outcome.first(len(frame[method].parameters)), truths[case.robot], bounds[case])
+            for method, outcome in outcomes[case].items()
+        }
+    return still
+
+
+def _parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--seeds', type=int, metavar='N', help=f'runs of each case (default: {_SEEDS})')
+    parser.add_argument('--quick', action='store_true', help=f'{_QUICK_SEEDS} seeds, no drift, near the origin')
+    parser.add_argument('--robots', nargs='+', choices=list(ROBOTS), default=list(ROBOTS))
+    parser.add_argument('--levels', nargs='+', choices=list(LEVELS), default=list(LEVELS), help='encoder noise')
+    parser.add_argument('--methods', nargs='+', choices=list(METHODS), default=list(METHODS))
+    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
+    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write accuracy.md and its figure there')
+    return parser.parse_args()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,190 @@
+"""A day of 100 Hz data through the identification: time an update, resident memory, and the estimate, hour by hour.
+
+usage: benchmark_day.py [--hours N] [--robot R] [--level L] [--method M] [--output FOLDER]
+
+The data are made as they are needed: a motion that repeats exactly every minute, with fresh noise. They are handed over
+half a second at a time, as a live node does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from benchmarks.data import DURATION, LEVELS, RATE, ROBOTS, endless_motion, kernel, momentum_of, sensed
+from benchmarks.methods import METHODS, Identification
+from benchmarks.pages import number, provenance, table
+from mbaid_ros.core.estimate import PARAMETERS, Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.sensors import Sensors
+from mbaid_ros.core.simulation import Truth
+
+_PART = 50  # samples handed over at a time
+_MINUTES = 60  # an hour
+_WANTED_RATIO = 1.2
+
+_PAGE = """\
+# A day without a break
+
+{hours:g} hours of data of `{robot}` ({level} noise, {rate:g} Hz, joints and odometry) through method `{method}`, half a
+second at a time, as the node takes them: {updates} updates. Time is processor time of one core, reading and
+synchronising included. {provenance}
+
+An update took {ratio:.2f} times as long in the last hour as in the first one; resident memory changed by
+{growth:.1f} MB after the first hour.
+
+{hourly}
+
+At the end, error and reported standard deviation (over {parameters} parameters, the largest error is {worst:.1f}
+standard deviations):
+
+{final}
+"""
+
+
+@dataclass(frozen=True)
+class Hour:
+    """What one hour was like.
+
+    Attributes
+    ----------
+    hour : number, from 1
+    update_time : s, mean over its updates
+    memory : MB, resident at its end
+    estimate : the last one
+    updates : number
+    """
+
+    hour: float
+    update_time: float
+    memory: float
+    estimate: Estimate
+    updates: int
+
+
+def main() -> int:
+    """Run the day and return the exit code: 1 if updates became slower."""
+    arguments = _parse()
+    truth = physical(kernel(arguments.robot).target.parameters)
+    hours: list[Hour] = []
+    with tqdm(total=round(arguments.hours), unit=' h', disable=None, leave=False) as bar:
+        for hour in _hours(arguments):
+            hours.append(hour)
+            bar.update()
+    print(_hourly(hours, truth), '', _final(hours[-1].estimate, truth), sep='\n')
+    if arguments.output:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        (arguments.output / 'endurance.md').write_text(_page(arguments, hours, truth), encoding='utf-8')
+    return 0 if _ratio(hours) <= _WANTED_RATIO else 1
+
+
+def _hours(arguments: argparse.Namespace) -> Iterator[Hour]:
+    noise = LEVELS[arguments.level]
+    truth = endless_motion(arguments.robot)
+    task = Identification(kernel(arguments.robot), noise, momentum_of(arguments.robot, truth))
+    identifier = task.identifier(arguments.method)
+    sensors = Sensors(noise, seed=0)
+    for hour in range(round(arguments.hours)):
+        spent, updates, estimate = 0.0, 0, None
+        for minute in range(_MINUTES):
+            later = _later(truth, (hour * _MINUTES + minute) * DURATION)
+            for start in range(0, len(later), _PART):
+                streams = sensed(later[start : start + _PART], sensors, noise)
+                begin = time.process_time()
+                estimates = identifier.push(*streams)
+                spent += time.process_time() - begin
+                updates += len(estimates)
+                estimate = estimates[-1] if estimates else estimate
+        if estimate is None:
+            raise RuntimeError('an hour without an estimate')
+        yield Hour(hour + 1, spent / updates, _resident(), estimate, updates)
+
+
+def _later(truth: Truth, shift: float) -> Truth:
+    return replace(truth, time=truth.time + shift)
+
+
+def _resident() -> float:
+    """Return the resident memory of this process, MB."""
+    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def _ratio(hours: list[Hour]) -> float:
+    return hours[-1].update_time / hours[0].update_time
+
+
+def _normalised(estimate: Estimate, truth: Array) -> Array:
+    return (estimate.parameters - truth) / estimate.std
+
+
+def _largest(estimate: Estimate, truth: Array) -> float:
+    return max((abs(float(value)) for value in _normalised(estimate, truth) if math.isfinite(value)), default=math.nan)
+
+
+def _hourly(hours: list[Hour], truth: Array) -> str:
+    rows = [
+        [
+            f'{hour.hour:g}',
+            f'{1e3 * hour.update_time:.2f}',
+            f'{hour.memory:.1f}',
+            number(1e6 * float(hour.estimate.std[0] / truth[0]), 1),
+            number(1e6 * float(hour.estimate.parameters[0] / truth[0] - 1.0), 1),
+            number(_largest(hour.estimate, truth), 1),
+            number(hour.estimate.residual, 4),
+        ]
+        for hour in hours
+    ]
+    header = ['hour', 'update, ms', 'memory, MB', 'mass: std, ppm', 'error, ppm', 'largest error, std', 'residual']
+    return table(header, rows)
+
+
+def _final(estimate: Estimate, truth: Array) -> str:
+    rows = [
+        [name, f'{value:.6g}', f'{error:.1e}', f'{std:.1e}']
+        for name, value, error, std in zip(PARAMETERS, truth, estimate.parameters - truth, estimate.std, strict=True)
+    ]
+    return table(['parameter', 'true value, SI', 'error', 'reported std'], rows)
+
+
+def _page(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> str:
+    command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
+    last = hours[-1]
+    return _PAGE.format(
+        hours=arguments.hours,
+        robot=arguments.robot,
+        level=arguments.level,
+        rate=RATE,
+        method=arguments.method,
+        updates=sum(hour.updates for hour in hours),
+        provenance=provenance(command),
+        ratio=_ratio(hours),
+        growth=last.memory - hours[0].memory,
+        hourly=_hourly(hours, truth),
+        parameters=len(PARAMETERS),
+        worst=_largest(last.estimate, truth),
+        final=_final(last.estimate, truth),
+    )
+
+
+def _parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--hours', type=int, metavar='N', default=24)
+    parser.add_argument('--robot', choices=list(ROBOTS), default='servicer7')
+    parser.add_argument('--level', choices=list(LEVELS), default='mid', help='encoder noise')
+    parser.add_argument('--method', choices=list(METHODS), default='difference')
+    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write endurance.md there')
+    return parser.parse_args()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

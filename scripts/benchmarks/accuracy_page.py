@@ -1,0 +1,232 @@
+"""The page docs/accuracy.md: every method beside the statistical limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.data import ROBOTS, Case
+from benchmarks.methods import METHODS
+from benchmarks.pages import number, percent, provenance, table
+from benchmarks.runs import Job
+from benchmarks.summary import Summary
+from mbaid_ros.core.geometry import Array
+
+# By case, then by method: one Summary for each of the case's times.
+Results = dict[Case, dict[str, list[Summary]]]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything a page or a figure shows.
+
+    Attributes
+    ----------
+    plan : what was run of each case
+    results : statistics
+    still : the same of the cases that drifting and distant ones compare with, over as few runs
+    bounds : (T, 10) for each case
+    truths : (10,) physical parameters of each robot
+    methods : their names
+    """
+
+    plan: dict[Case, Job]
+    results: Results
+    still: Results
+    bounds: dict[Case, Array]
+    truths: dict[str, Array]
+    methods: tuple[str, ...]
+
+    def plain(self, robot: str) -> list[Case]:
+        """Return a robot's cases near the origin of a frame in which it does not drift."""
+        return [case for case in self.plan if case.robot == robot and not case.drift and not case.offset]
+
+    def robots(self) -> list[str]:
+        """Return the robots that were run."""
+        return [robot for robot in ROBOTS if self.plain(robot)]
+
+
+def page(report: Report, command: str, figure: str) -> str:
+    """Return the page as Markdown."""
+    parts = [
+        _INTRODUCTION.format(provenance=provenance(command, _seeds(report)), figure=figure),
+        _ERRORS,
+        *(_errors(report, robot) for robot in report.robots()),
+        _INTERVALS,
+        _intervals(report),
+        _UNITS,
+        _units(report),
+    ]
+    if any(case.drift or case.offset for case in report.plan):
+        parts += [_FRAMES.format(seeds=_fewest(report)), _frames(report)]
+    return '\n'.join(parts) + '\n'
+
+
+def lines(report: Report) -> Iterator[str]:
+    """Yield one line of text for each case, method and time."""
+    for case, job in report.plan.items():
+        for method in report.methods:
+            for time, summary in zip(job.times, report.results[case][method], strict=True):
+                intervals = ''
+                if summary.reports_std:
+                    intervals = (
+                        f'  coverage {np.nanmin(summary.coverage):.2f} ... {np.nanmax(summary.coverage):.2f}, '
+                        f'NEES {summary.nees:.2f} in ({summary.nees_band[0]:.2f}, {summary.nees_band[1]:.2f})'
+                    )
+                yield (
+                    f'{_label(case):32s} {method:26s} {time:3.0f} s  RMSE/bound {number(summary.median):>5s}, '
+                    f'worst {number(summary.worst):>5s} {summary.worst_name:5s}  published '
+                    f'{percent(summary.determined):>5s}{intervals}'
+                )
+
+
+def _label(case: Case) -> str:
+    drift = f' drift {1e3 * case.drift:g} mm/s' if case.drift else ''
+    return f'{case.robot} {case.level}{drift}{f" {case.offset:.0e} m away" if case.offset else ""}'
+
+
+def _ratio(summary: Summary) -> str:
+    return f'{number(summary.median)} ({number(summary.worst)})' if np.isfinite(summary.median) else '-'
+
+
+def _errors(report: Report, robot: str) -> str:
+    rows = [
+        [
+            f'{case.level}, {time:.0f} s',
+            *(_ratio(report.results[case][method][index]) for method in report.methods),
+        ]
+        for case in report.plain(robot)
+        for index, time in enumerate(report.plan[case].times)
+    ]
+    return f'**{ROBOTS[robot]}**\n\n{table(["encoders, after", *report.methods], rows)}\n'
+
+
+def _intervals(report: Report) -> str:
+    rows = [
+        [
+            f'{robot}, {case.level}, {time:.0f} s',
+            method,
+            percent(float(np.nanmean(summary.coverage))),
+            f'{percent(float(np.nanmin(summary.coverage)))} to {percent(float(np.nanmax(summary.coverage)))}',
+            number(summary.nees),
+            f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}',
+            percent(summary.determined),
+        ]
+        for robot in report.robots()
+        for case in report.plain(robot)
+        for method in report.methods
+        for time, summary in zip(report.plan[case].times, report.results[case][method], strict=True)
+        if summary.reports_std
+    ]
+    header = ['robot, encoders, after', 'method', 'coverage', 'by parameter', 'NEES', 'its 95 % band', 'published']
+    return table(header, rows) + '\n'
+
+
+def _units(report: Report) -> str:
+    rows = []
+    for robot in report.robots():
+        truth = report.truths[robot]
+        for case in report.plain(robot):
+            for label, errors in _last_errors(report, case):
+                mass, com, inertia = _in_units(errors, truth)
+                rows.append([f'{robot}, {case.level}', label, number(mass, 4), number(com, 3), number(inertia, 3)])
+    return table(['robot, encoders', 'method', 'mass, %', 'CoM, mm', 'inertia, %'], rows) + '\n'
+
+
+def _last_errors(report: Report, case: Case) -> Iterator[tuple[str, Array]]:
+    """Yield the bound's and every method's (10,) errors at the last time."""
+    yield 'bound', report.bounds[case][-1]
+    for method in report.methods:
+        yield method, report.results[case][method][-1].rmse
+
+
+def _in_units(errors: Array, truth: Array) -> tuple[float, float, float]:
+    """Return mass in %, the CoM's largest coordinate in mm, and inertia in %, the largest I_ij over sqrt(I_ii I_jj)."""
+    size = np.sqrt(truth[[4, 4, 4, 7, 7, 9]] * truth[[4, 7, 9, 7, 9, 9]])
+    inertia = errors[4:] / size
+    return (
+        100.0 * float(errors[0] / truth[0]),
+        1e3 * float(np.nanmax(errors[1:4], initial=0.0)) if np.any(np.isfinite(errors[1:4])) else np.nan,
+        100.0 * float(np.nanmax(inertia)) if np.any(np.isfinite(inertia)) else np.nan,
+    )
+
+
+def _frames(report: Report) -> str:
+    rows = []
+    for case in [*report.still, *(case for case in report.plan if case.drift or case.offset)]:
+        results = report.results if case.drift or case.offset else report.still
+        rows.append(
+            [f'{case.robot}, {_frame(case)}', *(_ratio(results[case][method][-1]) for method in report.methods)]
+        )
+    return table(['robot, frame', *report.methods], sorted(rows, key=lambda row: row[0].partition(',')[0])) + '\n'
+
+
+def _frame(case: Case) -> str:
+    if case.offset:
+        return f'{case.offset / 1e3:g} km away'
+    return f'drifts {1e3 * case.drift:g} mm/s' if case.drift else 'at rest at the origin'
+
+
+def _fewest(report: Report) -> int:
+    return min(job.seeds for job in report.plan.values())
+
+
+def _seeds(report: Report) -> str:
+    seeds = {job.seeds for job in report.plan.values()}
+    fewer = ', '.join(f'every {METHODS[name].every}th for {name}' for name in report.methods if METHODS[name].every > 1)
+    return f'{max(seeds)} seeds a row{f" ({fewer})" if fewer else ""}'
+
+
+_INTRODUCTION = """\
+# Accuracy
+
+How far the estimates are from the truth, beside the smallest error that the data allow, and whether the intervals that
+are reported hold what they promise. {provenance}
+
+![Error over the bound and coverage]({figure})
+
+The data: the robots of `config/`, moving as their `*_simulator.yaml` says; joints and odometry at 100 Hz with white
+noise, fresh for every seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the encoders 1e-5 rad
+and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each run is one pass of
+60 s; what it says after 10, 20 and 60 s is compared.
+
+The bound is the Cramér-Rao bound of the model that takes each sample by itself: the momentum equations of every sample,
+the noise of its sensors in all of their terms, unknown body and unknown total momentum (in the plane: four unknowns of
+the body and three of momentum). A method that links the samples, as `trajectory` does, knows more and may lie below.
+`paper_main` is *given* the true total angular momentum, and the methods of the paper assume that the linear momentum is
+zero: they know things that the bound does not; their recursion, with its forgetting factor of 0.99 a sample, is the
+paper's.
+"""
+
+_ERRORS = """\
+## Error over the bound
+
+RMSE over the bound: the median over the parameters and (in brackets) the worst of them. A dash: the method determined
+nothing in any run.
+"""
+
+_INTERVALS = """\
+## Reported uncertainty
+
+How often the reported 95 % intervals hold the truth (over all parameters, and for the parameter with the fewest and
+the most), and the error in the metric of the reported covariance (NEES, a parameter: 1 is right, more is
+overconfident) with the band that holds 95 % of such averages. *Published*: the share of runs in which every parameter
+was.
+"""
+
+_UNITS = """\
+## In units
+
+RMSE at the end of the runs: mass, the CoM's worst coordinate, the inertia's worst element (relative to
+sqrt(I_ii I_jj)).
+"""
+
+_FRAMES = """\
+## Drifting, and far from the origin
+
+The same runs at *mid* noise, seen from a frame in which the system drifts, so that its linear momentum is not zero, or
+with the base far from the odometry's origin. RMSE over the bound at the end of the runs, median (worst), over
+{seeds} seeds in every row: the same seeds, so that rows of one robot can be compared closely.
+"""

@@ -1,0 +1,168 @@
+"""The robots of config/ in motion, and what sensors of three qualities say of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.dynamics import State
+from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.model import RobotModel, load_model
+from mbaid_ros.core.motion import Sinusoids
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from mbaid_ros.core.sensors import Sensors
+from mbaid_ros.core.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.core.synchroniser import Synchroniser
+from mbaid_ros.simulated_run import make_initial_state, make_motion
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+ROBOTS = {
+    'table1': 'Table 1 of the paper (planar, 4 joints)',
+    'servicer7': 'servicer7 (7 joints)',
+    'ets7': 'ets7 (6 joints)',
+}
+RATE = 100.0  # Hz
+DURATION = 60.0  # s
+MAXIMUM_GAP = 0.1  # s
+_DIRECTION = np.array([2.0, 1.0, 2.0]) / 3.0  # of drift and offset
+
+
+def _noise(encoder: float) -> SensorNoise:
+    return SensorNoise(
+        joint_position=encoder,
+        joint_velocity=10.0 * encoder,
+        base_position=1e-3,
+        base_orientation=1e-4,
+        base_linear_velocity=1e-3,
+        base_angular_velocity=1e-4,
+    )
+
+
+# Quality of the encoders; that of the navigation is the same throughout.
+LEVELS = {'low': _noise(1e-5), 'mid': _noise(1e-4), 'high': _noise(1e-3)}
+_SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One situation that the methods are compared in.
+
+    Attributes
+    ----------
+    robot : name of a URDF of config/
+    level : quality of the encoders
+    drift : m/s, velocity of the whole system's centre of mass in the odometry frame
+    offset : m, distance of the base from the odometry origin
+    """
+
+    robot: str
+    level: str
+    drift: float = 0.0
+    offset: float = 0.0
+
+    @property
+    def noise(self) -> SensorNoise:
+        """What the sensors add."""
+        return LEVELS[self.level]
+
+
+@cache
+def model(robot: str) -> RobotModel:
+    """Return a robot of config/."""
+    return load_model(read_robot_description(CONFIG / f'{robot}.urdf'))
+
+
+@cache
+def kernel(robot: str) -> MomentumKernel:
+    """Return the momentum kernel of a robot whose last link is unknown."""
+    return MomentumKernel(model(robot), model(robot).last_link)
+
+
+@cache
+def motion(robot: str, rate: float = RATE) -> Truth:
+    """Return the true motion of a robot, as config/<robot>_simulator.yaml has it, at 0 ... 60 s."""
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator'))
+    driven = make_motion(config, model(robot))
+    simulation = Simulation(model(robot), driven, make_initial_state(config, model(robot), driven), config.step)
+    return simulation.advance(np.arange(round(DURATION * rate) + 1) / rate)
+
+
+def endless_motion(robot: str) -> Truth:
+    """Return one period (60 s) of a motion that repeats exactly, at rest at its start, with no momentum at all.
+
+    All joints follow cosines with whole numbers of periods a minute: in the second half minute they go back the way
+    they came. Without momentum the base's pose depends on their path alone, so it comes back too.
+    """
+    joints = model(robot).joints
+    order = np.arange(joints)
+    cycles = np.column_stack((1 + order % 3, 4 + order % 4)) * 1.0
+    driven = Sinusoids(
+        start=0.3 * np.cos(order),
+        amplitude=np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order)),
+        frequency=cycles / DURATION,
+        phase=np.full(cycles.shape, 0.5 * np.pi),
+    )
+    rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
+    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(DURATION * RATE)) / RATE)
+
+
+def moved(truth: Truth, case: Case) -> Truth:
+    """Return a motion seen from another frame: drifting, or far from its origin."""
+    drift = case.drift * _DIRECTION
+    velocity = np.broadcast_to(drift, truth.base_position.shape)
+    rotation = rotation_from_quaternion(truth.base_orientation)
+    return replace(
+        truth,
+        base_position=truth.base_position + truth.time[:, None] * drift + case.offset * _DIRECTION,
+        base_linear_velocity=truth.base_linear_velocity + rotate_back(rotation, velocity),
+    )
+
+
+def momentum_of(robot: str, truth: Truth) -> Array:
+    """Return the true (6,) total momentum, about the odometry origin."""
+    return total_momentum(model(robot), truth[:1])[0]
+
+
+def readings(truth: Truth, noise: SensorNoise, seed: int | None) -> tuple[JointStream, BaseStream]:
+    """Return what sensors say of a motion; without a seed they are right, but do not know it.
+
+    Parameters
+    ----------
+    truth : the motion
+    noise : one standard deviation of each channel
+    seed : of the noise
+    """
+    return sensed(truth, Sensors(_SILENT, 0) if seed is None else Sensors(noise, seed), noise)
+
+
+def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStream, BaseStream]:
+    """Return what given sensors say of a motion, with the covariances of a given noise."""
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    stamp = np.round(truth.time * 1e9).astype(np.int64)
+    rotation = rotation_from_quaternion(base.orientation)
+    shape = (len(truth), 6, 6)
+    return JointStream(stamp, joints.position, joints.velocity), BaseStream(
+        stamp=stamp,
+        position=base.position,
+        rotation=rotation,
+        linear_velocity=rotate(rotation, base.linear_velocity),
+        angular_velocity=rotate(rotation, base.angular_velocity),
+        pose_covariance=np.broadcast_to(noise.pose_covariance(), shape),
+        twist_covariance=np.broadcast_to(noise.twist_covariance(), shape),
+    )
+
+
+def exact_samples(truth: Truth, noise: SensorNoise) -> Samples:
+    """Return noise-free samples that carry the covariances of noisy ones."""
+    samples = Synchroniser(MAXIMUM_GAP).push(*readings(truth, noise, None))
+    if samples is None:
+        raise ValueError('no samples')
+    return samples

@@ -1,0 +1,70 @@
+"""The methods compared: one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmarks.data import MAXIMUM_GAP
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.identifier import Identifier
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
+from mbaid_ros.session import make_estimator
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of the registry.
+
+    Attributes
+    ----------
+    settings : what it is told besides the noise; the true total angular momentum it gets if it has to be told one
+    every : it runs for every so many seeds: to tell factors of a hundred apart takes fewer
+    """
+
+    settings: Mapping[str, object]
+    every: int = 1
+
+
+METHODS = {
+    'difference': Method({'method': 'difference'}),
+    'trajectory': Method({'method': 'trajectory'}),
+    'paper_main': Method({'method': 'paper_main'}, every=5),
+    'paper_difference previous': Method({'method': 'paper_difference', 'paper.reference': 'previous'}, every=5),
+    'paper_difference first': Method({'method': 'paper_difference', 'paper.reference': 'first'}, every=5),
+}
+
+
+@dataclass(frozen=True)
+class Identification:
+    """One method at work on one robot.
+
+    Attributes
+    ----------
+    kernel : of the robot
+    noise : of its sensors
+    momentum : (6,) the true total, of which paper_main is given L_0
+    """
+
+    kernel: MomentumKernel
+    noise: SensorNoise
+    momentum: Array
+
+    def identifier(self, method: str, settings: Mapping[str, object] | None = None) -> Identifier:
+        """Return a method of the registry, ready for its first measurement."""
+        values: dict[str, object] = {
+            'paper.total_angular_momentum': [float(value) for value in self.momentum[3:]],
+            **{f'noise.{name}': value for name, value in vars(self.noise).items()},
+            **METHODS[method].settings,
+            **(settings or {}),
+        }
+        config = build(EstimatorConfig, values)
+        return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP)
+
+    def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:
+        """Return all estimates of one run."""
+        return self.identifier(method).push(joints, base)

@@ -1,0 +1,51 @@
+"""Markdown: tables, and what a page says of where its numbers come from."""
+
+from __future__ import annotations
+
+import datetime as dt
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False) -> str:
+    """Return a Markdown table; the first column to the left, the others to the right unless they hold words."""
+    lines = [header, ['---', *['---' if words else '---:'] * (len(header) - 1)], *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
+
+
+def number(value: float, digits: int = 2) -> str:
+    """Return a number for a table: a dash for NaN, no decimals from 100 on."""
+    if not np.isfinite(value):
+        return '-'
+    if abs(value) >= 1e4:
+        return f'{value:.0e}'.replace('e+0', 'e')
+    return f'{value:.0f}' if abs(value) >= 100.0 else f'{value:.{digits}f}'
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent, a dash for NaN."""
+    return f'{100.0 * share:.0f} %' if np.isfinite(share) else '-'
+
+
+def provenance(command: str, note: str = '') -> str:
+    """Return the line that says how, where and when a page's numbers were made."""
+    today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
+    parts = [f'Written by `{command}`', note, f'{machine()}', today]
+    return '; '.join(part for part in parts if part) + '.'
+
+
+def machine() -> str:
+    """Return processor, Python and NumPy in words."""
+    return f'{_processor()}, one core a run, Python {platform.python_version()}, NumPy {np.__version__}'
+
+
+def _processor() -> str:
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,102 @@
+"""Write config/estimator.yaml, and the tables of parameters in the documents, from the declarations.
+
+usage: write_parameters.py    (with `install/setup.bash` sourced; a test compares the files with the dataclasses)
+
+In a document the table stands between `<!-- parameters of X -->` and `<!-- end of parameters -->`.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import textwrap
+from pathlib import Path
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import ParameterSpec, Value, specifications
+from mbaid_ros.config.recorder import RecorderConfig
+from mbaid_ros.config.simulator import SimulatorConfig
+
+ROOT = Path(__file__).resolve().parents[1]
+PATH = ROOT / 'config' / 'estimator.yaml'
+DECLARED: dict[str, type] = {
+    'estimator': EstimatorConfig,
+    'simulator': SimulatorConfig,
+    'recorder': RecorderConfig,
+}
+DOCUMENTS = (ROOT / 'README.md', ROOT / 'docs' / 'simulator.md')
+PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
+WIDTH = 120
+
+HEADER = """\
+# Every parameter of the estimator with its default: copy it, change what you need, leave out the rest.
+#
+#   ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml
+#   ros2 run mbaid_ros replay BAG --model robot.urdf --params estimator.yaml
+#
+# In every list write all numbers with a decimal point: ROS does not take whole and broken numbers in one list.
+# Written by scripts/write_parameters.py from the declarations in mbaid_ros/config/estimator.py.
+/**:
+  ros__parameters:
+"""
+
+
+def text() -> str:
+    """Return the content of the file."""
+    lines: list[str] = []
+    group = ''
+    for spec in specifications(EstimatorConfig).values():
+        prefix, _, name = spec.name.rpartition('.')
+        indent = '    ' + '  ' * bool(prefix)
+        if prefix != group:
+            lines += ['', f'    {prefix}:']
+            group = prefix
+        elif lines:
+            lines.append('')
+        comment = f'{indent}# '
+        lines += textwrap.wrap(spec.description, WIDTH, initial_indent=comment, subsequent_indent=comment)
+        if spec.accepted not in ('a string', 'true or false'):
+            lines.append(f'{comment}Accepted: {spec.accepted}.')
+        lines.append(f'{indent}{name}: {_written(spec.default)}')
+    return HEADER + '\n'.join(lines) + '\n'
+
+
+def with_tables(document: str) -> str:
+    """Return a document with the tables in it up to date."""
+    return PLACE.sub(lambda found: f'{found[1]}{table(DECLARED[found[2]])}{found[3]}', document)
+
+
+def table(declared: type) -> str:
+    """Return the parameters of a dataclass as a table in Markdown."""
+    rows = [
+        f'| `{spec.name}` | `{_written(spec.default)}` | {spec.unit} | {_meaning(spec)} |'
+        for spec in specifications(declared).values()
+    ]
+    return '\n'.join(['| parameter | default | unit | meaning |', '|---|---|---|---|', *rows]) + '\n'
+
+
+def _meaning(spec: ParameterSpec) -> str:
+    """Return the description with the choices, where it does not name them itself."""
+    unnamed = [choice for choice in spec.choices if not re.search(rf'\b{choice}\b', spec.description)]
+    choices = ', '.join(f'`{choice}`' for choice in spec.choices)
+    text = spec.description.replace('<', '&lt;')
+    return f'{text} One of {choices}.' if unnamed else text
+
+
+def _written(value: Value) -> str:
+    """Return a value as YAML that ROS reads as the same type."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f'[{", ".join(map(_written, value))}]'
+    if isinstance(value, float):
+        mantissa, separator, exponent = repr(value).partition('e')
+        return (mantissa if '.' in mantissa else f'{mantissa}.0') + separator + exponent
+    return str(value) if value != '' else "''"
+
+
+if __name__ == '__main__':
+    PATH.write_text(text(), encoding='utf-8')
+    for path in DOCUMENTS:
+        path.write_text(with_tables(path.read_text(encoding='utf-8')), encoding='utf-8')
+    sys.stdout.writelines(f'{path}\n' for path in (PATH, *DOCUMENTS))

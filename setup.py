@@ -1,0 +1,46 @@
+"""Installation of the ROS 2 package mbaid_ros; built by colcon."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'mbaid_ros'
+
+
+def files(folder: str, pattern: str) -> list[str]:
+    """Return the files of a folder, relative to this one, as setuptools wants them."""
+    return sorted(str(path) for path in Path(folder).glob(pattern))
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Momentum-based inertia identification of captured debris on free-floating robots.',
+    license='Apache-2.0',
+    maintainer='mbaid_ros maintainers',
+    maintainer_email='maintainers@mbaid-ros.example.org',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    python_requires='>=3.10',
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=True,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', files('config', '*.*')),
+        # Bags name the type of every message: replay needs the definitions, not the built interface package.
+        (f'share/{PACKAGE}/msg', files('msg_defs/msg', '*.msg')),
+    ],
+    entry_points={
+        'console_scripts': [
+            'simulator = mbaid_ros.nodes.simulator:main',
+            'estimator = mbaid_ros.nodes.estimator:main',
+            'recorder = mbaid_ros.nodes.recorder:main',
+            'player = mbaid_ros.nodes.player:main',
+            'watch = mbaid_ros.nodes.watch:main',
+            'simulate = mbaid_ros.replay.simulate:main',
+            'replay = mbaid_ros.replay.replay:main',
+            'export = mbaid_ros.replay.export:main',
+        ],
+    },
+)

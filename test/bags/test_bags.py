@@ -1,0 +1,255 @@
+"""Bags: what is written is read back, by others too; what is no bag is said to be none."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+
+from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, message_types, serialize
+from mbaid_ros.core.errors import DataError
+from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
+
+ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
+
+
+@pytest.mark.parametrize('bare', [False, True], ids=['folder', 'file'])
+def test_what_is_written_is_read_back(recorded: Path, mcap: Path, *, bare: bool) -> None:
+    with BagReader(mcap if bare else recorded) as bag:
+        assert {name: (topic.type, topic.count) for name, topic in bag.topics.items()} == {
+            '/robot_description': (STRING, 1),
+            '/joint_states': (JOINT_STATE, COUNT),
+        }
+        assert bag.topics['/robot_description'].latched
+        assert not bag.topics['/joint_states'].latched
+        assert not bag.topics['/joint_states'].reliable
+        read = list(bag.read(['/robot_description', '/joint_states']))
+        assert [topic for topic, _, _ in read] == ['/robot_description'] + ['/joint_states'] * COUNT
+        assert [time for _, _, time in read] == [0, *(1 + index * 10_000_000 for index in range(COUNT))]
+        assert read[0][1].data == '<robot/>'
+        np.testing.assert_array_equal(read[7][1].position, joint_state(6).position)
+        assert read[7][1].header.stamp.nanosec == 60_000_000
+        assert bag.warnings == []
+
+
+def test_only_the_topics_asked_for_are_read(recorded: Path) -> None:
+    with BagReader(recorded) as bag:
+        assert [topic for topic, _, _ in bag.read(['/robot_description'])] == ['/robot_description']
+        assert list(bag.raw([])) == []
+
+
+def test_other_readers_understand_the_bag(recorded: Path, mcap: Path) -> None:
+    with AnyReader([recorded]) as reader:
+        assert reader.message_count == COUNT + 1
+    with mcap.open('rb') as stream:
+        reader_of_mcap = make_reader(stream, validate_crcs=True)
+        messages = list(reader_of_mcap.iter_messages(log_time_order=False))
+        assert len(messages) == COUNT + 1
+        summary = reader_of_mcap.get_summary()
+        assert summary is not None
+        assert {index.compression for index in summary.chunk_indexes} == {'zstd'}
+
+
+def test_the_own_message_goes_there_and_back() -> None:
+    store: Any = message_types()
+    cls = store.types[ESTIMATE]
+    vector = store.types['geometry_msgs/msg/Vector3']
+    time = store.types['builtin_interfaces/msg/Time'](sec=1, nanosec=2)
+    message = cls(
+        header=store.types['std_msgs/msg/Header'](stamp=time, frame_id='link7'),
+        method='difference',
+        status='converged',
+        inertia=store.types['geometry_msgs/msg/Inertia'](
+            m=1.0, com=vector(0.0, 1.0, 2.0), ixx=1.0, ixy=0.0, ixz=0.0, iyy=1.0, iyz=0.0, izz=1.0
+        ),
+        covariance=np.arange(100.0),
+        identifiable=np.arange(10) > 4,
+        momentum_frame='odom',
+        linear_momentum=vector(0.0, 0.0, 0.0),
+        angular_momentum=vector(0.0, 0.0, 0.0),
+        momentum_covariance=np.zeros(36),
+        residual=1.0,
+        time_offset=np.nan,
+        time_offset_std=np.nan,
+        consistency_correction=0.0,
+        samples=5,
+        span=store.types['builtin_interfaces/msg/Duration'](sec=1, nanosec=0),
+        warnings=['one', 'two'],
+    )
+    read = deserialize(serialize(message, ESTIMATE), ESTIMATE)
+    assert read.status == 'converged'
+    assert read.warnings == ['one', 'two']
+    np.testing.assert_array_equal(read.covariance, message.covariance)
+    np.testing.assert_array_equal(read.identifiable, message.identifiable)
+
+
+def test_an_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='exists already'):
+        BagWriter(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(DataError, match='cannot be made'):
+        BagWriter(tmp_path / 'file' / 'bag')
+
+
+def test_an_unknown_type_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag, pytest.raises(DataError, match="'no_msgs/msg/Thing' is not known"):
+        bag.add_topic('/thing', 'no_msgs/msg/Thing')
+
+
+def test_a_type_that_is_only_installed_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / 'share' / 'other_msgs' / 'msg'
+    folder.mkdir(parents=True)
+    (folder / 'Outer.msg').write_text('std_msgs/Header header\nInner[] parts  # of this package\nuint8 A=1\n')
+    (folder / 'Inner.msg').write_text('float64 value\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/thing', 'other_msgs/msg/Outer')
+    inner = message_class('other_msgs/msg/Inner')(value=2.0)
+    outer = message_class('other_msgs/msg/Outer')(header=joint_state(0).header, parts=[inner])
+    assert deserialize(serialize(outer, 'other_msgs/msg/Outer'), 'other_msgs/msg/Outer').parts == [inner]
+
+
+def test_a_topic_has_one_type(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/a', STRING)
+        bag.add_topic('/a', STRING)
+        with pytest.raises(DataError, match='cannot also be'):
+            bag.add_topic('/a', JOINT_STATE)
+
+
+def test_an_error_while_writing_leaves_a_complete_bag(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with BagWriter(tmp_path / 'bag') as bag:
+            bag.add_topic('/a', STRING)
+            bag.write('/a', string('x'), 1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert len(everything(tmp_path / 'bag')[0]) == 1
+
+
+def test_parts_of_a_folder_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in (10, 9):
+        with BagWriter(tmp_path / f'part_{number}') as bag:
+            bag.add_topic('/a', STRING)
+            bag.write('/a', string(str(number)), number)
+        (tmp_path / f'part_{number}' / f'part_{number}.mcap').rename(tmp_path / f'bag_{number}.mcap')
+    with BagReader(tmp_path) as bag_of_parts:
+        assert [message.data for _, message, _ in bag_of_parts.read(['/a'])] == ['9', '10']
+
+
+def test_a_bag_in_sqlite3(tmp_path: Path) -> None:
+    with RosbagsWriter(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection('/a', STRING, typestore=message_types())
+        for index in range(20):
+            writer.write(connection, index, serialize(string(str(index)), STRING))
+    for path in (tmp_path / 'bag', tmp_path / 'bag' / 'bag.db3'):
+        with BagReader(path) as bag:
+            assert [message.data for _, message, _ in bag.read(['/a'])] == [str(index) for index in range(20)]
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    assert len(everything(tmp_path / 'bag')[0]) == 20
+
+
+@pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+@pytest.mark.parametrize('chunked', [True, False])
+def test_mcap_files_of_other_writers(tmp_path: Path, compression: CompressionType, *, chunked: bool) -> None:
+    path = tmp_path / 'other.mcap'
+    with path.open('wb') as stream:
+        writer: Any = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=4000)
+        writer.start(profile='', library='other')
+        schema = writer.register_schema(STRING, 'ros2msg', b'string data')
+        channel = writer.register_channel('/a', 'cdr', schema)
+        for index in range(300):
+            data = serialize(string(f'text {index}'), STRING)
+            writer.add_message(channel, log_time=index, data=data, publish_time=index)
+        writer.finish()
+    with BagReader(path) as bag:
+        assert [time for _, _, time in bag.read(['/a'])] == list(range(300))
+        assert bag.warnings == []
+    path.write_bytes(path.read_bytes()[: -200 if chunked else -600])
+    with BagReader(path) as bag:
+        times = [time for _, _, time in bag.read(['/a'])]
+        assert times == list(range(len(times)))
+        assert len(times) > 200
+        assert 'cut off' in bag.warnings[0]
+
+
+def no_bag_file(folder: Path) -> Path:
+    (folder / 'x.mcap').write_bytes(b'not a bag at all' * 100)
+    return folder / 'x.mcap'
+
+
+def empty_file(folder: Path) -> Path:
+    (folder / 'x.mcap').touch()
+    return folder / 'x.mcap'
+
+
+def text_file(folder: Path) -> Path:
+    (folder / 'x.txt').write_text('hello')
+    return folder / 'x.txt'
+
+
+def other_database(folder: Path) -> Path:
+    with sqlite3.connect(folder / 'x.db3') as database:
+        database.execute('CREATE TABLE things (id INTEGER)')
+    return folder / 'x.db3'
+
+
+def bag_without_messages(folder: Path) -> Path:
+    with BagWriter(folder / 'x') as bag:
+        bag.add_topic('/a', STRING)
+    return folder / 'x'
+
+
+@pytest.mark.parametrize(
+    ('make', 'text'),
+    [
+        (lambda folder: folder / 'absent', 'does not exist'),
+        (lambda folder: folder, 'is not a bag'),
+        (no_bag_file, 'is not a bag; accepted: a rosbag2 folder'),
+        (empty_file, 'is not a bag'),
+        (text_file, 'is not a bag'),
+        (other_database, 'is not a bag'),
+        (bag_without_messages, 'holds no messages'),
+    ],
+)
+def test_what_is_no_bag_is_said_to_be_none(tmp_path: Path, make: Any, text: str) -> None:
+    path = make(tmp_path)
+    with pytest.raises(DataError, match=text) as caught:
+        BagReader(path)
+    assert str(path) in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_what_is_required_is_named_with_what_is_there(recorded: Path) -> None:
+    with BagReader(recorded) as bag:
+        bag.require('/joint_states', JOINT_STATE)
+        with pytest.raises(
+            DataError, match=r"no topic '/odom'; topics: /joint_states \(sensor_msgs/msg/JointState\), "
+        ):
+            bag.require('/odom', 'nav_msgs/msg/Odometry')
+        with pytest.raises(DataError, match='is of type std_msgs/msg/String; accepted: sensor_msgs/msg/JointState'):
+            bag.require('/robot_description', JOINT_STATE)
+
+
+def test_a_message_that_is_not_of_its_type(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/a', JOINT_STATE)
+        bag.write_raw('/a', b'\x00\x01\x00\x00\x01', 5)
+    with (
+        BagReader(tmp_path / 'bag') as reader,
+        pytest.raises(DataError, match=r"on topic '/a' .* is not a sensor_msgs"),
+    ):
+        list(reader.read(['/a']))

@@ -1,0 +1,113 @@
+"""ROS parameter files: which section speaks to a node, how numbers are read, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.core.errors import ParameterError
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / 'parameters.yaml'
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ('section', 'node'),
+    [
+        ('/**', 'estimator'),
+        ('/**', '/arm/estimator'),
+        ('estimator', 'estimator'),
+        ('/estimator', 'estimator'),
+        ('/arm/estimator', 'estimator'),
+        ('/arm/estimator', '/arm/estimator'),
+        ('/*/estimator', '/arm/estimator'),
+        ('/**/estimator', '/left/arm/estimator'),
+        ('/**/estimator', 'estimator'),
+        ('/arm/*', '/arm/estimator'),
+        ('/*', 'estimator'),
+    ],
+)
+def test_sections_that_apply(tmp_path: Path, section: str, node: str) -> None:
+    path = write(tmp_path, f'{section}:\n  ros__parameters:\n    window: 2.0\n')
+    assert load_parameter_file(path, node) == {'window': 2.0}
+
+
+@pytest.mark.parametrize(
+    ('section', 'node'),
+    [
+        ('simulator', 'estimator'),
+        ('/leg/estimator', '/arm/estimator'),
+        ('/*', '/arm/estimator'),
+        ('estimato', 'estimator'),
+    ],
+)
+def test_sections_that_do_not_apply(tmp_path: Path, section: str, node: str) -> None:
+    path = write(tmp_path, f'{section}:\n  ros__parameters:\n    window: 2.0\n')
+    with pytest.raises(ParameterError, match='has no section for node') as caught:
+        load_parameter_file(path, node)
+    assert section.strip('/') in str(caught.value)
+
+
+def test_namespaces_may_be_nested(tmp_path: Path) -> None:
+    path = write(tmp_path, 'arm:\n  estimator:\n    ros__parameters:\n      window: 2.0\n')
+    assert load_parameter_file(path, '/arm/estimator') == {'window': 2.0}
+
+
+def test_names_may_be_nested_or_dotted_and_a_later_section_wins(tmp_path: Path) -> None:
+    text = """
+        /**:
+          ros__parameters:
+            noise: {joint_position: 1.0, base_position: 3}
+            window: 1.0
+        estimator:
+          ros__parameters:
+            noise.joint_position: 2.0
+    """
+    values = load_parameter_file(write(tmp_path, text), 'estimator')
+    assert values == {'noise.joint_position': 2.0, 'noise.base_position': 3, 'window': 1.0}
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'), [('1e6', 1e6), ('1e-4', 1e-4), ('-2.5E+3', -2500.0), ('.5e1', 5.0), ("'1e6'", '1e6')]
+)
+def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str, value: object) -> None:
+    path = write(tmp_path, f'/**:\n  ros__parameters:\n    x: {text}\n')
+    assert load_parameter_file(path, 'estimator') == {'x': value}
+
+
+def test_an_empty_section_is_no_parameters(tmp_path: Path) -> None:
+    assert load_parameter_file(write(tmp_path, '/**:\n  ros__parameters:\n'), 'estimator') == {}
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'has no section'),
+        ('- 1\n- 2\n', 'has no section'),
+        ('window: 1.0\n', "'window' stands outside a section"),
+        ('estimator:\n  window: 1.0\n', "'window' stands outside a section"),
+        ('/**:\n  ros__parameters: 5\n', "must hold 'name: value' pairs"),
+        ('a: [1, 2\nb: }', 'is not YAML'),
+        ('x: !!python/object/apply:os.system [ls]', 'is not YAML'),
+        ('x: ' + '1' * 5000, 'is not YAML'),
+    ],
+)
+def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        load_parameter_file(write(tmp_path, text), 'estimator')
+    assert message in str(caught.value)
+    assert 'parameters.yaml' in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match='No such file'):
+        load_parameter_file(tmp_path / 'absent.yaml', 'estimator')
+    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ParameterError, match='not text'):
+        load_parameter_file(tmp_path / 'binary.yaml', 'estimator')

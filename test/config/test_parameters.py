@@ -1,0 +1,132 @@
+"""Parameters: what is accepted, and what an error says."""
+
+from __future__ import annotations
+
+import array
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from mbaid_ros.config.parameters import build, parameter, specifications, values_of
+from mbaid_ros.core.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A group."""
+
+    ratio: float = parameter(0.5, 'A ratio.', minimum=0.0, maximum=1.0, exclusive_minimum=True)
+    names: tuple[str, ...] = parameter((), 'Names.')
+
+
+@dataclass(frozen=True)
+class Outer:
+    """One parameter of each type, and a group."""
+
+    enabled: bool = parameter(False, 'A switch.', read_only=False)
+    count: int = parameter(3, 'A count.', minimum=0)
+    length: float = parameter(1.0, 'A length.', unit='m')
+    kind: str = parameter('round', 'A shape.', choices=('round', 'square'))
+    axis: tuple[float, ...] = parameter((), 'An axis.', unit='m', lengths=(0, 3))
+    inner: Inner = field(default_factory=Inner)
+
+
+def test_specifications_are_in_order_with_dotted_names() -> None:
+    specs = specifications(Outer)
+    assert list(specs) == ['enabled', 'count', 'length', 'kind', 'axis', 'inner.ratio', 'inner.names']
+    assert [spec.type for spec in specs.values()] == [
+        'bool', 'integer', 'double', 'string', 'double_array', 'double', 'string_array',
+    ]  # fmt: skip
+    assert specs['length'].unit == 'm'
+    assert specs['inner.ratio'].default == 0.5
+    assert not specs['enabled'].read_only
+    assert specs['count'].read_only
+
+
+@pytest.mark.parametrize(
+    'values',
+    [{'inner': {'ratio': 1, 'names': ['a']}}, {'inner.ratio': 1, 'inner.names': ('a',)}],
+    ids=['nested', 'dotted'],
+)
+def test_build_takes_nested_and_dotted_names(values: dict[str, object]) -> None:
+    assert build(Outer, values) == Outer(inner=Inner(ratio=1.0, names=('a',)))
+
+
+def test_an_integer_is_a_double_and_stays_one() -> None:
+    built = build(Outer, {'length': 2, 'axis': [0, 0, 1]})
+    assert isinstance(built.length, float)
+    assert all(isinstance(item, float) for item in built.axis)
+
+
+def test_an_array_of_rclpy_is_a_list_of_numbers() -> None:
+    assert build(Outer, {'axis': array.array('d', [1.0, 2.0, 3.0])}).axis == (1.0, 2.0, 3.0)
+
+
+def test_an_empty_list_of_a_parameter_file_comes_from_ros_as_no_value() -> None:
+    assert build(Outer, {'inner': {'names': None}, 'axis': None}) == Outer()
+
+
+def test_values_of_is_the_inverse_of_build() -> None:
+    built = build(Outer, {'inner': {'ratio': 0.25}, 'axis': [1, 2, 3], 'enabled': True})
+    assert build(Outer, values_of(built)) == built
+
+
+def test_names_of_ros_itself_are_left_alone() -> None:
+    assert build(Outer, {'use_sim_time': True, 'qos_overrides': {'/odom': {'depth': 1}}}) == Outer()
+
+
+def test_an_unknown_name_lists_the_known_ones_closest_first() -> None:
+    with pytest.raises(ParameterError) as caught:
+        build(Outer, {'inner': {'ration': 1.0}})
+    text = str(caught.value)
+    assert text.startswith("unknown parameter 'inner.ration'; known: inner.ratio, ")
+    assert all(name in text for name in specifications(Outer))
+
+
+def test_a_name_given_twice_is_refused() -> None:
+    with pytest.raises(ParameterError, match='given twice'):
+        build(Outer, {'inner': {'ratio': 1.0}, 'inner.ratio': 1.0})
+
+
+@pytest.mark.parametrize(
+    ('values', 'text'),
+    [
+        ({'enabled': 1}, "parameter 'enabled' is 1; accepted: true or false"),
+        ({'count': True}, "parameter 'count' is true; accepted: a whole number >= 0"),
+        ({'count': 1.0}, "parameter 'count' is 1.0; accepted: a whole number >= 0"),
+        ({'count': -1}, "parameter 'count' is -1; accepted: a whole number >= 0"),
+        ({'count': 2**63}, "parameter 'count' is 9223372036854775808; accepted: a whole number >= 0"),
+        ({'length': True}, "parameter 'length' is true; accepted: a number m"),
+        ({'length': '1'}, "parameter 'length' is '1'; accepted: a number m"),
+        ({'length': None}, "parameter 'length' is None; accepted: a number m"),
+        ({'length': math.nan}, "parameter 'length' is nan m; accepted: a number m"),
+        ({'length': -math.inf}, "parameter 'length' is -inf m; accepted: a number m"),
+        ({'length': [1.0]}, "parameter 'length' is [1.0]; accepted: a number m"),
+        ({'inner.ratio': 0.0}, "parameter 'inner.ratio' is 0.0; accepted: a number > 0 and <= 1"),
+        ({'inner.ratio': 1.1}, "parameter 'inner.ratio' is 1.1; accepted: a number > 0 and <= 1"),
+        ({'kind': 'oval'}, "parameter 'kind' is 'oval'; accepted: round, square"),
+        ({'kind': 7}, "parameter 'kind' is 7; accepted: round, square"),
+        ({'axis': [1, 2]}, "parameter 'axis' is [1, 2]; accepted: a list of numbers (empty or of length 3) m"),
+        ({'axis': [1, 2, math.nan]}, 'a list of numbers'),
+        ({'axis': 'abc'}, "parameter 'axis' is 'abc'; accepted: a list of numbers"),
+        ({'inner.names': 'abc'}, "parameter 'inner.names' is 'abc'; accepted: a list of strings"),
+        ({'inner.names': ['a', 1]}, "accepted: a list of strings"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_is_named_in_one_line(values: dict[str, object], text: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        build(Outer, values)
+    assert text in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_long_value_is_shortened() -> None:
+    with pytest.raises(ParameterError) as caught:
+        build(Outer, {'length': 'x\n' * 10_000})
+    assert len(str(caught.value)) < 200
+
+
+def test_a_number_too_large_for_a_double_is_refused() -> None:
+    with pytest.raises(ParameterError, match='length'):
+        build(Outer, {'length': 10**400})

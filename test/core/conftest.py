@@ -1,0 +1,37 @@
+"""The simulated runs that several tests share: each is computed once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.simulation import Truth
+from observed import configured_motion
+
+RATE = 20.0  # Hz
+# Errors of an integrator of order 6 at this step: 1e-10 of the momentum over a minute.
+STEP = 0.05  # s
+
+
+@pytest.fixture(scope='session')
+def spatial_minute() -> Truth:
+    """Return a minute of the seven-joint servicer, all its joints in motion, without linear momentum."""
+    return configured_motion('servicer7', 60.0, RATE, STEP)
+
+
+@pytest.fixture(scope='session')
+def spatial(spatial_minute: Truth) -> Truth:
+    """Return the first 20 s of that minute."""
+    return spatial_minute[spatial_minute.time < 20.0 - 1e-9]
+
+
+@pytest.fixture(scope='session')
+def planar() -> Truth:
+    """Return a minute of the paper's case, 50 samples a second."""
+    return configured_motion('table1', 60.0, 50.0, STEP)
+
+
+@pytest.fixture(scope='session')
+def drift() -> np.ndarray[tuple[int], np.dtype[np.floating]]:
+    """Return the direction that drifting systems drift in."""
+    return np.array([0.6, -0.3, np.sqrt(0.55)])

@@ -1,0 +1,174 @@
+"""Rotations by the axioms of their group, products by their identities, and every function batch by batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core import geometry
+from mbaid_ros.core.geometry import Array
+
+COUNT = 200
+# A few rounding errors of numbers of size one.
+ROUNDING = 1e-14
+
+
+def rotation_vectors(count: int = COUNT, seed: int = 0) -> Array:
+    """Return rotation vectors in all directions, with angles from 0 to just below pi."""
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=(count, 3))
+    angle = np.linspace(0.0, np.pi - 1e-6, count)
+    return angle[:, None] * direction / np.linalg.norm(direction, axis=1)[:, None]
+
+
+def rotations(count: int = COUNT, seed: int = 0) -> Array:
+    return geometry.exp(rotation_vectors(count, seed))
+
+
+def vectors(seed: int) -> Array:
+    return np.random.default_rng(seed).normal(size=(COUNT, 3))
+
+
+def symmetric(seed: int) -> Array:
+    matrix = np.random.default_rng(seed).normal(size=(COUNT, 3, 3))
+    return np.asarray(matrix + np.swapaxes(matrix, 1, 2))
+
+
+def test_exponentials_are_rotations() -> None:
+    matrix = rotations()
+    assert matrix @ np.swapaxes(matrix, 1, 2) == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=ROUNDING)
+    assert np.linalg.det(matrix) == pytest.approx(np.ones(COUNT), abs=ROUNDING)
+
+
+def test_exponentials_of_one_axis_add_their_angles() -> None:
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    left, right = geometry.exp(0.7 * axis), geometry.exp(-1.9 * axis)
+    assert left @ right == pytest.approx(geometry.exp(-1.2 * axis), abs=ROUNDING)
+    assert left @ geometry.exp(-0.7 * axis) == pytest.approx(np.eye(3), abs=ROUNDING)
+
+
+def test_an_exponential_turns_by_the_right_hand_rule() -> None:
+    turn = geometry.exp(np.array([0.0, 0.0, np.pi / 2.0]))
+    assert turn @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0], abs=ROUNDING)
+
+
+def test_the_logarithm_inverts_the_exponential_at_every_angle() -> None:
+    vector = rotation_vectors()
+    # Near pi the angle is as well conditioned as elsewhere: the quaternion, not the trace, gives it.
+    assert geometry.log(geometry.exp(vector)) == pytest.approx(vector, abs=10.0 * ROUNDING)
+
+
+@pytest.mark.parametrize('angle', [0.0, 1e-300, 1e-12, 1e-8, 1e-4])
+def test_the_logarithm_of_a_small_turn(angle: float) -> None:
+    vector = angle * np.array([0.6, 0.0, -0.8])
+    found = geometry.log(geometry.exp(vector))
+    # 1 is added to the elements: an angle has the absolute precision of 1.
+    assert found == pytest.approx(vector, rel=1e-15, abs=2e-16)
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize('axis', [*np.eye(3), *-np.eye(3), np.array([0.6, -0.8, 0.0]), -np.ones(3) / np.sqrt(3.0)])
+def test_half_a_turn_comes_back_as_half_a_turn(axis: Array) -> None:
+    matrix = geometry.exp(np.pi * axis)
+    vector = geometry.log(matrix)
+    assert np.linalg.norm(vector) == pytest.approx(np.pi, abs=ROUNDING)
+    # Both directions of the axis are the same half turn.
+    assert geometry.exp(vector) == pytest.approx(matrix, abs=ROUNDING)
+
+
+def test_the_logarithm_of_more_than_half_a_turn_goes_the_other_way() -> None:
+    axis = np.array([0.0, 0.6, 0.8])
+    assert geometry.log(geometry.exp(4.0 * axis)) == pytest.approx((4.0 - 2.0 * np.pi) * axis, abs=ROUNDING)
+
+
+@pytest.mark.parametrize('largest', range(4))
+def test_quaternions_from_each_of_their_four_components(largest: int) -> None:
+    # The largest component decides which row the quaternion is taken from.
+    quaternion = np.array([0.1, -0.2, 0.15, -0.05])
+    quaternion[largest] = 0.9
+    quaternion /= np.linalg.norm(quaternion)
+    found = geometry.quaternion_from_rotation(geometry.rotation_from_quaternion(quaternion))
+    assert found == pytest.approx(quaternion, abs=ROUNDING)
+
+
+def test_quaternions_and_rotations_convert_into_each_other() -> None:
+    matrix = rotations()
+    quaternion = geometry.quaternion_from_rotation(matrix)
+    assert np.linalg.norm(quaternion, axis=1) == pytest.approx(np.ones(COUNT), abs=ROUNDING)
+    assert geometry.rotation_from_quaternion(quaternion) == pytest.approx(matrix, abs=ROUNDING)
+    assert geometry.rotation_from_quaternion(-3.0 * quaternion) == pytest.approx(matrix, abs=ROUNDING)
+
+
+def test_the_quaternion_has_the_order_of_ros() -> None:
+    quarter_about_x = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x, y, z, w
+    assert geometry.rotation_from_quaternion(quarter_about_x) == pytest.approx(
+        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), abs=ROUNDING
+    )
+
+
+def test_products_of_vectors() -> None:
+    a, b, rotation = vectors(1), vectors(2), rotations()
+    product = np.cross(a, b)
+    assert geometry.cross(a, b) == pytest.approx(product, abs=ROUNDING)
+    assert geometry.rotate(geometry.skew(a), b) == pytest.approx(product, abs=ROUNDING)
+    # R (a x b) = R a x R b
+    assert geometry.rotate(rotation, product) == pytest.approx(
+        geometry.cross(geometry.rotate(rotation, a), geometry.rotate(rotation, b)), abs=10.0 * ROUNDING
+    )
+    assert geometry.rotate_back(rotation, geometry.rotate(rotation, a)) == pytest.approx(a, abs=10.0 * ROUNDING)
+
+
+def test_the_bracket_turns_the_product_of_inertia_and_vector_round() -> None:
+    inertia, vector = symmetric(3), vectors(4)
+    product = geometry.rotate(inertia, vector)
+    assert geometry.rotate(geometry.bracket(vector), geometry.vec(inertia)) == pytest.approx(product, abs=ROUNDING)
+    # The paper's correction: R I R^T w = R bracket(R^T w) vec(I).
+    rotation = rotations()
+    turned = rotation @ inertia @ np.swapaxes(rotation, 1, 2)
+    back = geometry.bracket(geometry.rotate_back(rotation, vector))
+    assert geometry.rotate(rotation @ back, geometry.vec(inertia)) == pytest.approx(
+        geometry.rotate(turned, vector), abs=10.0 * ROUNDING
+    )
+
+
+def test_six_numbers_are_a_symmetric_matrix() -> None:
+    matrix = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]])
+    assert geometry.vec(matrix).tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert np.array_equal(geometry.unvec(geometry.vec(symmetric(5))), symmetric(5))
+
+
+FUNCTIONS: list[tuple[Callable[..., Array], tuple[Array, ...]]] = [
+    (geometry.skew, (vectors(6),)),
+    (geometry.bracket, (vectors(6),)),
+    (geometry.unvec, (np.random.default_rng(7).normal(size=(COUNT, 6)),)),
+    (geometry.vec, (symmetric(8),)),
+    (geometry.exp, (rotation_vectors(),)),
+    (geometry.log, (rotations(),)),
+    (geometry.quaternion_from_rotation, (rotations(),)),
+    (geometry.rotation_from_quaternion, (np.random.default_rng(9).normal(size=(COUNT, 4)),)),
+    (geometry.cross, (vectors(10), vectors(11))),
+    (geometry.rotate, (rotations(), vectors(12))),
+    (geometry.rotate_back, (rotations(), vectors(12))),
+]
+
+
+@pytest.mark.parametrize(('function', 'arguments'), FUNCTIONS, ids=lambda value: getattr(value, '__name__', ''))
+def test_a_batch_is_its_elements_to_the_last_bit(function: Callable[..., Array], arguments: tuple[Array, ...]) -> None:
+    together = function(*arguments)
+    for size in (1, 3, 16):
+        cuts = range(0, COUNT, size)
+        parts = [function(*(argument[cut : cut + size] for argument in arguments)) for cut in cuts]
+        assert np.array_equal(np.concatenate(parts), together)
+    # Without the leading axis, and with two of them.
+    assert np.array_equal(function(*(argument[17] for argument in arguments)), together[17])
+    folded = function(*(argument.reshape(4, COUNT // 4, *argument.shape[1:]) for argument in arguments))
+    assert np.array_equal(folded.reshape(together.shape), together)
+
+
+def test_a_rotation_is_spread_over_many_vectors() -> None:
+    rotation, many = rotations()[50], vectors(13)
+    assert geometry.rotate(rotation, many) == pytest.approx(many @ rotation.T, abs=ROUNDING)
+    assert geometry.rotate_back(rotation, many) == pytest.approx(many @ rotation, abs=ROUNDING)
+    assert geometry.cross(many[0], many) == pytest.approx(np.cross(many[0], many), abs=ROUNDING)

@@ -1,0 +1,108 @@
+"""One identification from its first measurement on: the same windows reach the method, however the streams are cut."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
+from mbaid_ros.core.samples import Samples, Stamps
+from measured import base_stream, joint_stream, piece
+
+START = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+class Recorder:
+    """A method that keeps the windows it is given."""
+
+    method = 'recorder'
+
+    def __init__(self, *, needs_rates: bool = True) -> None:
+        self.needs_rates = needs_rates
+        self.windows: list[Samples] = []
+        self.origins: set[int] = set()
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Keep the windows and return an empty estimate for each."""
+        assert windows
+        self.windows += windows
+        self.origins.add(origin)
+        return [Estimate('recorder', 'estimating', time=float(window.time[-1])) for window in windows]
+
+
+def every(milliseconds: float, count: int) -> Stamps:
+    return START + np.round(milliseconds * 1e6 * np.arange(count)).astype(np.int64)
+
+
+def same(left: Samples, right: Samples) -> bool:
+    return all(
+        np.array_equal(getattr(left, item.name), getattr(right, item.name), equal_nan=True) for item in fields(Samples)
+    )
+
+
+@given(cuts=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_pieces_do_not_matter(cuts: int) -> None:
+    joints, base = joint_stream(every(10.0, 300)), base_stream(every(16.0, 200))
+    # Some velocities are missing: taken from the positions of their window.
+    velocity = joints.velocity.copy()
+    velocity[120:130, 1] = np.nan
+    joints = replace(joints, velocity=velocity)
+    whole, pieces = Recorder(), Recorder()
+    together, one = Identifier(whole, 0.5, 0.1), Identifier(pieces, 0.5, 0.1)
+    expected = together.push(joints, base)
+    rng = np.random.default_rng(cuts)
+    found: list[Estimate] = []
+    first, second = 0, 0
+    while first < 300 or second < 200:
+        step = rng.integers(0, 40, 2)
+        found += one.push(piece(joints, first, first + step[0]), piece(base, second, second + step[1]))
+        first, second = first + int(step[0]), second + int(step[1])
+    assert all(same(left, right) for left, right in zip(pieces.windows, whole.windows, strict=True))
+    assert [x.warnings for x in found] == [x.warnings for x in expected]
+    assert (one.used, one.dropped, one.end_of_window) == (together.used, together.dropped, together.end_of_window)
+    assert pieces.origins == {START}
+
+
+def test_the_end_of_the_open_window_is_known() -> None:
+    assert Identifier(Recorder(), 0.5, 0.1).end_of_window is None
+    identifier = Identifier(Recorder(), 0.5, 0.1)
+    identifier.push(joint_stream(every(10.0, 30)), base_stream(every(10.0, 31)))
+    assert identifier.end_of_window == START + SECOND // 2
+    assert identifier.used == 30
+    # Nothing is estimated before a sample has closed the window.
+    assert identifier.push(joint_stream(every(10.0, 51)[30:]), base_stream(every(10.0, 51)[31:50])) == []
+    assert len(identifier.push(None, base_stream(every(10.0, 51)[50:]))) == 1
+
+
+@pytest.mark.parametrize('missing', ['joints', 'base'])
+def test_missing_velocities_are_told(missing: str) -> None:
+    joints, base = joint_stream(every(10.0, 120)), base_stream(every(10.0, 120))
+    if missing == 'joints':
+        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
+    else:
+        base = replace(base, angular_velocity=np.full_like(base.angular_velocity, np.nan))
+    recorder = Recorder()
+    estimates = Identifier(recorder, 0.5, 0.1).push(joints, base)
+    assert {x.warnings for x in estimates} == {(JOINT_RATES_DERIVED if missing == 'joints' else TWIST_DERIVED,)}
+    for window in recorder.windows:
+        assert np.isfinite(window.joint_velocity).all()
+        assert np.isfinite(window.base_angular_velocity).all()
+    bare = Recorder(needs_rates=False)
+    Identifier(bare, 0.5, 0.1).push(joints, base)
+    velocity = bare.windows[0].joint_velocity if missing == 'joints' else bare.windows[0].base_angular_velocity
+    assert np.isnan(velocity).all()
+
+
+def test_a_window_too_short_for_a_derivative_is_dropped() -> None:
+    joints, base = joint_stream(every(300.0, 6)), base_stream(every(300.0, 6))
+    identifier = Identifier(Recorder(), 0.2, 1.0)
+    assert identifier.push(replace(joints, velocity=np.full_like(joints.velocity, np.nan)), base) == []
+    assert identifier.dropped[RATE_MISSING] == 5
+    assert identifier.used == 1

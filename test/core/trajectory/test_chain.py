@@ -1,0 +1,210 @@
+"""A window of the error chain: exact on exact data, linear in what the state says, and as noisy as it claims."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from derivatives import central_difference
+from floating import true_momentum
+from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, WindowModel, window_model
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, midpoints
+from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from observed import MID, drifting, kernel, observe
+
+LENGTH = 0.5  # s, of the window
+START = 4.0  # s
+JOINT = 1e-4  # rad
+LATE = 0.005  # s
+SWAP = np.array([3, 4, 5, 0, 1, 2])
+
+
+@pytest.fixture(scope='module')
+def robot() -> MomentumKernel:
+    return kernel('servicer7')
+
+
+@pytest.fixture(scope='module')
+def exact(servicer: Truth) -> Samples:
+    """Return exact samples of a servicer that tumbles and drifts."""
+    return observe(drifting(servicer, np.array([0.02, -0.01, 0.03])), MID)
+
+
+@pytest.fixture(scope='module')
+def point(robot: MomentumKernel, exact: Samples) -> Array:
+    """Return the true parameters, (P, L) about the odometry origin."""
+    return np.concatenate((true_momentum(robot, exact)[0], robot.target.parameters))
+
+
+def window_of(samples: Samples, spacing: float) -> Window:
+    """Return the window at START, with its neighbours, of samples that are free of noise."""
+    begin = START - BEFORE * spacing
+    count = BEFORE + round(LENGTH / spacing) + AFTER
+    first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
+    nodes = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
+    assert nodes is not None
+    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
+    return Window(nodes, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
+
+
+def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array:
+    x = np.zeros(len(point) + 13)
+    x[:6] = 0.0 if error is None else error
+    x[PARAMETERS], x[DELAY] = point, delay
+    return x
+
+
+def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
+    """Return what pose and twist leave unexplained, and the pose error at the next window."""
+    return (
+        model.pose_value - model.pose_rows @ x,
+        model.twist_value - model.twist_rows @ x,
+        model.transition @ x + model.drift,
+    )
+
+
+def test_exact_data_leave_nothing(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    found = [residuals(window_model(robot, window_of(exact, spacing), point), state(point)) for spacing in (0.1, 0.05)]
+    sizes = np.array([[np.abs(part).max() for part in parts] for parts in found])
+    # A hundredth of the standard deviation that any of them has at the lowest noise, 1e-6.
+    assert np.all(sizes[1] < 1e-8)
+    assert np.all(sizes[1] < sizes[0] / 3.0)
+
+
+def test_parameters_act_as_the_rows_say(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    window = window_of(exact, 0.05)
+    model = window_model(robot, window, point)
+
+    def constants(change: Array) -> Array:
+        """Return what is left with the state at the linearisation point."""
+        shifted = point + change
+        pose, twist, drift = residuals(window_model(robot, window, shifted), state(shifted))
+        return np.concatenate((pose, twist, drift))
+
+    expected = central_difference(constants, np.zeros(16), 1e-4 * np.maximum(np.abs(point), 1.0))
+    rows = np.concatenate((-model.pose_rows, -model.twist_rows, model.transition))[:, PARAMETERS]
+    # The rows leave out the fourth-order corrections: a part in a thousand of the motion within an interval.
+    for group in (slice(0, 6), slice(6, 12), slice(12, 18)):
+        assert rows[group] == pytest.approx(expected[group], abs=2e-4 * np.abs(expected[group]).max())
+
+
+@pytest.mark.parametrize('axis', range(6))
+def test_a_measured_pose_that_is_off(robot: MomentumKernel, exact: Samples, point: Array, axis: int) -> None:
+    error = np.zeros(6)
+    error[axis] = 1e-3
+    back = exp(-error[:3])
+    # The twist is measured in base axes, and turned by the measured orientation.
+    off = replace(
+        exact,
+        base_rotation=back @ exact.base_rotation,
+        base_position=exact.base_position - error[3:],
+        base_linear_velocity=rotate(back, exact.base_linear_velocity),
+        base_angular_velocity=rotate(back, exact.base_angular_velocity),
+    )
+    model = window_model(robot, window_of(off, 0.05), point)
+    pose, twist, after = residuals(model, state(point, error))
+    # What is left is of second order in the error; without F it would be 1e-3 times the speed, 1e-5.
+    assert after == pytest.approx(error, abs=2e-7)
+    assert pose == pytest.approx(-error, abs=2e-7)
+    assert twist == pytest.approx(np.zeros(6), abs=2e-7)
+
+
+def late(samples: Samples, delay: float) -> Samples:
+    """Return samples whose joints are those of a moment before."""
+    curve = CubicSpline(samples.time, samples.joint_position)
+    return replace(samples, joint_position=curve(samples.time - delay))
+
+
+def test_late_joints_act_as_the_delay_says(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    moving = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
+    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (START + 0.02, START + LENGTH + 0.02))
+    parts = []
+    for delay in (LATE, -LATE):
+        model = window_model(robot, window_of(late(exact, delay), 0.05), point)
+        # A chain that is late lies behind by what the base moves in that time.
+        parts.append(np.concatenate(residuals(model, state(point, -delay * first, delay))) / (2.0 * LATE))
+    pose, twist, after = ((plus - minus) for plus, minus in zip(*(np.split(part, 3) for part in parts), strict=True))
+    # Central differences over 10 ms: the motion's own time is seconds.
+    size = np.abs(moving).max()
+    assert pose == pytest.approx(np.zeros(6), abs=3e-3 * size)
+    assert twist == pytest.approx(np.zeros(6), abs=3e-3 * size)
+    assert after == pytest.approx(-last, abs=3e-3 * size)
+    # And the column is not nothing.
+    model = window_model(robot, window_of(exact, 0.05), point)
+    assert np.abs(model.pose_rows[:, DELAY]).max() > 0.3 * size
+    assert np.abs(model.twist_rows[:, DELAY]).max() > 0.01 * size
+
+
+def _second(values: Array) -> Array:
+    inner = np.diff(values, n=2, axis=0)
+    return np.concatenate((inner[:1], inner, inner[-1:]))
+
+
+class JointNoise:
+    """How an error of every joint at every node moves what a window says: exact, for it is linear."""
+
+    def __init__(self, robot: MomentumKernel, exact: Samples, point: Array) -> None:
+        self.window = window_of(exact, 0.05)
+        self.model = window_model(robot, self.window, point)
+        middle = midpoints(self.window.nodes, self.window.spacing)
+        twist = predict(robot, middle, point).twist
+        gain = joint_gains(robot, middle, twist, point[6:])[0][:, SWAP]
+        # The gain at the window's first node.
+        begin = self.window.inside.start
+        gain = 0.5 * (gain[begin - 1] + gain[begin])
+        columns = []
+        for node, joint in np.ndindex(self.window.nodes.joint_position.shape):
+            changed = []
+            for size in (JOINT, -JOINT):
+                error = np.zeros_like(self.window.nodes.joint_position)
+                error[node, joint] = size
+                # What of it the differences integrate to.
+                centre = error - 0.5 * self.window.nodes.spread[:, None] * _second(error)
+                whole = centre - _second(centre) / 24.0
+                changed.append(self._left(robot, point, error, gain @ whole[begin]))
+            columns.append((changed[0] - changed[1]) / (2.0 * JOINT))
+        samples_a_node = self.window.noise.samples * self.window.spacing / LENGTH
+        rows = np.stack(columns, axis=1) * JOINT / np.sqrt(samples_a_node)
+        self.covariance = rows @ rows.T
+
+    def _left(self, robot: MomentumKernel, point: Array, error: Array, first: Array) -> Array:
+        nodes = replace(self.window.nodes, joint_position=self.window.nodes.joint_position + error)
+        assert isinstance(nodes, Nodes)
+        model = window_model(robot, replace(self.window, nodes=nodes), point)
+        # The chain begins displaced by what the first node's error makes of the pose.
+        pose, twist, _ = residuals(model, state(point, first))
+        return np.concatenate((pose, twist))
+
+
+def test_covariances_are_those_of_the_joints_noise(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    noise = JointNoise(robot, exact, point)
+    for place, claimed in enumerate((noise.model.pose_covariance, noise.model.twist_covariance)):
+        part = slice(6 * place, 6 * place + 6)
+        ratio = np.diag(noise.covariance[part, part]) / np.diag(claimed)
+        # One gain stands for the window's, and the fourth-order formulas stir the noise a little.
+        assert np.all((ratio > 0.8) & (ratio < 1.35))
+
+
+def test_what_accumulates_of_the_joints_noise(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    window = window_of(exact, 0.05)
+    columns = []
+    for joint in range(robot.model.joints):
+        # An error of a few nodes within the window, none at its ends: what is left of it at the next window's node.
+        error = np.zeros_like(window.nodes.joint_position)
+        error[BEFORE + 3 : BEFORE + 8, joint] = 1.0
+        after = []
+        for size in (JOINT, -JOINT):
+            nodes = replace(window.nodes, joint_position=window.nodes.joint_position + size * error)
+            after.append(residuals(window_model(robot, replace(window, nodes=nodes), point), state(point))[2])
+        columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
+    remainder = np.stack(columns, axis=1)
+    claimed = window_model(robot, window, point).process
+    expected = (JOINT * LENGTH) ** 2 / window.noise.samples * remainder @ remainder.T
+    assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())

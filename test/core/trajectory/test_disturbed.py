@@ -1,0 +1,118 @@
+"""What disturbs a run: found, named and allowed for, or warned of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.stats import chi2
+
+from floating import errors, float_freely, follow, make, normalised, true_momentum
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.motion import Sinusoids
+from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.trajectory.chain import FORCE
+from mbaid_ros.core.trajectory.coordinates import body_sizes
+from observed import MID, kernel, observe, windows
+
+SECONDS = 20.0
+FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
+PULSE = np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3])  # N s, N m s
+PULSED = 12.2  # s
+LATE = 0.005  # s
+# Ten parameters, one run in a thousand.
+LIMIT = float(chi2.isf(1e-3, 10))
+
+
+@pytest.fixture(scope='module')
+def robot() -> MomentumKernel:
+    return kernel('servicer7')
+
+
+@pytest.fixture(scope='module')
+def momentum(robot: MomentumKernel, servicer: Truth) -> Array:
+    return true_momentum(robot, observe(servicer[:1], MID))[0]
+
+
+def test_the_two_simulations_agree(robot: MomentumKernel, servicer: Truth, joints: Sinusoids, momentum: Array) -> None:
+    free = float_freely(robot, joints, momentum, 5.0)
+    # Lagrangian dynamics and conserved momentum: the same motion, to the integrators' errors.
+    assert free.base_position == pytest.approx(servicer.base_position[: len(free)], abs=1e-9)
+
+
+def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array) -> None:
+    truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
+    last = follow(robot, observe(truth, MID, 4), MID, adapt=True)[-1]
+    (event,) = last.events
+    assert event.kind == 'step'
+    assert PULSED - 0.5 <= event.time <= PULSED + 0.5
+    # A twentieth of a kilogram-metre a second: three standard deviations of a momentum known from a few seconds.
+    assert event.linear == pytest.approx(PULSE[:3], abs=0.15)
+    assert event.angular == pytest.approx(PULSE[3:], abs=0.15)
+    assert normalised(last, robot) < LIMIT
+    assert last.status in {'estimating', 'converged'}
+
+
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
+def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
+    def push(_time: float, rotation: Array, position: Array) -> Array:
+        turn = rotation if axes == 'body' else np.eye(3)
+        force, torque = turn @ FORCE_TORQUE[:3], turn @ FORCE_TORQUE[3:]
+        return np.concatenate((force, np.cross(position, force) + torque))
+
+    truth = float_freely(robot, joints, momentum, SECONDS, push=push)
+    estimator = make(robot, MID, adapt=True)
+    last = estimator.update(windows(observe(truth, MID, 5)), 0)[-1]
+    assert any(
+        f'constant force or torque acts, in {"base" if axes == "body" else axes} axes' in x for x in last.warnings
+    )
+    assert normalised(last, robot) < LIMIT
+    tracker = estimator._tracker
+    assert tracker is not None
+    mean, covariance = tracker.state()
+    error = mean[FORCE] - FORCE_TORQUE
+    assert float(error @ np.linalg.solve(covariance[FORCE, FORCE], error)) < chi2.isf(1e-3, 6)
+    # Without the hypothesis the force is taken for inertia.
+    assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
+
+
+def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth) -> None:
+    walk = np.cumsum(1e-4 * np.random.default_rng(7).normal(size=(len(servicer), 3)), axis=0)
+    samples = observe(servicer, MID, 6)
+    samples = replace(samples, base_position=samples.base_position + walk)
+    last = follow(robot, samples, MID, adapt=True)[-1]
+    assert any('odometry position drifts' in warning for warning in last.warnings)
+    assert normalised(last, robot) < LIMIT
+    assert not last.events
+
+
+def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Truth) -> None:
+    last = follow(robot, observe(servicer, MID, 8), MID, adapt=True)[-1]
+    assert not last.warnings
+    assert not last.events
+
+
+def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
+    curve = CubicSpline(servicer.time, servicer.joint_position)
+    late = replace(servicer, joint_position=curve(servicer.time - LATE))
+    last = follow(robot, observe(late, MID, 7), MID)[-1]
+    assert abs(last.time_offset - LATE) < 3.0 * last.time_offset_std
+    assert last.time_offset_std < 2e-4
+    assert normalised(last, robot) < LIMIT
+
+
+def test_known_bodies_that_are_a_little_wrong(robot: MomentumKernel, servicer: Truth) -> None:
+    rng = np.random.default_rng(8)
+    change = np.array([0.01 * rng.normal(size=10) * body_sizes(x) if x[0] > 0.0 else np.zeros(10) for x in robot.known])
+    wrong = robot.corrected(change)
+    samples = observe(servicer, MID, 8)
+    exact, allowed = (follow(wrong, samples, MID, known_std=deviation)[-1] for deviation in (0.0, 0.01))
+    assert normalised(allowed, robot) < LIMIT
+    assert allowed.status in {'estimating', 'converged'}
+    # Taken for exact they lead far astray, which shows.
+    assert np.any(np.abs(errors(exact, robot)) > 3.0 * exact.std)
+    assert exact.status == 'inconsistent'
+    assert 'does not explain the data' in exact.warnings[-1]

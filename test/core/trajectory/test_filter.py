@@ -1,0 +1,189 @@
+"""The Kalman filter over windows: least squares, done one window at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
+from mbaid_ros.core.trajectory.filter import (
+    Belief,
+    Coordinates,
+    Walk,
+    advance,
+    jolted,
+    prepare,
+    unlinked,
+    update,
+)
+
+STATE = 29
+STILL = Walk('nothing drifts')
+
+
+def variables(rng: np.random.Generator) -> Coordinates:
+    scale = rng.uniform(0.5, 2.0, STATE)
+    return Coordinates(np.eye(STATE), scale, np.eye(6), rng.uniform(1.0, 4.0, STATE))
+
+
+def positive(rng: np.random.Generator, size: float = 1.0) -> Array:
+    root = rng.normal(size=(6, 8))
+    return size * root @ root.T
+
+
+def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
+    turn = 0.1 * rng.normal(size=(6, STATE))
+    turn[:, :6] += np.eye(6)
+    turn[:, FORCE] = 0.0
+    return WindowModel(
+        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
+        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
+        transition=turn,
+        drift=rng.normal(size=6),
+        process=process * positive(rng),
+        length=0.5,
+        rotation=np.eye(3),
+        position=rng.normal(size=3),
+    )
+
+
+def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, Array, float]:
+    """Return the least-squares state at the last window's end, its covariance, and the log-likelihood of all values.
+
+    All values as one linear function of the first state, without process noise.
+    """
+    rows, values, noise = [], [], []
+    whole: Array = np.eye(STATE)
+    constant: Array = np.zeros(STATE)
+    for model in models:
+        for value, part, covariance in (
+            (model.pose_value, model.pose_rows, model.pose_covariance),
+            (model.twist_value, model.twist_rows, model.twist_covariance),
+        ):
+            rows.append(part @ whole)
+            values.append(value - part @ constant)
+            noise.append(covariance)
+        step = np.eye(STATE)
+        step[:6] = model.transition
+        whole, constant = step @ whole, step @ constant
+        constant[:6] += model.drift
+    matrix, value = np.concatenate(rows), np.concatenate(values)
+    sigma = np.zeros((len(value), len(value)))
+    for index, covariance in enumerate(noise):
+        sigma[6 * index : 6 * index + 6, 6 * index : 6 * index + 6] = covariance
+    prior = coordinates.open_variance.copy()
+    prior[FORCE] = 0.0
+    total = (matrix * prior) @ matrix.T + sigma
+    gain = np.linalg.solve(total, matrix * prior).T
+    mean, covariance = gain @ value, np.diag(prior) - gain @ (matrix * prior)
+    likelihood = float(multivariate_normal(np.zeros(len(value)), total).logpdf(value))
+    return whole @ mean + constant, whole @ covariance @ whole.T, likelihood + 0.5 * len(value) * np.log(2.0 * np.pi)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_filter_is_least_squares(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    coordinates = variables(rng)
+    models = [window(rng) for _ in range(4)]
+    belief = coordinates.open()
+    for model in models:
+        step = prepare(model, coordinates)
+        belief = advance(update(belief, step), step, coordinates, STILL)
+    mean, covariance, likelihood = batch(models, coordinates)
+    spread = coordinates.spread
+    assert spread @ belief.mean == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    assert spread @ belief.covariance @ spread.T == pytest.approx(covariance, rel=1e-8, abs=1e-8)
+    assert belief.evidence == pytest.approx(likelihood, rel=1e-9)
+    assert belief.measured == 48
+    state = coordinates.state(belief)
+    assert state[0] == pytest.approx(mean, rel=1e-8, abs=1e-8)
+
+
+def test_an_unmeasured_twist_is_left_out() -> None:
+    rng = np.random.default_rng(0)
+    coordinates = variables(rng)
+    model = window(rng)
+    step = prepare(replace(model, twist_value=np.full(6, np.nan)), coordinates)
+    assert len(step.value) == 6
+    assert step.log_noise == pytest.approx(np.linalg.slogdet(model.pose_covariance)[1])
+
+
+def test_a_constant_force_moves_the_momentum() -> None:
+    rng = np.random.default_rng(1)
+    coordinates = variables(rng)
+    model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    step = prepare(model, coordinates)
+    state = rng.normal(size=STATE)
+    belief = Belief(coordinates.gather @ state, np.eye(STATE))
+    for walk, axes in ((Walk('', force='inertial'), np.eye(3)), (Walk('', force='body'), model.rotation)):
+        after = coordinates.spread @ advance(belief, step, coordinates, walk).mean
+        force, torque = axes @ state[FORCE][:3], axes @ state[FORCE][3:]
+        assert after[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * force)
+        assert after[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * (torque + np.cross(model.position, force)))
+    assert np.all(coordinates.open(force=True).covariance[FORCE, FORCE].diagonal() > 0.0)
+    assert np.all(coordinates.open().covariance[FORCE, FORCE] == 0.0)
+
+
+def test_walks_add_their_variance() -> None:
+    rng = np.random.default_rng(2)
+    coordinates = variables(rng)
+    step = prepare(window(rng), coordinates)
+    belief = coordinates.open()
+    spread = coordinates.spread
+    still, walked = (
+        spread @ advance(belief, step, coordinates, walk).covariance @ spread.T
+        for walk in (STILL, Walk('', momentum=3.0, position=2.0, orientation=1.0))
+    )
+    expected = np.zeros(STATE)
+    expected[:3], expected[3:6], expected[6:12] = 0.5, 2.0, 4.5
+    assert walked - still == pytest.approx(np.diag(expected), abs=1e-9)
+
+
+def test_a_broken_chain_keeps_momentum_and_body() -> None:
+    rng = np.random.default_rng(3)
+    coordinates = variables(rng)
+    step = prepare(window(rng), coordinates)
+    belief = update(coordinates.open(), step)
+    broken = unlinked(belief, coordinates)
+    assert np.array_equal(broken.mean[6:], belief.mean[6:])
+    assert np.array_equal(broken.covariance[6:, 6:], belief.covariance[6:, 6:])
+    assert np.all(broken.mean[:6] == 0.0)
+    assert np.all(broken.covariance[:6, 6:] == 0.0)
+    assert np.all(broken.covariance[6:, :6] == 0.0)
+    assert np.array_equal(broken.covariance[:6, :6], coordinates.open().covariance[:6, :6])
+
+
+def test_a_jolt_loosens_the_momentum_and_the_pose_it_moved() -> None:
+    rng = np.random.default_rng(4)
+    coordinates = variables(rng)
+    model = window(rng)
+    belief = update(coordinates.open(), prepare(model, coordinates))
+    sizes = np.arange(1.0, 7.0)
+    after = jolted(belief, prepare(model, coordinates), coordinates, sizes)
+    spread = coordinates.spread
+    added = spread @ (after.covariance - belief.covariance) @ spread.T
+    assert np.array_equal(after.mean, belief.mean)
+    assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
+    moved = 0.5 * model.transition[:, 6:12] * sizes
+    assert added[:6, :6] == pytest.approx(moved @ moved.T, abs=1e-9)
+    assert added[12:] == pytest.approx(np.zeros((STATE - 12, STATE)), abs=1e-9)
+
+
+def test_covariances_stay_symmetric_and_positive() -> None:
+    rng = np.random.default_rng(5)
+    coordinates = variables(rng)
+    models = [window(rng, 1e-4) for _ in range(20)]
+    # A chain that neither grows nor dies: what it brings along decays a little.
+    steps = [prepare(replace(model, transition=0.9 * model.transition), coordinates) for model in models]
+    belief = coordinates.open(force=True)
+    for number in range(3000):
+        step = steps[number % len(steps)]
+        belief = advance(update(belief, step), step, coordinates, Walk('', force='inertial'))
+    assert np.array_equal(belief.covariance, belief.covariance.T)
+    values = np.linalg.eigvalsh(belief.covariance)
+    assert values.min() > -1e-14 * values.max()
+    assert np.all(np.diag(belief.covariance) > 0.0)

@@ -1,0 +1,146 @@
+"""The predicted twist: the true one on exact motion, its derivatives against central differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from derivatives import central_difference
+from floating import true_momentum
+from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.model import load_model
+from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.trajectory.nodes import Midpoints
+from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from observed import LOW, drifting, kernel, observe
+from random_robots import random_state, random_urdf
+
+SEEDS = range(4)
+STEP = 1e-5
+TOLERANCE = 1e-7  # of the largest element
+
+
+class Case:
+    """A random robot in random motion."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        model = load_model(random_urdf(rng, joints=6))
+        self.kernel = MomentumKernel(model, model.last_link)
+        count = 3
+        joints, rates, rotation, twist = random_state(rng, model.joints, count)
+        none = np.zeros((count, 3))
+        self.middle = Midpoints(joints, rates, rotation, rng.normal(size=(count, 3)), twist, none, none)
+        self.uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
+        errors = 0.01 * rng.normal(size=10 * len(self.uncertain))
+        self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, errors))
+
+    def twist(self, point: Array) -> Array:
+        """Return the predicted twists."""
+        return predict(self.kernel, self.middle, point, self.uncertain).twist
+
+
+def close(found: Array, expected: Array) -> None:
+    assert found == pytest.approx(expected, abs=TOLERANCE * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
+    case = Case(seed)
+    model, middle = case.kernel.model, case.middle
+    # Any twist at all is that of the momentum which goes with it, each instant with its own.
+    states = case.kernel.states_of(
+        middle.base_rotation, middle.joint_position, middle.joint_velocity, middle.base_twist
+    )
+    total = states.known_momentum + states.regressor @ case.kernel.target.parameters
+    total[:, 3:] += cross(middle.base_position, total[:, :3])
+    assert model.joints > 0
+    for index, momentum in enumerate(total):
+        point = np.concatenate((momentum, case.kernel.target.parameters))
+        found = predict(case.kernel, middle[[index]], point).twist[0]
+        assert found == pytest.approx(middle.base_twist[index], abs=1e-10)
+
+
+@pytest.mark.parametrize('velocity', [0.0, 0.05])
+def test_the_predicted_twist_is_that_of_the_simulated_motion(servicer: Truth, velocity: float) -> None:
+    robot = kernel('servicer7')
+    seen = drifting(servicer[::50], np.array([velocity, -velocity, 0.5 * velocity]))
+    samples = observe(seen, LOW)
+    momentum = true_momentum(robot, samples)
+    assert (np.abs(momentum[0, :3]).max() > 1.0) == (velocity > 0.0)
+    twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
+    none = np.zeros((len(samples), 3))
+    middle = Midpoints(
+        samples.joint_position, samples.joint_velocity, samples.base_rotation, samples.base_position, twist, none, none
+    )
+    point = np.concatenate((momentum[0], robot.target.parameters))
+    # The integrator's error: 1e-10 of the momentum.
+    assert predict(robot, middle, point).twist == pytest.approx(twist, abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_derivatives_by_parameters_and_known_bodies(seed: int) -> None:
+    case = Case(seed)
+    found = predict(case.kernel, case.middle, case.point, case.uncertain).by_parameters
+    close(found, central_difference(case.twist, case.point, STEP))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
+    case = Case(seed)
+    prediction = predict(case.kernel, case.middle, case.point, case.uncertain)
+
+    def twist(error: Array) -> Array:
+        turn = exp(error[:3])
+        middle = replace(
+            case.middle,
+            base_rotation=turn @ case.middle.base_rotation,
+            base_position=case.middle.base_position + error[3:],
+        )
+        return predict(case.kernel, middle, case.point, case.uncertain).twist
+
+    expected = central_difference(twist, np.zeros(6), STEP)
+    # The turn of V itself, theta x V, is left out of the field.
+    expected[:, :3, :3] += skew(prediction.twist[:, :3])
+    expected[:, 3:, :3] += skew(prediction.twist[:, 3:])
+    close(prediction.by_pose_error, expected)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_derivatives_by_joints(seed: int) -> None:
+    case = Case(seed)
+    count = case.kernel.model.joints
+    body = case.point[6:16]
+
+    def twist(error: Array) -> Array:
+        middle = replace(
+            case.middle,
+            joint_position=case.middle.joint_position + error[:count],
+            joint_velocity=case.middle.joint_velocity + error[count:],
+        )
+        return predict(case.kernel, middle, case.point[:16]).twist
+
+    by_rate, by_position = joint_gains(case.kernel, case.middle, twist(np.zeros(2 * count)), body)
+    expected = central_difference(twist, np.zeros(2 * count), STEP)
+    close(by_position, expected[..., :count])
+    close(by_rate, expected[..., count:])
+
+
+def test_a_turned_robot_has_a_turned_twist() -> None:
+    case = Case(0)
+    turn = exp(np.array([0.3, -0.4, 1.1]))
+    middle = replace(
+        case.middle,
+        base_rotation=turn @ case.middle.base_rotation,
+        base_position=rotate(turn, case.middle.base_position),
+    )
+    point = case.point.copy()
+    point[:3], point[3:6] = turn @ point[:3], turn @ point[3:6]
+    found = predict(case.kernel, middle, point, case.uncertain).twist
+    twist = case.twist(case.point)
+    assert found == pytest.approx(
+        np.concatenate((rotate(turn, twist[:, :3]), rotate(turn, twist[:, 3:])), 1), abs=1e-10
+    )

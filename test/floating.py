@@ -1,0 +1,153 @@
+"""Bases that float as conservation says, with a momentum that may change, and the estimator that follows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.core.difference import unknown_scale
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation
+from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.model import express
+from mbaid_ros.core.momentum import inertia_matrix, momentum
+from mbaid_ros.core.motion import Sinusoids
+from mbaid_ros.core.reporting import Reporting
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from observed import windows
+
+WINDOW = 0.5  # s
+RATE = 100.0  # Hz
+
+# (time, base rotation, base position) -> rate of change of (P, L) about the odometry origin.
+Push = Callable[[float, Array, Array], Array]
+
+
+def still(_time: float, _rotation: Array, _position: Array) -> Array:
+    """No force."""
+    return np.zeros(6)
+
+
+def float_freely(
+    kernel: MomentumKernel,
+    motion: Sinusoids,
+    start: Array,
+    seconds: float,
+    push: Push = still,
+    pulse: tuple[float, Array] = (np.inf, np.zeros(6)),
+) -> Truth:
+    """Integrate the base of a robot whose joints move as told (Runge-Kutta, one step a sample: errors below 1e-9).
+
+    Parameters
+    ----------
+    kernel : with the target's true parameters
+    motion : of the joints
+    start : (6,) momentum (P, L) at time 0 about the odometry origin, where the base begins
+    seconds : s
+    push : what changes the momentum
+    pulse : s, (6,): a jump of the momentum
+    """
+    step = 1.0 / RATE
+    steps = round(seconds * RATE)
+    references = [motion.reference(time) for time in np.arange(2 * steps - 1) * step / 2.0]
+    joints = np.array([reference[0] for reference in references])
+    rates = np.array([reference[1] for reference in references])
+    rest = np.zeros((len(joints), 6))
+    states = kernel.states_of(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints, rates, rest)
+    target = express(kernel.target.parameters, states.rotation, states.position)
+    inverse = np.linalg.inv(inertia_matrix(np.sum(states.known, axis=1) + target))
+    moving = states.known_momentum + momentum(target, states.twist)
+
+    def twist(index: int, rotation: Array, position: Array, total: Array) -> Array:
+        """Return (v, w) in base axes."""
+        about_base = total[3:] - np.cross(position, total[:3])
+        return inverse[index] @ (np.concatenate((total[:3] @ rotation, about_base @ rotation)) - moving[index])
+
+    def rate(index: int, origin: Array, change: Array) -> Array:
+        """Return the rate of (rotation vector from `origin`, position, momentum)."""
+        turn, position, total = change[:3], change[3:6], change[6:]
+        rotation = origin @ exp(turn)
+        base = twist(index, rotation, position, total)
+        spin = base[3:]
+        bent = spin + 0.5 * np.cross(turn, spin) + np.cross(turn, np.cross(turn, spin)) / 12.0
+        return np.concatenate((bent, rotation @ base[:3], push(index * step / 2.0, rotation, position)))
+
+    rotation, change = np.eye(3), np.concatenate((np.zeros(6), start))
+    jump = int(np.ceil(pulse[0] * RATE)) if np.isfinite(pulse[0]) else -1
+    kept = []
+    for number in range(steps):
+        if number == jump:
+            change[6:] += pulse[1]
+        index = 2 * number
+        kept.append((rotation, change[3:6], twist(index, rotation, change[3:6], change[6:])))
+        if number == steps - 1:
+            break
+        first = rate(index, rotation, change)
+        second = rate(index + 1, rotation, change + 0.5 * step * first)
+        third = rate(index + 1, rotation, change + 0.5 * step * second)
+        fourth = rate(index + 2, rotation, change + step * third)
+        change = change + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        rotation = rotation @ exp(change[:3])
+        change[:3] = 0.0
+    base = np.array([item[2] for item in kept])
+    return Truth(
+        time=np.arange(steps) * step,
+        joint_position=joints[::2],
+        joint_velocity=rates[::2],
+        joint_effort=np.zeros_like(joints[::2]),
+        base_position=np.array([item[1] for item in kept]),
+        base_orientation=quaternion_from_rotation(np.array([item[0] for item in kept])),
+        base_linear_velocity=base[:, :3],
+        base_angular_velocity=base[:, 3:],
+    )
+
+
+def true_momentum(kernel: MomentumKernel, samples: Samples) -> Array:
+    """Return (P, L) of noise-free samples, (N, 6), about the odometry origin."""
+    states = kernel.states(samples)
+    total = states.known_momentum + states.regressor @ kernel.target.parameters
+    total[:, 3:] += cross(samples.base_position, total[:, :3])
+    return total
+
+
+def make(
+    kernel: MomentumKernel, noise: SensorNoise, *, adapt: bool = False, known_std: float = 0.0, offset_std: float = 0.02
+) -> TrajectoryEstimator:
+    """Return an estimator with the defaults of the parameters."""
+    reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
+    return TrajectoryEstimator(
+        kernel, TrajectorySettings(noise, WINDOW, 10, 40, offset_std, adapt, known_std), reporting
+    )
+
+
+def follow(
+    kernel: MomentumKernel, samples: Samples, noise: SensorNoise, *, adapt: bool = False, known_std: float = 0.0
+) -> list[Estimate]:
+    """Return the estimates of all windows of a run."""
+    return make(kernel, noise, adapt=adapt, known_std=known_std).update(windows(samples, WINDOW), 0)
+
+
+def without_velocities(samples: Samples) -> Samples:
+    """Return samples with positions and poses alone."""
+    return replace(
+        samples,
+        joint_velocity=np.full_like(samples.joint_velocity, np.nan),
+        base_linear_velocity=np.full_like(samples.base_linear_velocity, np.nan),
+        base_angular_velocity=np.full_like(samples.base_angular_velocity, np.nan),
+    )
+
+
+def errors(estimate: Estimate, kernel: MomentumKernel) -> Array:
+    """Return the errors of the parameters that are identifiable."""
+    return (estimate.parameters - physical(kernel.target.parameters))[estimate.identifiable]
+
+
+def normalised(estimate: Estimate, kernel: MomentumKernel) -> float:
+    """Return the squared error of all identifiable parameters in units of their covariance (NEES)."""
+    error, known = errors(estimate, kernel), estimate.identifiable
+    return float(error @ np.linalg.solve(estimate.covariance[np.ix_(known, known)], error))

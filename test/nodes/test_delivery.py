@@ -1,0 +1,60 @@
+"""On a graph two topics arrive in any interleaving, and work is done at any time: the estimates are the same."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import TimedMessage
+from streams import offline, run, urdf
+
+
+def interleaved(messages: Sequence[TimedMessage], seed: int, furthest: int) -> Iterator[TimedMessage]:
+    """Yield the messages with each topic in order, one topic up to so many messages ahead of the other."""
+    choose = random.Random(seed)
+    queues = {topic: [m for m in messages if m.topic == topic] for topic in ('joint_states', 'odom')}
+    done = dict.fromkeys(queues, 0)
+    while any(done[topic] < len(queue) for topic, queue in queues.items()):
+        open_topics = [topic for topic, queue in queues.items() if done[topic] < len(queue)]
+        topic = choose.choice(open_topics)
+        behind = min(open_topics, key=done.__getitem__)
+        topic = behind if done[topic] - done[behind] >= furthest else topic
+        for _ in range(choose.randint(1, furthest)):
+            if done[topic] < len(queues[topic]):
+                yield queues[topic][done[topic]]
+                done[topic] += 1
+
+
+def as_the_node_does(messages: Iterator[TimedMessage], seed: int) -> list[Estimate]:
+    """Return the estimates of a session that works when it says so, and now and then besides."""
+    session = Session(EstimatorConfig(), urdf('table1'))
+    now_and_then = random.Random(seed)
+    estimates = []
+    for timed in messages:
+        take = session.add_joint_state if timed.topic == 'joint_states' else session.add_odometry
+        if take(timed.message) or now_and_then.random() < 0.02:
+            estimates += session.process()
+    return estimates + session.process()
+
+
+def every_bit(estimate: Estimate) -> dict[str, object]:
+    """Return an estimate as what can be compared: NaN is not equal to itself."""
+    return {
+        name: value.tobytes() if isinstance(value, np.ndarray) else repr(value)
+        for name, value in vars(estimate).items()
+    }
+
+
+@pytest.mark.parametrize('furthest', [1, 5, 60])
+@pytest.mark.parametrize('seed', [1, 2])
+def test_the_order_of_delivery_makes_no_difference(seed: int, furthest: int) -> None:
+    messages = run('table1', 5.0)
+    expected = offline(EstimatorConfig(), 'table1', messages)[0]
+    delivered = as_the_node_does(interleaved(messages, seed, furthest), seed)
+    assert list(map(every_bit, delivered)) == list(map(every_bit, expected))

@@ -1,0 +1,176 @@
+"""Markers and link frames: against the estimate, against pinocchio, and on a live graph."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pinocchio
+import pytest
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from graph import Graph
+from made_runs import BODY, STD, estimate, planar
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
+from mbaid_ros.core.model import parse
+from mbaid_ros.nodes.markers import Display, LinkFrames, markers
+from mbaid_ros.nodes.qos import qos
+from simulated import CONFIG, robot
+from streams import run
+
+
+def by_id(array: MarkerArray) -> dict[int, Marker]:
+    return {marker.id: marker for marker in array.markers}
+
+
+def place(marker: Marker) -> Array:
+    position = marker.pose.position
+    return np.array([position.x, position.y, position.z])
+
+
+def axes(orientation: Any) -> Array:
+    return rotation_from_quaternion(np.array([orientation.x, orientation.y, orientation.z, orientation.w]))
+
+
+def sizes(marker: Marker) -> Array:
+    return np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+
+
+def test_a_complete_estimate_has_com_region_axes_and_ellipsoid() -> None:
+    made = by_id(markers(estimate(), 'link7'))
+    assert sorted(made) == [0, 1, 2, 3]
+    for marker in made.values():
+        assert (marker.header.frame_id, marker.frame_locked, marker.action) == ('link7', True, Marker.ADD)
+    assert place(made[0]) == pytest.approx(BODY[1:4])
+    # Twice the square root of the chi-squared distribution's 95 %.
+    assert np.sort(sizes(made[1])) == pytest.approx(np.sort(2.0 * 2.7955 * STD[1:4]), rel=1e-4)
+    ends = np.array([[point.x, point.y, point.z] for point in made[2].points]).reshape(3, 2, 3)
+    tensor = unvec(BODY[4:])
+    for begin, end in ends:
+        direction = (end - begin) / np.linalg.norm(end - begin)
+        assert np.cross(tensor @ direction, direction) == pytest.approx(np.zeros(3), abs=1e-9)
+    semi, turn = 0.5 * sizes(made[3]), axes(made[3].pose.orientation)
+    a, b, c = semi**2
+    uniform = turn @ np.diag(BODY[0] / 5.0 * np.array([b + c, a + c, a + b])) @ turn.T
+    assert uniform == pytest.approx(tensor, rel=1e-9, abs=1e-9)
+
+
+def test_a_planar_estimate_has_no_ellipsoid() -> None:
+    made = by_id(markers(planar(), 'link7'))
+    assert [made[number].action for number in range(4)] == [Marker.ADD, Marker.ADD, Marker.DELETE, Marker.DELETE]
+    assert place(made[0])[2] == 0.0
+
+
+def test_no_estimate_empties_the_display() -> None:
+    made = markers(Estimate(method='difference', status='waiting'), 'link7')
+    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
+
+
+def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
+    message = JointState(name=names, position=positions)
+    message.header.stamp.nanosec = nanoseconds
+    return message
+
+
+@pytest.mark.parametrize('name', ['servicer7', 'table1', 'ets7'])
+def test_link_frames_are_pinocchios(name: str) -> None:
+    model = robot(name)
+    positions = np.random.default_rng(3).uniform(-1.0, 1.0, model.joints)
+    frames = LinkFrames(model).transforms(joint_state(list(model.joint_names), positions.tolist()))
+    assert sorted(frame.child_frame_id for frame in frames) == sorted(link.name for link in model.links[1:])
+    full = parse(model.urdf)
+    data = full.createData()
+    moved = pinocchio.integrate(full, pinocchio.neutral(full), np.concatenate((np.zeros(6), positions)))
+    pinocchio.framesForwardKinematics(full, data, moved)
+    for frame in frames:
+        parent, child = (
+            data.oMf[full.getFrameId(link, pinocchio.FrameType.BODY)]
+            for link in (frame.header.frame_id, frame.child_frame_id)
+        )
+        expected = parent.actInv(child)
+        assert axes(frame.transform.rotation) == pytest.approx(expected.rotation, abs=1e-12)
+        move = frame.transform.translation
+        assert [move.x, move.y, move.z] == pytest.approx(expected.translation, abs=1e-12)
+
+
+def test_frames_are_sent_once_every_joint_is_known_and_not_too_often() -> None:
+    model = robot('table1')
+    frames = LinkFrames(model)
+    first, *others = model.joint_names
+    assert frames.transforms(joint_state([first], [0.1])) == []
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 10_000_000))
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 20_000_000)) == []
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 30_000_000))
+    assert frames.transforms(joint_state([first], [0.1], 0))  # the time jumped back
+
+
+class Publisher:
+    """Keeps what is published."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def publish(self, message: Any) -> None:
+        """Take a message."""
+        self.sent.append(message)
+
+
+class FakeNode:
+    """A node without a graph."""
+
+    def __init__(self) -> None:
+        self.publishers: dict[str, Publisher] = {}
+
+    def create_publisher(self, _type: type, topic: str, _qos: object) -> Publisher:
+        """Return the publisher of a topic."""
+        return self.publishers.setdefault(topic, Publisher())
+
+
+class TFMessage:
+    """In place of tf2_msgs/TFMessage, which PyPI does not have."""
+
+    def __init__(self, transforms: list[TransformStamped]) -> None:
+        self.transforms = transforms
+
+
+def test_frames_are_published_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType('tf2_msgs.msg')
+    module.TFMessage = TFMessage  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', ModuleType('tf2_msgs'))
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    model, node = robot('table1'), FakeNode()
+    message = joint_state(list(model.joint_names), [0.1] * 4)
+    Display(node, with_frames=True).follow(model, message)  # type: ignore[arg-type]
+    assert len(node.publishers['/tf'].sent[0].transforms) == 4
+    Display(node, with_frames=False).follow(model, message)  # type: ignore[arg-type]
+    assert len(node.publishers['/tf'].sent) == 1
+
+
+def test_frames_without_their_messages_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    with pytest.raises(ParameterError, match="'publish_tf' is true, but the message package tf2_msgs"):
+        Display(FakeNode(), with_frames=True)  # type: ignore[arg-type]
+
+
+def test_markers_follow_the_estimate_on_a_live_graph(graph: Graph) -> None:
+    graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG / "table1.urdf"}')
+    arrays = graph.collect('/estimator/markers', MarkerArray)
+    publishers = {
+        'joint_states': graph.publisher('joint_states', JointState, qos(10_000)),
+        'odom': graph.publisher('odom', Odometry, qos(10_000)),
+    }
+    for timed in run('table1', 12.0):
+        publishers[timed.topic].publish(timed.message)
+    graph.wait(lambda: any(len(array.markers) == 4 for array in arrays), 'markers')
+    assert arrays[-1].markers[0].header.frame_id == 'link4'
+    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
+    graph.wait(lambda: arrays[-1].markers[0].action == Marker.DELETEALL, 'an empty display')

@@ -1,0 +1,136 @@
+"""ROS parameters from the dataclasses: descriptors, values as rclpy brings them, and what is refused."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from graph import free_domain
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import parameter, specifications, values_of
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.nodes.parameters import declare_parameters
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A group."""
+
+    gain: float = parameter(0.5, 'A gain.', minimum=0.0, maximum=2.0)
+
+
+@dataclass(frozen=True)
+class Example:
+    """Parameters of every kind."""
+
+    rate: float = parameter(10.0, 'A rate.', unit='Hz', minimum=0.0, exclusive_minimum=True)
+    count: int = parameter(3, 'A number of things.', minimum=1)
+    shape: str = parameter('round', 'A shape.', choices=('round', 'square'))
+    active: bool = parameter(False, 'Whether it is on.')
+    places: tuple[float, ...] = parameter((), 'Some places.', unit='m')
+    start: tuple[float, ...] = parameter((1.0, 2.0), 'A start.', lengths=(2,))
+    inner: Inner = field(default_factory=Inner)
+
+
+@contextmanager
+def node(*arguments: str) -> Iterator[Node]:
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    with free_domain() as domain:
+        context = Context()
+        words = [word for text in arguments for word in ('-p', text)]
+        rclpy.init(args=['', '--ros-args', *words], context=context, domain_id=domain)
+        made = Node('example', context=context)
+        try:
+            yield made
+        finally:
+            made.destroy_node()  # type: ignore[no-untyped-call]
+            rclpy.shutdown(context=context)
+
+
+def test_defaults_and_descriptors() -> None:
+    with node() as made:
+        config = declare_parameters(made, Example)
+        assert config == Example()
+        rate = made.describe_parameter('rate')
+        assert (rate.description, rate.additional_constraints) == ('A rate.', 'a number > 0 Hz')
+        assert rate.read_only
+        assert rate.floating_point_range[0].from_value == 0.0
+        assert made.describe_parameter('inner.gain').floating_point_range[0].to_value == 2.0
+        assert made.describe_parameter('count').integer_range[0].from_value == 1
+        assert made.describe_parameter('shape').additional_constraints == 'round, square'
+        kinds = {name: made.get_parameter(name).type_ for name in specifications(Example)}
+        assert kinds['places'] == kinds['start'] == Parameter.Type.DOUBLE_ARRAY
+        assert made.describe_parameter('places').type == Parameter.Type.DOUBLE_ARRAY.value
+        assert list(made.get_parameter('places').value) == []
+
+
+def test_values_given_are_those_declared() -> None:
+    given = [
+        'rate:=4',
+        'count:=7',
+        'shape:=square',
+        'active:=true',
+        'places:=[1, 2]',
+        'start:=[0.5, 1.5]',
+        'inner.gain:=1',
+    ]
+    with node(*given) as made:
+        config = declare_parameters(made, Example)
+        assert config == Example(4.0, 7, 'square', True, (1.0, 2.0), (0.5, 1.5), Inner(1.0))
+        for name, value in values_of(config).items():
+            declared = made.get_parameter(name).value
+            assert (tuple(declared) if isinstance(value, tuple) else declared) == value
+            assert not isinstance(value, float) or isinstance(declared, float)
+
+
+def test_an_empty_list_is_a_list() -> None:
+    with node('places:=[]') as made:
+        assert declare_parameters(made, Example).places == ()
+
+
+def test_parameters_of_ros_are_left_alone() -> None:
+    with node('use_sim_time:=true') as made:
+        assert declare_parameters(made, Example) == Example()
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ('rat:=4.0', r"unknown parameter 'rat'; known: rate, "),
+        ('rate:=0.0', "'rate' is 0.0 Hz; accepted: a number > 0 Hz"),
+        ('rate:=fast', "'rate' is 'fast'"),
+        ('rate:=[]', "'rate' is None"),
+        ('count:=1.5', "'count' is 1.5; accepted: a whole number >= 1"),
+        ('shape:=oval', "'shape' is 'oval'; accepted: round, square"),
+        ('start:=[1.0]', "'start' is"),
+    ],
+)
+def test_what_is_not_accepted(given: str, words: str) -> None:
+    with node(given) as made, pytest.raises(ParameterError, match=words):
+        declare_parameters(made, Example)
+
+
+def test_a_read_only_parameter_stays() -> None:
+    with node() as made:
+        declare_parameters(made, Example)
+        for name, value in (('rate', 5.0), ('places', [1.0])):
+            result = made.set_parameters([Parameter(name, value=value)])[0]  # type: ignore[no-untyped-call]
+            assert not result.successful
+
+
+@pytest.mark.parametrize('cls', [EstimatorConfig, SimulatorConfig])
+def test_the_nodes_parameters_can_all_be_declared(cls: type) -> None:
+    with node() as made:
+        declare_parameters(made, cls)
+        for name, spec in specifications(cls).items():
+            assert made.get_parameter(name).type_.name == spec.type.upper(), name
+            assert made.describe_parameter(name).description == spec.description

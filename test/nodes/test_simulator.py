@@ -1,0 +1,83 @@
+"""The node `simulator` on a live graph."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+
+import pytest
+from geometry_msgs.msg import InertiaStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from graph import Graph, Process
+from mbaid_ros.nodes.qos import qos
+from simulated import CONFIG
+from streams import run
+
+DEEP = qos(10_000)
+
+
+def start(graph: Graph, *parameters: str) -> Process:
+    """Start a simulator of the paper's case."""
+    words = [word for text in (f'robot_description_file:={CONFIG}/table1.urdf', *parameters) for word in ('-p', text)]
+    return graph.start('simulator', '--ros-args', '--params-file', CONFIG / 'table1_simulator.yaml', *words)
+
+
+def test_what_it_publishes(graph: Graph) -> None:
+    joints = graph.collect('joint_states', JointState, DEEP)
+    odometry = graph.collect('odom', Odometry, DEEP)
+    descriptions = graph.collect('robot_description', String)
+    truths = graph.collect('simulator/truth', InertiaStamped)
+    node = start(graph, 'duration:=0')
+    graph.wait(lambda: len(joints) > 20 and len(odometry) > 20 and descriptions and truths, 'every topic')
+    assert node.stop(signal.SIGINT) == 0
+    assert 'Traceback' not in node.stderr
+
+    assert descriptions[0].data == (CONFIG / 'table1.urdf').read_text()
+    assert (truths[0].header.frame_id, truths[0].inertia.m) == ('link4', 934.45)
+    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('odom', 'base_link')
+    stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in joints]
+    assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {10_000_000}
+
+
+def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> None:
+    clock = graph.collect('/clock', Clock, DEEP)
+    joints = graph.collect('joint_states', JointState, DEEP)
+    odometry = graph.collect('odom', Odometry, DEEP)
+    node = start(graph, 'publish_clock:=true', 'real_time_factor:=4', 'duration:=4', 'wait_for_subscribers:=true')
+    graph.wait(lambda: len(joints) == len(odometry) == 401 and clock[-1].clock.sec == 4, 'every message')
+    assert node.wait() == 0
+    expected = run('table1', 4.01, start=0)
+    assert joints == [timed.message for timed in expected if timed.topic == 'joint_states']
+    assert odometry == [timed.message for timed in expected if timed.topic == 'odom']
+    seconds = [message.clock.sec + 1e-9 * message.clock.nanosec for message in clock]
+    assert seconds == sorted(seconds)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_cleanly(graph: Graph, number: signal.Signals) -> None:
+    node = start(graph, 'duration:=0')
+    truths = graph.collect('simulator/truth', InertiaStamped)
+    graph.wait(lambda: truths, 'the node')
+    assert node.stop(number) == 0
+    assert 'Traceback' not in node.stderr
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'words'),
+    [
+        ('nois.joint_position:=1.0', "unknown parameter 'nois.joint_position'; known: noise.joint_position"),
+        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 s"),
+        ('robot_description_file:=/none.urdf', "cannot read robot description '/none.urdf'"),
+        ('target_link:=hand', "link 'hand' is not in the robot description; links: base_link"),
+        ('initial.joint_positions:=[1.0]', 'initial.joint_positions'),
+    ],
+)
+def test_a_mistake_is_one_line(graph: Graph, parameter: str, words: str) -> None:
+    node = start(graph, parameter)
+    assert node.wait() == 2
+    assert words in node.stderr
+    assert node.stderr.count('\n') == 1

@@ -1,0 +1,162 @@
+"""`watch`: what is shown on a terminal of any width, in a pipe, and of hostile names."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mbaid_msgs.msg import InertiaEstimate
+
+from graph import PATIENCE, Graph, executable
+from made_runs import BODY, HOSTILE, STD, estimate, planar
+from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.qos import LATCHED
+from mbaid_ros.nodes.terminal import certainty, drawn, line, screen
+from mbaid_ros.nodes.watch import Lines, main, sign_for
+from mbaid_ros.outgoing import Frames, estimate_message
+
+
+def message(final: Any = None, link: str = 'link7', warnings: tuple[str, ...] = ()) -> InertiaEstimate:
+    made: InertiaEstimate = estimate_message(
+        estimate() if final is None else final, TYPES, Frames(link, 'odom'), warnings
+    )
+    return made
+
+
+def test_a_screen_of_eighty_columns() -> None:
+    lines = screen(message(warnings=('the base drifts',)), '/estimator/estimate', 80)
+    assert lines[:3] == ['/estimator/estimate', 'converged: link7', '10.0 s, 1000 samples, difference']
+    assert lines[4].startswith('mass         162 ±0.059   kg')
+    assert lines[4].endswith(']')
+    assert lines[-1] == '! the base drifts'
+
+
+@pytest.mark.parametrize('width', [20, 40, 57, 80, 300])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    warning = 'a warning that is much longer than a narrow terminal is wide, as warnings may be'
+    lines = screen(message(warnings=(warning,)), '/a/very/long/namespace/of/an/estimator/estimate', width)
+    assert max(map(len, lines)) <= width
+    if width == 40:
+        assert lines[4] == 'mass         162 ±0.059   kg     [#####]'
+        assert ' '.join(part.strip() for part in lines[-3:]).endswith('as warnings may be')
+
+
+def test_what_is_not_determined_has_no_number() -> None:
+    lines = screen(message(planar()), '/estimate', 60)
+    assert next(text for text in lines if text.startswith('com_z')).split() == ['com_z', '-']
+    assert 'com_z' not in line(message(planar()))
+    assert 'nan' not in '\n'.join([*lines, line(message(planar()))])
+
+
+def test_the_bars_grow_with_certainty() -> None:
+    shares = [certainty(BODY, STD * factor) for factor in (1e5, 1e2, 1.0, 1e-3)]
+    assert np.all(np.diff(shares, axis=0) >= 0.0)
+    assert np.all(shares[0] == 0.0)
+    assert np.all(shares[-1] == 1.0)
+    assert certainty(BODY, 0.01 * np.full(10, BODY[0]))[0] == pytest.approx(2.0 / 3.0)
+
+
+def test_one_line_has_everything() -> None:
+    text = line(message(warnings=('one', 'two')))
+    assert text.startswith('10.0 s, converged, mass 162 ±0.059 kg, com_x 0.33')
+    assert text.endswith('! one; two')
+
+
+def test_hostile_names_are_text() -> None:
+    hostile = message(link=HOSTILE, warnings=(HOSTILE,))
+    hostile.method = hostile.status = HOSTILE
+    for text in (*screen(hostile, HOSTILE, 80), line(hostile)):
+        assert text.isprintable()
+    assert '\\x1b[2J' in line(hostile)
+    assert drawn(screen(hostile, HOSTILE, 80), 50).replace('\x1b[H', '').replace('\x1b[K', '').count('\x1b') == 1
+
+
+def test_a_screen_is_cut_to_the_height_and_has_no_colour() -> None:
+    text = drawn([f'line {number}' for number in range(50)], 10)
+    assert text.count('\n') == 9
+    assert 'm' not in text.replace('line', '')
+
+
+def test_a_stream_without_plus_minus_gets_two_characters() -> None:
+    ascii_stream = io.TextIOWrapper(io.BytesIO(), encoding='ascii')
+    assert sign_for(ascii_stream) == '+-'
+    Lines(ascii_stream)(message(link='glied\u00e4', warnings=('\u00e4',)), '/estimate')
+    ascii_stream.seek(0)
+    written = ascii_stream.read()
+    assert '162 +-0.059 kg' in written
+    assert '\\xe4' in written
+
+
+@pytest.mark.parametrize('name', ['a b', '\x1b[2J', '/x//y', 'ä'])
+def test_a_name_that_cannot_be_one_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert error.strip().isprintable()
+    assert 'is not accepted' in error
+
+
+def test_piped_it_writes_a_line_an_update_of_any_namespace(graph: Graph) -> None:
+    watch = graph.start('watch')
+    publisher = graph.publisher('/servicer/one/estimate', InertiaEstimate, LATCHED)
+    publisher.publish(message())
+    graph.wait(lambda: watch.stdout.count('\n') == 1, 'a line')
+    publisher.publish(message(planar()))
+    graph.wait(lambda: watch.stdout.count('\n') == 2, 'another line')
+    assert '\x1b' not in watch.stdout
+    assert watch.stop() == 0
+    assert not watch.stderr
+
+
+def test_a_named_estimator_and_only_one_update(graph: Graph) -> None:
+    profile = LATCHED
+    other = graph.node.create_publisher(InertiaEstimate, '/a/estimate', profile)
+    other.publish(message(link='other'))
+    named = graph.node.create_publisher(InertiaEstimate, '/servicer/estimator/estimate', profile)
+    named.publish(message(estimate(parameters=2.0 * BODY)))
+    watch = graph.start('watch', '/servicer/estimator', '--once')
+    graph.wait(lambda: not watch.running, 'the end')
+    assert 'mass 324' in watch.stdout
+    assert watch.stdout.count('\n') == 1
+
+
+def test_a_terminal_shows_the_screen(graph: Graph, tmp_path: Path) -> None:
+    """A pseudo-terminal of 40 columns: what it is sent, read back."""
+    ours, theirs = pty.openpty()
+    environment = {**graph.environment, 'TERM': 'xterm', 'COLUMNS': '40', 'LINES': '24'}
+    with (tmp_path / 'err').open('w') as errors:
+        process = subprocess.Popen([executable('watch')], stdout=theirs, stderr=errors, env=environment)
+    os.close(theirs)
+    os.set_blocking(ours, False)
+    seen = b''
+
+    def read() -> bool:
+        nonlocal seen
+        with suppress(OSError):  # nothing there yet, or the other end is closed
+            seen += os.read(ours, 65536)
+        return b'\x1b[J' in seen
+
+    try:
+        publisher = graph.publisher('/estimator/estimate', InertiaEstimate, LATCHED)
+        publisher.publish(message())
+        graph.wait(read, 'a screen')
+    finally:
+        process.terminate()
+        end = time.monotonic() + PATIENCE
+        while process.poll() is None and time.monotonic() < end:
+            read()
+        process.wait(PATIENCE)
+        os.close(ours)
+    assert b'waiting for an estimator' in seen
+    text = seen.decode().split('\x1b[H')[-1].replace('\x1b[K', '').replace('\x1b[J', '')
+    assert max(map(len, text.splitlines())) <= 40
+    assert 'converged: link7' in text
+    assert process.returncode == 0

@@ -1,0 +1,108 @@
+"""Simulated motions and what sensors make of them, as the samples that the core works on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core import quaternions
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion
+from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.sensors import Sensors
+from mbaid_ros.core.simulation import Simulation, Truth
+from mbaid_ros.core.windows import Windows
+from mbaid_ros.session import make_estimator
+from mbaid_ros.simulated_run import make_initial_state, make_motion
+from simulated import CONFIG, robot
+
+# One standard deviation of a sample: the encoders' as the names say, the base's the same in all.
+LOW = SensorNoise(1e-5, 1e-4, 1e-3, 1e-4, 1e-3, 1e-4)
+MID = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
+HIGH = SensorNoise(1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4)
+
+
+def configured_motion(name: str, seconds: float, rate: float, step: float) -> Truth:
+    """Return the run that config/ describes for a robot, sampled at a rate (Hz); `step` (s) is the integrator's."""
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator'))
+    model = robot(name)
+    motion = make_motion(config, model)
+    simulation = Simulation(model, motion, make_initial_state(config, model, motion), step)
+    return simulation.advance(np.arange(round(seconds * rate)) / rate)
+
+
+def drifting(truth: Truth, velocity: Array, start: Array | None = None) -> Truth:
+    """Return the same motion seen from a frame that moves with -velocity (m/s), the base beginning at `start` (m).
+
+    Without external forces both are motions of the same robot: mechanics is the same in every inertial frame.
+    """
+    back = quaternions.conjugate(truth.base_orientation)
+    position = truth.base_position + truth.time[:, None] * velocity
+    linear = truth.base_linear_velocity + quaternions.rotate(back, np.broadcast_to(velocity, position.shape))
+    return replace(truth, base_position=position + (0.0 if start is None else start), base_linear_velocity=linear)
+
+
+def observe(truth: Truth, noise: SensorNoise, seed: int | None = None) -> Samples:
+    """Return the samples that sensors give of a motion; without a seed exact ones that claim that noise."""
+    none = SensorNoise(*(0.0,) * 6)
+    sensors = Sensors(none if seed is None else noise, seed or 0)
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    count = len(truth)
+    return Samples(
+        time=truth.time - truth.time[0],
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=rotation_from_quaternion(base.orientation),
+        base_linear_velocity=quaternions.rotate(base.orientation, base.linear_velocity),
+        base_angular_velocity=quaternions.rotate(base.orientation, base.angular_velocity),
+        pose_covariance=np.tile(noise.pose_covariance(), (count, 1, 1)),
+        twist_covariance=np.tile(noise.twist_covariance(), (count, 1, 1)),
+    )
+
+
+def windows(samples: Samples, length: float = 0.5) -> list[Samples]:
+    """Return the samples cut into windows."""
+    cutter = Windows(length)
+    return [*cutter.push(samples), *cutter.flush()]
+
+
+def kernel(name: str) -> MomentumKernel:
+    """Return the momentum of a robot of config/ with its last link unknown."""
+    model = robot(name)
+    return MomentumKernel(model, model.last_link)
+
+
+def estimator(unknown: MomentumKernel, noise: SensorNoise, **parameters: object) -> Estimator:
+    """Return a method as the estimator's parameters name it (with __ for the dot), told the noise."""
+    given = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return make_estimator(
+        build(EstimatorConfig, {**{f'noise.{k}': v for k, v in vars(noise).items()}, **given}), unknown
+    )
+
+
+def identify(
+    unknown: MomentumKernel, truth: Truth, noise: SensorNoise, seed: int | None = None, **parameters: object
+) -> list[Estimate]:
+    """Return the estimates of a motion as sensors see it; without a seed exactly."""
+    return estimator(unknown, noise, **parameters).update(windows(observe(truth, noise, seed)), 0)
+
+
+def true_body(unknown: MomentumKernel) -> Array:
+    """Return the target link's true (m, r_c, I_c)."""
+    return physical(unknown.target.parameters)
+
+
+def nees(estimate: Estimate, true: Array) -> float:
+    """Return the squared error of what is identifiable, normalised by the covariance: chi-square of as many numbers."""
+    known = estimate.identifiable
+    error = (estimate.parameters - true)[known]
+    return float(error @ np.linalg.solve(estimate.covariance[np.ix_(known, known)], error))

@@ -1,0 +1,241 @@
+"""What `export` writes, read back by the tools it is for."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+from made_runs import BODY, HOSTILE, PLAIN, estimate, hostile_urdf, planar, run
+from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.core.geometry import Array, exp, unvec, vec
+from mbaid_ros.core.model import load_model
+from mbaid_ros.core.principal import box_sizes
+from mbaid_ros.outgoing import Frames, MessageTypes
+from mbaid_ros.replay.export import main
+from mbaid_ros.replay.results import as_json
+from mbaid_ros.replay.run import EstimateWriter
+from simulated import CONFIG
+
+TURNS = [[0.0, 0.0, 0.0], [0.4, -1.1, 2.0], [1.2, np.pi / 2, -0.3], [0.0, 0.0, 3.1], [-2.0, 0.7, 0.1]]
+RELATIVE = 1e-12  # of the largest element
+MODEL = str(CONFIG / 'servicer7.urdf')
+
+
+def turned(turn: list[float]) -> Array:
+    """Return BODY as it is in a link frame turned about the same origin."""
+    rotation = exp(np.array(turn))
+    tensor = rotation @ unvec(BODY[4:]) @ rotation.T
+    return np.concatenate((BODY[:1], rotation @ BODY[1:4], vec(tensor)))
+
+
+def written(folder: Path, final: Any = None, **changes: Any) -> str:
+    file = folder / 'result.json'
+    file.write_text(json.dumps(as_json(run(final, **changes))), encoding='utf-8')
+    return str(file)
+
+
+def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
+    assert main(list(arguments)) == code
+    captured = capsys.readouterr()
+    if code:
+        assert not captured.out
+        assert captured.err.startswith('mbaid_ros export: ')
+        assert captured.err.count('\n') == 1
+        return captured.err
+    assert not captured.err
+    return captured.out
+
+
+def same(mass: float, com: Any, tensor: Array, body: Array) -> None:
+    assert mass == pytest.approx(body[0], rel=RELATIVE)
+    assert np.array(com) == pytest.approx(body[1:4], rel=RELATIVE, abs=RELATIVE)
+    assert vec(tensor) == pytest.approx(body[4:], abs=RELATIVE * float(np.max(np.abs(body[4:]))))
+
+
+@pytest.mark.parametrize('turn', TURNS)
+@pytest.mark.parametrize('options', [[], ['--principal'], ['--principal', '--equivalent', 'box']])
+def test_pinocchio_reads_the_urdf_link(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, turn: list[float], options: list[str]
+) -> None:
+    body = turned(turn)
+    link = exported(capsys, written(tmp_path, estimate(parameters=body)), *options)
+    # Beside a base, on a joint whose frame is turned: the link's own frame is what counts.
+    robot = (
+        f'<robot name="r"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="link7"/>'
+        f'<origin xyz="1 2 3" rpy="0.3 0.4 0.5"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        f'</joint>{link}</robot>'
+    )
+    inertia = pinocchio.buildModelFromXML(robot).inertias[1]
+    same(inertia.mass, inertia.lever, inertia.inertia, body)
+    assert ('<box' in link) == ('box' in options)
+
+
+@pytest.mark.parametrize('turn', TURNS)
+@pytest.mark.parametrize('options', [[], ['--principal'], ['--equivalent', 'box'], ['--equivalent', 'ellipsoid']])
+def test_mujoco_reads_the_body(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, turn: list[float], options: list[str]
+) -> None:
+    body = turned(turn)
+    text = exported(capsys, written(tmp_path, estimate(parameters=body)), '--format', 'mjcf', *options)
+    model = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody>{text}</worldbody></mujoco>')
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.body('link7').iquat)
+    axes = rotation.reshape(3, 3)
+    tensor = axes @ np.diag(model.body('link7').inertia) @ axes.T
+    same(float(model.body('link7').mass[0]), model.body('link7').ipos, tensor, body)
+    assert model.ngeom == ('--equivalent' in options)
+
+
+def test_the_equivalent_shape_has_the_inertia(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """MuJoCo computes the inertia of the box from its size and the mass."""
+    text = exported(capsys, written(tmp_path), '--format', 'mjcf', '--equivalent', 'box')
+    body = ET.fromstring(text)
+    inertial, geom = body.find('inertial'), body.find('geom')
+    assert inertial is not None
+    assert geom is not None
+    body.remove(inertial)
+    geom.set('mass', repr(float(BODY[0])))
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody>{ET.tostring(body, encoding="unicode")}</worldbody></mujoco>'
+    )
+    moments = np.sort(np.linalg.eigvalsh(unvec(BODY[4:])))
+    assert np.sort(model.body('link7').inertia) == pytest.approx(moments, rel=1e-9)
+    assert box_sizes(float(BODY[0]), moments) == pytest.approx(2.0 * np.sort(model.geom_size[0])[::-1], rel=1e-9)
+
+
+def test_the_whole_urdf_has_the_link_replaced(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = exported(capsys, written(tmp_path), '--format', 'urdf', '--model', MODEL)
+    before, after = load_model(Path(MODEL).read_text(encoding='utf-8')), load_model(text)
+    for old, new in zip(before.links, after.links, strict=True):
+        if new.name == 'link7':
+            assert new.parameters[0] == BODY[0]
+            assert new.parameters[1:4] == pytest.approx(BODY[0] * BODY[1:4], rel=1e-14)
+        else:
+            assert np.array_equal(old.parameters, new.parameters)
+
+
+@pytest.mark.parametrize(
+    ('form', 'names'),
+    [('basilisk-hub', ('mHub', 'r_BcB_B', 'IHubPntBc_B')), ('basilisk-effector', ('mass', 'r_ScS_S', 'IPntSc_S'))],
+)
+def test_the_basilisk_parameters_are_python(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, form: str, names: tuple[str, ...]
+) -> None:
+    file = tmp_path / 'captured.py'
+    assert not exported(capsys, written(tmp_path), '--format', form, '--output', str(file))
+    values = runpy.run_path(str(file))
+    assert values['link'] == 'link7'
+    mass, com, inertia = (values[name] for name in names)
+    assert mass == BODY[0]
+    assert np.array_equal(np.array(com).ravel(), BODY[1:4])
+    assert np.array_equal(np.array(inertia), unvec(BODY[4:]))
+
+
+def test_plain_json_has_the_covariance(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    covariance = np.cov(np.random.default_rng(1).normal(size=(10, 40)))
+    file = written(tmp_path, estimate(covariance=covariance))
+    text = exported(capsys, file, '--format', 'json', '--principal', '--equivalent', 'ellipsoid')
+    result = json.loads(text)
+    assert np.array_equal(result['covariance']['matrix'], covariance)
+    axes, moments = np.array(result['principal']['axes']).T, np.array(result['principal']['moments'])
+    assert vec(axes @ np.diag(moments) @ axes.T) == pytest.approx(BODY[4:], rel=1e-12, abs=1e-12)
+    assert result['equivalent']['shape'] == 'ellipsoid'
+
+
+def test_a_bag_of_estimates_is_read(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        writer = EstimateWriter(bag)
+        for parameters in (BODY * 0.5, BODY):
+            writer.write(estimate(parameters=parameters), Frames('link7', 'odom'))
+    from_bag = exported(capsys, str(tmp_path / 'bag'), '--format', 'mjcf')
+    assert from_bag == exported(capsys, written(tmp_path), '--format', 'mjcf')
+
+
+def test_a_bag_without_estimates_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    types = MessageTypes(find=message_class, flags=np.asarray)
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/a', 'std_msgs/msg/String')
+        bag.write('/a', types.find('std_msgs/msg/String')(data='x'), 0)
+    assert 'holds no estimates' in exported(capsys, str(tmp_path / 'bag'), code=2)
+
+
+def test_one_of_several_results(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / 'results.json'
+    file.write_text(json.dumps([as_json(run(target_link=name)) for name in ('a', 'b')]), encoding='utf-8')
+    assert '<link name="b">' in exported(capsys, str(file), '--result', '2')
+    assert 'holds 2 results' in exported(capsys, str(file), '--result', '3', code=2)
+
+
+def test_what_is_not_determined_ends_with_3_or_is_filled(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = written(tmp_path, planar())
+    assert 'do not determine com_z, ixx, ixy' in exported(capsys, file, code=3)
+    assert json.loads(exported(capsys, file, '--format', 'json'))['com'][2] is None
+    filled = exported(capsys, file, '--fill', '--model', MODEL)
+    inertial = pinocchio.buildModelFromXML(f'<robot name="r">{filled}</robot>', pinocchio.JointModelFreeFlyer())
+    assert inertial.inertias[1].lever[:2] == pytest.approx(BODY[1:3])
+    assert inertial.inertias[1].lever[2] == pytest.approx(0.753, abs=0.01)
+
+
+def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    flat = BODY.copy()
+    flat[9] = 500.0
+    assert 'no real body' in exported(capsys, written(tmp_path, estimate(parameters=flat)), code=3)
+    assert 'contradict the model' in exported(capsys, written(tmp_path, estimate(status='inconsistent')), code=3)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (['/absent.json'], "cannot read '/absent.json'"),
+        (['/absent'], "'/absent' does not exist"),
+        (['{file}', '--format', 'sdf'], 'sdf'),
+        (['{file}', '--format', 'urdf'], '--format urdf needs --model URDF'),
+        (['{file}', '--fill'], '--fill needs --model URDF'),
+        (['{file}', '--principal', '--format', 'basilisk-hub'], 'accepted: urdf-link, mjcf, json'),
+        (['{file}', '--equivalent', 'ellipsoid'], 'accepted: mjcf, json'),
+        (['{file}', '--output', '/absent/x'], "--output '/absent/x' cannot be written"),
+        (['{file}', '--result', '0'], "'0' is not accepted"),
+        (['{broken}'], 'is not JSON'),
+        (['{other}'], 'accepted: what replay --json writes'),
+        (['{file}', '--format', 'urdf', '--model', str(CONFIG / 'table1.urdf')], "link 'link7' is not in"),
+    ],
+)
+def test_bad_input_is_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], text: str
+) -> None:
+    files = {'file': written(tmp_path)}
+    for name, content in (('broken', '{'), ('other', '{"mass": 1}')):
+        files[name] = str(tmp_path / f'{name}.json')
+        Path(files[name]).write_text(content, encoding='utf-8')
+    assert text in exported(capsys, *(argument.format(**files) for argument in arguments), code=2)
+
+
+def test_hostile_names_are_text(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = written(tmp_path, target_link=HOSTILE)
+    for form in ('urdf-link', 'mjcf'):
+        text = exported(capsys, file, '--format', form)
+        element = ET.fromstring(text)
+        assert str(element.get('name')).startswith(PLAIN)
+        assert '\x1b' not in text
+        assert '<script' not in text
+    code = tmp_path / 'captured.py'
+    exported(capsys, file, '--format', 'basilisk-hub', '--output', str(code))
+    assert runpy.run_path(str(code))['link'].startswith(PLAIN)
+    assert json.loads(exported(capsys, file, '--format', 'json'))['target_link'] == HOSTILE
+
+
+def test_a_hostile_name_in_a_whole_urdf_is_found_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    name = HOSTILE.replace('\x1b', '').replace('\x07', '')
+    model = tmp_path / 'robot.urdf'
+    model.write_text(hostile_urdf(), encoding='utf-8')
+    text = exported(capsys, written(tmp_path, target_link=name), '--format', 'urdf', '--model', str(model))
+    assert load_model(text).link(name).parameters[0] == BODY[0]

@@ -1,0 +1,266 @@
+"""The report: what it says, what it draws, that it needs nothing else, and what a browser makes of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+import recorded
+from chromium import Chromium
+from made_runs import BODY, HOSTILE, PLAIN, STD, estimate, event, hostile_urdf, planar, pose, run
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.model import load_model
+from mbaid_ros.replay.replay import main
+from mbaid_ros.replay.report import html
+from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.truth import Truth
+from simulated import table1
+
+
+def truth(link: str = 'link7', **changes: Any) -> Truth:
+    return Truth('truth.json', link, BODY + 0.5 * STD, np.array([0.0, 0.1, 0.2, 29.0, -12.0, 196.0]), **changes)
+
+
+@cache
+def page_of_a_good_run() -> str:
+    return html([run()])
+
+
+def nothing() -> Run:
+    empty = Estimate(method='difference', status='waiting')
+    return run(empty, history=(), pose=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
+
+
+def svgs(text: str) -> list[ET.Element]:
+    """Return the drawings, parsed."""
+    return [ET.fromstring(element) for element in re.findall(r'<svg.*?</svg>', text, re.DOTALL)]
+
+
+def cells(text: str, row: str) -> list[str]:
+    """Return the cells of the first row that begins with a name."""
+    found = re.search(rf'<tr><td>{row}</td>(.*?)</tr>', text)
+    assert found
+    return re.findall(r'>([^<]*)</td>', found[1])
+
+
+def test_a_good_run_has_every_part() -> None:
+    text = page_of_a_good_run()
+    assert 'The inertia of link7 is identified.' in text
+    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes']
+    for part in (
+        'Convergence',
+        'Total momentum and residual',
+        'Identifiability',
+        'last pose',
+        'What arrived',
+        'Settings',
+    ):
+        assert part in text
+    assert cells(text, '/joint_states') == ['sensor_msgs/msg/JointState', '1000', '100', '1', '0.4 s at 3 s']
+    assert 'NaN or infinite value' in text
+    assert re.search(r'NumPy \d', text)
+    assert len(svgs(text)) == 5
+
+
+def test_it_needs_nothing_else_and_has_no_script() -> None:
+    text = html([run(), run(planar())], [truth(), None])
+    assert not re.search(r'<(script|link|img|iframe|object)', text)
+    assert not re.search(r'(src|href)="(?!#)', text)
+    assert not re.search(r'url\((?!#)', text)
+    assert '@import' not in text
+    assert 'prefers-color-scheme: dark' in text
+    assert '@media print' in text
+
+
+def test_every_colour_of_a_drawing_follows_the_page() -> None:
+    for drawing in svgs(page_of_a_good_run()):
+        colours = set(re.findall(r'#[0-9a-f]{6}', ET.tostring(drawing, encoding='unicode')))
+        assert not colours - {'#ffffff', '#000000'}
+
+
+def test_no_reference_of_a_drawing_is_lost_or_means_another_drawing() -> None:
+    text = html([run(), run()])
+    names = re.findall(r'<svg.*?</svg>', text, re.DOTALL)
+    ids = [set(re.findall(r' id="([^"]*)"', name)) for name in names]
+    for element, own in zip(names, ids, strict=True):
+        assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', element)) <= own
+    assert sum(map(len, ids)) == len(set().union(*ids))
+
+
+def test_the_truth_is_compared() -> None:
+    text = html([run()], [truth()])
+    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
+    assert 'Furthest from the truth is' in text
+    assert 'by 0.5 standard deviations' in text
+
+
+@pytest.mark.parametrize(
+    ('given', 'note'),
+    [
+        (truth('hand'), 'truth.json is about link &#x27;hand&#x27;, not &#x27;link7&#x27;: not compared'),
+        (truth(problem='truth cannot be used'), 'truth cannot be used'),
+    ],
+)
+def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: str) -> None:
+    text = html([run()], [given])
+    assert note in text
+    assert 'Furthest from the truth' not in text
+    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes']
+
+
+def test_a_planar_run_shows_what_it_does_not_determine() -> None:
+    text = html([run(planar())])
+    assert cells(text, 'com_z') == ['\N{EN DASH}', '\N{EN DASH}', 'm', 'no']
+    assert 'radius of gyration' in text
+    assert len(svgs(text)) == 5
+
+
+def test_a_momentum_that_is_not_determined_has_no_number() -> None:
+    covariance = np.diag([1e-4, 1e-4, 1e-4, 1e13, 1e13, 1.0])
+    text = html([run(estimate(momentum_covariance=covariance))])
+    assert cells(text, 'angular x')[0] == '\N{EN DASH}'
+    assert cells(text, 'angular z')[0] == '196'
+
+
+def test_events_are_marked_and_listed() -> None:
+    text = html([run(estimate(events=(event(),)))])
+    assert 'a push from outside' in text
+    assert '(1, 0, \N{EN DASH})' in text
+    assert text.count('>step<') >= 3
+
+
+def test_nothing_estimated_shows_why() -> None:
+    text = html([nothing()])
+    assert 'the data hold no complete window' in text
+    assert 'no joint of the robot in the bag' in text
+    assert 'Not drawn: the bag holds no pose that can be read.' in text
+
+
+def test_one_estimate_only_has_no_course() -> None:
+    final = estimate()
+    text = html([run(final, history=(final,))])
+    assert 'Convergence' not in text
+    assert cells(text, 'mass')[0] == '162'
+
+
+def test_the_methods_of_the_paper_have_no_bands() -> None:
+    final = estimate(
+        covariance=np.full((10, 10), np.nan), momentum=np.full(6, np.nan),
+        momentum_covariance=np.full((6, 6), np.nan), residual=np.nan,
+    )  # fmt: skip
+    text = html([run(final)], [truth()])
+    assert cells(text, 'mass')[:2] == ['162', '\N{EN DASH}']
+    assert 'Total momentum' not in text
+
+
+def test_a_robot_without_shapes_is_drawn_as_its_skeleton() -> None:
+    bare = re.sub(r'<visual>.*?</visual>', '', run().urdf, flags=re.DOTALL)
+    mesh = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<mesh filename="package://a/b.stl"/>')
+    odd = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<box size="1 nan"/>')
+    assert 'meshes are left out' in html([run(urdf=bare)])
+    for urdf in (mesh, odd):
+        assert len(svgs(html([run(urdf=urdf)]))) == 5
+
+
+def test_several_bags_are_compared() -> None:
+    other = estimate(parameters=BODY + 0.3 * STD)
+    text = html([run(), run(other, bag='another/bag')], [truth(), truth()])
+    assert 'Side by side' in text
+    assert 'The runs agree' in text
+    assert text.count('<section class="run">') == 2
+    far = html([run(), run(estimate(parameters=BODY + 10.0 * STD))])
+    assert 'The runs contradict each other' in far
+    assert 'different links' in html([run(), run(target_link='link6')])
+    assert 'no parameter with an uncertainty in common' in html([run(), nothing()])
+
+
+def hostile_run() -> Run:
+    table1 = hostile_urdf()
+    return run(
+        bag=HOSTILE,
+        target_link=HOSTILE.replace('\x1b', '').replace('\x07', ''),
+        urdf=table1,
+        pose=pose(4),
+        topics=tuple(replace(topic, topic=f'/{HOSTILE}', type=HOSTILE) for topic in run().topics),
+        dropped={HOSTILE: 1},
+        warnings=(HOSTILE,),
+        settings={HOSTILE: HOSTILE},
+    )
+
+
+def test_hostile_names_are_shown_as_text() -> None:
+    text = html([hostile_run(), hostile_run()], [truth(HOSTILE), None])
+    assert '<script' not in text
+    assert '&lt;script&gt;' in text
+    for character in '\x1b\x07\u202e':
+        assert character not in text
+    assert '\\x1b[2J' in text
+    assert svgs(text)
+
+
+def test_a_bag_of_a_robot_with_hostile_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, report, result = (tmp_path / name for name in ('robot.urdf', 'report.html', 'result.json'))
+    urdf.write_text(hostile_urdf(), encoding='utf-8')
+    model = load_model(hostile_urdf())
+    _, start = table1()
+    bag = recorded.write(tmp_path / f'{PLAIN[:8]}\x1b[2J', model, recorded.simulate(model, start, 3.0, 20.0))
+    main([str(bag), '--model', str(urdf), '--report', str(report), '--json', str(result)])
+    captured = capsys.readouterr()
+    assert not captured.err
+    for line in (*captured.out.splitlines(), *result.read_text(encoding='utf-8').splitlines()):
+        assert '\x1b' not in line
+    text = report.read_text(encoding='utf-8')
+    assert '<script' not in text
+    assert '\x1b' not in text
+    assert json.loads(result.read_text(encoding='utf-8'))['target_link'] == model.last_link
+    assert PLAIN in model.last_link
+
+
+@pytest.fixture(scope='module', name='chromium')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Chromium:
+    return Chromium(tmp_path_factory.mktemp('chromium'))
+
+
+def test_no_script_of_a_hostile_name_runs(chromium: Chromium, tmp_path: Path) -> None:
+    page = tmp_path / 'hostile.html'
+    page.write_text(html([hostile_run()]), encoding='utf-8')
+    document = chromium.document(page)
+    assert '<title>Inertia identification</title>' in document
+    assert PLAIN not in document
+
+
+def test_a_momentum_is_not_shown_where_nothing_is_determined() -> None:
+    final = Estimate(
+        method='difference', status='not_identifiable', time=5.0, momentum=np.zeros(6),
+        momentum_covariance=1e12 * np.eye(6), residual=0.2, samples=100,
+    )  # fmt: skip
+    text = html([run(final, history=(final, final))])
+    assert 'Residual' in text
+    assert 'linear x' not in text
+
+
+@pytest.mark.parametrize('kind', ['good', 'planar', 'event', 'nothing'])
+def test_a_browser_shows_it_light_and_dark(chromium: Chromium, tmp_path: Path, kind: str) -> None:
+    made = {'good': run(), 'planar': run(planar()), 'event': run(estimate(events=(event(),))), 'nothing': nothing()}
+    page = tmp_path / 'report.html'
+    page.write_text(html([made[kind]], [truth()]), encoding='utf-8')
+    light = chromium.screenshot(page, tmp_path / 'light.png')
+    dark = chromium.screenshot(page, tmp_path / 'dark.png', '--force-dark-mode')
+    assert light.startswith(b'\x89PNG')
+    assert len(light) > 30_000
+    assert light != dark
+
+
+def test_it_can_be_printed(chromium: Chromium, tmp_path: Path) -> None:
+    page = tmp_path / 'report.html'
+    page.write_text(page_of_a_good_run(), encoding='utf-8')
+    printed = chromium.pdf(page, tmp_path / 'report.pdf')
+    assert printed.startswith(b'%PDF')

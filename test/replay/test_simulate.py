@@ -1,0 +1,93 @@
+"""`simulate`: a bag and its truth from the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.replay.simulate import main
+from simulated import CONFIG
+
+TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']
+NOISY = ['-p', 'noise.joint_position:=1e-4', '-p', 'noise.base_angular_velocity:=1e-4']
+
+
+def contents(bag: Path) -> list[tuple[str, bytes, int]]:
+    with BagReader(bag) as reader:
+        return [(topic, bytes(data), time) for topic, data, time in reader.raw()]
+
+
+def test_a_bag_and_its_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / 'bag'
+    assert main([*TABLE1, '--output', str(bag), '--seed', '5']) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith('404 messages, 2 s of table1')
+    assert not captured.err
+    counts: dict[str, int] = {}
+    for topic, _, _ in contents(bag):
+        counts[topic] = counts.get(topic, 0) + 1
+    assert counts == {'/robot_description': 1, '/simulator/truth': 1, '/joint_states': 201, '/odom': 201}
+
+    truth = json.loads((bag / 'truth.json').read_text())
+    assert (truth['robot'], truth['target_link'], truth['seed'], truth['mass']) == ('table1', 'link4', 5, 934.45)
+    assert truth['com'] == pytest.approx([2.3, 0.9, 0.0])
+    assert truth['inertia'] == pytest.approx({'ixx': 1100, 'ixy': 0, 'ixz': 0, 'iyy': 2800, 'iyz': 0, 'izz': 3435})
+    assert truth['momentum']['linear'] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert truth['momentum']['angular'] == pytest.approx([0.0, 0.0, 4597.634], abs=5e-4)
+    assert truth['parameters']['initial.zero_linear_momentum'] is True
+    assert truth['parameters']['duration'] == 2.0
+
+
+def test_the_same_seed_gives_the_same_payloads(tmp_path: Path) -> None:
+    bags = {}
+    for name, seed in (('one', 5), ('two', 5), ('three', 6)):
+        assert main([*TABLE1, *NOISY, '--seed', str(seed), '--output', str(tmp_path / name)]) == 0
+        bags[name] = contents(tmp_path / name)
+    assert bags['one'] == bags['two']
+    assert bags['one'] != bags['three']
+
+
+def test_the_truth_goes_where_it_is_told(tmp_path: Path) -> None:
+    assert main([*TABLE1, '--output', str(tmp_path / 'bag'), '--truth', str(tmp_path / 'told.json')]) == 0
+    assert (tmp_path / 'told.json').is_file()
+    assert not (tmp_path / 'bag' / 'truth.json').exists()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ([], '--model URDF'),
+        (TABLE1[:2], "'duration' is 0 s"),
+        (['--model', 'none.urdf', '--duration', '1'], "'none.urdf': No such file"),
+        ([*TABLE1, '--seed', '1.5'], "'1.5' is not accepted; accepted: a whole number"),
+        ([*TABLE1, '--duration', '0'], "'0' is not accepted; accepted: a number > 0 s"),
+        ([*TABLE1, '-p', 'noise.joint:=1'], "'noise.joint'; known: noise.joint_position"),
+        ([*TABLE1, '-p', 'step:=2'], "'step' is 2 s; accepted"),
+        ([*TABLE1, '-p', 'step'], "'step' is not a parameter; accepted: name:=value"),
+        ([*TABLE1, '--sed', '3'], "'--sed'; options: --seed"),
+        ([*TABLE1, '--truth', '/nowhere/truth.json'], "'/nowhere/truth.json'"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / 'bag'
+    assert main([*arguments, '--output', str(bag)]) == 2
+    error = capsys.readouterr().err
+    assert re.fullmatch(r'mbaid_ros simulate: [^\n]+\n', error)
+    assert words in error
+    assert not bag.exists()
+
+
+def test_a_bag_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TABLE1, '--output', str(tmp_path)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['--help']) == 0
+    assert 'simulate --model config/table1.urdf' in capsys.readouterr().out

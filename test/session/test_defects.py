@@ -1,0 +1,212 @@
+"""Inputs as they really arrive: each defect changes the estimate by less than it is uncertain, or is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from functools import cache
+
+import numpy as np
+import pytest
+
+import defects
+from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shifted
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED
+from mbaid_ros.core.reorder import LATE, REPEATED
+from mbaid_ros.core.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
+from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
+from mbaid_ros.session import Session, explain, intake_warnings, obstacles
+from simulated import CONFIG
+
+ROBOT, SECONDS = 'servicer7', 12.0
+QUATERNION = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
+PLACE = np.array([0.3, -0.2, 0.5])
+MARKER: dict[str, object] = {'marker.position': PLACE.tolist(), 'marker.orientation': QUATERNION.tolist()}
+
+# What changes nothing but a little of what is known: the defect and the parameters that it needs.
+HARMLESS: dict[str, tuple[Callable[[list[Arrival]], list[Arrival]], dict[str, object]]] = {
+    'permuted and extra joints': (changed(JOINTS, defects.permuted_and_extra), {}),
+    'wrapped angles': (changed(JOINTS, defects.wrapped), {}),
+    'quaternions of length 1.05 and either sign': (changed(ODOMETRY, defects.odd_quaternion), {}),
+    'two publishers of half the joints': (defects.in_halves, {}),
+    'out of order by up to 30 ms': (defects.out_of_order(3, 0.03), {}),
+    'repeated messages': (defects.repeated, {}),
+    '30 % lost': (defects.lost(3, 0.3), {}),
+    'gaps in the odometry': (defects.with_gaps, {}),
+    'bursts of joint states': (defects.in_bursts, {}),
+    'another frame on the base': (defects.of_marker(PLACE, QUATERNION, 'tracking_marker'), MARKER),
+    'no joint velocities': (changed(JOINTS, defects.no_rates), {}),
+    'no twist': (changed(ODOMETRY, defects.no_twist), {}),
+}
+
+
+@cache
+def clean() -> list[Arrival]:
+    return arrivals(ROBOT, SECONDS, 2)
+
+
+@cache
+def undisturbed() -> Estimate:
+    return estimates(ROBOT, clean())[0][-1]
+
+
+def first_columns(result: list[Estimate]) -> Array:
+    """Return what is published, NaN as a number, for comparison to the last bit."""
+    rows = [
+        np.concatenate((estimate.parameters, np.ravel(estimate.covariance), estimate.momentum)) for estimate in result
+    ]
+    return np.nan_to_num(np.array(rows), nan=-1.0)
+
+
+@pytest.mark.parametrize('defect', HARMLESS)
+def test_the_estimate_stays_within_two_standard_deviations(defect: str) -> None:
+    spoil, parameters = HARMLESS[defect]
+    last = estimates(ROBOT, spoil(clean()), parameters)[0][-1]
+    assert np.all(last.identifiable)
+    larger = np.maximum(last.std, undisturbed().std)
+    # What velocities are taken from is noise of its own.
+    limit = 3.0 if defect.startswith('no ') else 2.0
+    assert np.all(np.abs(last.parameters - undisturbed().parameters) < limit * larger)
+
+
+@pytest.mark.parametrize('defect', HARMLESS)
+def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
+    spoil, parameters = HARMLESS[defect]
+    messages = spoil(clean()[:500])
+    whole, session = estimates(ROBOT, messages, parameters)
+    assert len(whole) >= 3
+    for at_once in (1, 33):
+        pieces, other = estimates(ROBOT, messages, parameters, at_once)
+        assert np.array_equal(first_columns(pieces), first_columns(whole))
+        assert [estimate.warnings for estimate in pieces] == [estimate.warnings for estimate in whole]
+        assert other.dropped == session.dropped
+
+
+def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:
+    text = (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8')
+    # Roll 0, pitch 0, yaw 90 degrees.
+    marker = (
+        '<link name="marker"/><joint name="mount" type="fixed"><parent link="base_link"/><child link="marker"/>'
+        '<origin xyz="0.3 -0.2 0.5" rpy="0 0 1.5707963267948966"/></joint></robot>'
+    )
+
+    session = Session(EstimatorConfig(), text.replace('</robot>', marker))
+    spoil = defects.of_marker(PLACE, np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), 'marker')
+    for arrival in spoil(clean()):
+        (session.add_joint_state if arrival.topic == JOINTS else session.add_odometry)(arrival.message)
+    last = session.process()[-1]
+    assert np.all(np.abs(last.parameters - undisturbed().parameters) < 0.5 * last.std)
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'cause', 'sentence'),
+    [
+        (changed(ODOMETRY, lambda m: setattr(m, 'child_frame_id', 'link3')), WRONG_CHILD_FRAME, "'link3'; accepted: "),
+        (changed(ODOMETRY, lambda m: setattr(m, 'child_frame_id', '')), WRONG_CHILD_FRAME, "''; accepted: 'base_link'"),
+        (
+            changed(ODOMETRY, lambda m: setattr(m.pose.pose, 'orientation', defects._fields('xyzw', np.zeros(4)))),
+            BAD_QUATERNION,
+            'length is not 1',
+        ),
+        (changed(JOINTS, lambda m: setattr(m, 'position', m.position * np.nan)), NOT_FINITE, NOT_FINITE),
+        (changed(JOINTS, lambda m: setattr(m, 'name', list('abcdefg'))), JOINT_MISSING, 'they hold a, b, c, d, e, f'),
+    ],
+)
+def test_what_cannot_be_used_is_told(
+    spoil: Callable[[list[Arrival]], list[Arrival]], cause: str, sentence: str
+) -> None:
+    messages = arrivals(ROBOT, 2.0, 2)  # a copy of its own: nested parts are changed in place
+    result, session = estimates(ROBOT, spoil(messages))
+    assert result == []
+    assert session.dropped[cause] == 200
+    assert any(sentence in reason for reason in explain(session, session.dropped))
+    assert any(sentence in warning for warning in intake_warnings(session))
+
+
+def test_half_of_the_joints_alone_are_waited_with() -> None:
+    messages = list(defects.in_halves(clean()[:400]))
+    half = [a for a in messages if a.topic == ODOMETRY or len(a.message.name) == 4]
+    result, session = estimates(ROBOT, half)
+    assert result == []
+    assert obstacles(session) == [
+        'joint missing: the joint states lack joint5, joint6, joint7; they hold joint1, joint2, joint3, joint4'
+    ]
+
+
+def test_notes_say_what_was_derived() -> None:
+    spoil = changed(JOINTS, defects.no_rates)
+    assert estimates(ROBOT, spoil(clean()))[0][-1].warnings[-1:] == (JOINT_RATES_DERIVED,)
+    spoil = changed(ODOMETRY, defects.no_twist)
+    assert estimates(ROBOT, spoil(clean()))[0][-1].warnings[-1:] == (TWIST_DERIVED,)
+
+
+def test_late_and_repeated_messages_are_counted() -> None:
+    assert estimates(ROBOT, defects.repeated(clean()))[1].dropped[REPEATED] == len(clean()) // 3
+    dropped = estimates(ROBOT, defects.out_of_order(3, 0.03)(clean()))[1].dropped
+    assert 0 < dropped[LATE] < 10
+
+
+# Time
+
+
+@cache
+def looped() -> list[Arrival]:
+    """Return the run twice, as from a bag played in a loop; the odometry's jump comes a little after the joints'."""
+    later = {JOINTS: 0, ODOMETRY: 30_000_000}
+    return defects.in_order(
+        [
+            Arrival(a.topic, a.time + later[a.topic] + round(turn * SECONDS * 1e9), a.message)
+            for turn in (0, 1)
+            for a in clean()
+        ]
+    )
+
+
+@pytest.mark.parametrize('at_once', [1, 77, 100_000])
+def test_a_loop_starts_again_and_says_why(at_once: int) -> None:
+    result, session = estimates(ROBOT, looped(), at_once=at_once)
+    assert session.restarted == 1
+    assert session.restarts[0].startswith('stamps on joint_states jumped back by 11.99 s')
+    half = len(result) // 2
+    # The second time round, the clean run's numbers come again, with the reason as a warning.
+    expected = estimates(ROBOT, clean())[0]
+    assert np.array_equal(first_columns(result[-len(expected) :]), first_columns(expected))
+    assert all(session.restarts[0] in estimate.warnings for estimate in result[-len(expected) :])
+    assert not any(session.restarts[0] in estimate.warnings for estimate in result[:half])
+    assert session.dropped[OTHER_CLOCK] > 0
+    assert session.used > 2 * 12 * 95
+
+
+def test_a_loop_can_be_an_error_or_be_waited_out() -> None:
+    with pytest.raises(DataError, match=r'stamps on joint_states jumped back by 11\.99 s .* time_jump: error'):
+        estimates(ROBOT, looped(), {'time_jump': 'error'}, at_once=1)
+    result, session = estimates(ROBOT, looped(), {'time_jump': 'ignore'})
+    assert session.restarted == 0
+    assert session.dropped[JUMPED_BACK] > 2000
+    assert np.array_equal(first_columns(result), first_columns(estimates(ROBOT, clean())[0]))
+
+
+def test_stray_and_zero_stamps_are_dropped_alone() -> None:
+    messages = list(clean())
+    for index, change in ((500, shifted(1e6)), (900, shifted(-1e3)), (1300, shifted(-1.7e9))):
+        messages[index : index + 1] = changed(messages[index].topic, change)([messages[index]])
+    zero = copy(messages[1700].message)
+    zero.header = defects.header(0)
+    messages[1700] = Arrival(messages[1700].topic, messages[1700].time, zero)
+    result, session = estimates(ROBOT, messages)
+    assert session.dropped[STRAY_STAMP] == 3
+    assert session.dropped[ZERO_STAMP] == 1
+    assert session.restarted == 0
+    assert np.all(np.abs(result[-1].parameters - undisturbed().parameters) < 0.5 * result[-1].std)
+
+
+def test_clocks_that_differ_are_told() -> None:
+    result, session = estimates(ROBOT, changed(JOINTS, shifted(100.0))(clean()[:400]))
+    assert result == []
+    assert obstacles(session) == [
+        'the stamps of joint_states are 100 s ahead of those of odom: odom has stopped, or their clocks differ'
+    ]

@@ -1,0 +1,244 @@
+"""Streams with any defects at once: no crash, no number that is not finite, and the same however they are cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from copy import copy, deepcopy
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import defects
+from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.inertia import physical
+from simulated import robot
+
+ROBOT = 'table1'
+STATUSES = {'waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent'}
+NUMBERS = [0.0, -1.0, 1e-300, 1e300, -1e9, math.nan, math.inf, -math.inf]
+STAMPS = [0, 1, -1, 10**9 * (2**31 - 1), -(10**9) * 2**31, 1_700_000_001 * 10**9]
+
+Change = Callable[[Any, int], None]
+
+
+@cache
+def clean() -> list[Arrival]:
+    every = np.arange(0.0, 3.0, 0.04)
+    return arrivals(ROBOT, 3.0, 1, every, every)
+
+
+def number(choice: int) -> float:
+    return NUMBERS[choice % len(NUMBERS)]
+
+
+def set_stamp(message: Any, choice: int) -> None:
+    message.header = header(STAMPS[choice % len(STAMPS)])
+
+
+def shift_stamp(message: Any, choice: int) -> None:
+    defects.shifted(((choice % 41) - 20) * 10.0 ** (choice % 5 - 3))(message)
+
+
+def forget_velocity(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        defects.no_twist(message)
+    elif choice % 2:
+        defects.no_rates(message)
+    else:
+        defects.nan_rates(message)
+
+
+def rename(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        message.child_frame_id = ['', 'odom', 'link4', '/base_link', 'x' * 1000][choice % 5]
+    else:
+        message.name = [[], ['a'] * 4, message.name[::-1], message.name[:1] * 4, ['a', *message.name[1:]]][choice % 5]
+
+
+def cut(message: Any, choice: int) -> None:
+    if not hasattr(message, 'twist'):
+        field = ['name', 'position', 'velocity'][choice % 3]
+        setattr(message, field, getattr(message, field)[: choice % 4])
+
+
+def half(message: Any, choice: int) -> None:
+    if not hasattr(message, 'twist'):
+        part = slice(2, None) if choice % 2 else slice(0, 2)
+        for field in ('name', 'position', 'velocity'):
+            setattr(message, field, getattr(message, field)[part])
+
+
+def spoil_number(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        parts = (message.pose.pose.position, message.pose.pose.orientation)
+        setattr(parts[choice % 2], 'xyz'[choice % 3], number(choice))
+    elif len(message.position):
+        message.position[choice % len(message.position)] = number(choice)
+
+
+def spoil_twist(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        setattr(message.twist.twist.angular, 'xyz'[choice % 3], number(choice))
+    elif len(message.velocity):
+        message.velocity[choice % len(message.velocity)] = number(choice)
+
+
+def spoil_covariance(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        part = message.pose if choice % 2 else message.twist
+        part.covariance = part.covariance.copy()
+        part.covariance[choice % 36] = number(choice)
+
+
+def zero_quaternion(message: Any, choice: int) -> None:
+    if hasattr(message, 'twist'):
+        message.pose.pose.orientation = defects._fields('xyzw', np.full(4, choice % 3 * 1e-3))
+
+
+CHANGES: list[Change] = [
+    *(set_stamp, shift_stamp, forget_velocity, rename, cut, half),
+    *(spoil_number, spoil_twist, spoil_covariance, zero_quaternion),
+]
+# Those that leave what is measured as it is, or unusable: what comes of the rest must be right.
+HONEST: list[Change] = [forget_velocity, rename, cut, half, zero_quaternion]
+
+
+# One thing that goes wrong: where it begins, for how many messages, what, how in detail, and on which topic not.
+Step = tuple[int, int, str, int, str]
+
+
+def plans(changes: list[Change]) -> st.SearchStrategy[list[Step]]:
+    """Return plans of what goes wrong with stretches of messages: changed, lost, repeated or moved."""
+    actions = [*(change.__name__ for change in changes), 'lose', 'repeat', 'move']
+    step = st.tuples(
+        st.integers(0, 149),
+        st.sampled_from([1, 2, 7, 40, 150]),
+        st.sampled_from(actions),
+        st.integers(0, 400),
+        st.sampled_from([JOINTS, ODOMETRY, '']),
+    )
+    return st.lists(step, min_size=1, max_size=5)
+
+
+def spoilt(plan: list[Step]) -> list[Arrival]:
+    """Return the stream in which everything of a plan has gone wrong."""
+    changes = {change.__name__: change for change in CHANGES}
+    messages = list(clean())
+    for begin, count, action, choice, spared in plan:
+        stretch = messages[begin : begin + count]
+        if action == 'repeat':
+            messages[begin:begin] = stretch
+        elif action in {'lose', 'move'}:
+            del messages[begin : begin + count]
+            if action == 'move':
+                messages[choice:choice] = stretch
+        else:
+            change = changes[action]
+            messages[begin : begin + count] = [
+                one if one.topic == spared else altered(one, change, choice) for one in stretch
+            ]
+    return messages
+
+
+def altered(arrival: Arrival, change: Change, choice: int) -> Arrival:
+    message = deepcopy(arrival.message)
+    change(message, choice)
+    return replace(arrival, message=message)
+
+
+def check(result: list[Estimate]) -> None:
+    for estimate in result:
+        assert estimate.status in STATUSES
+        known = estimate.identifiable
+        assert np.all(np.isfinite(estimate.parameters[known]))
+        assert np.all(np.isnan(estimate.parameters[~known]))
+        assert not known[0] or estimate.parameters[0] > 0.0 or estimate.method.startswith('paper')
+        if not estimate.method.startswith('paper'):
+            assert np.all(np.isfinite(estimate.std[known]))
+            assert np.all(estimate.std[known] > 0.0)
+        assert np.isfinite(estimate.time)
+        assert all('\n' not in warning for warning in estimate.warnings)
+
+
+def same(left: list[Estimate], right: list[Estimate]) -> bool:
+    return [_bits(estimate) for estimate in left] == [_bits(estimate) for estimate in right]
+
+
+def _bits(estimate: Estimate) -> tuple[bytes, ...]:
+    numbers = (estimate.parameters, estimate.covariance, estimate.momentum, np.float64(estimate.residual))
+    text = (estimate.status, *estimate.warnings)
+    return (*(np.asarray(number).tobytes() for number in numbers), *(part.encode() for part in text))
+
+
+def outcome(messages: list[Arrival], parameters: dict[str, object], at_once: int) -> list[Estimate]:
+    """Return the estimates of a stream; stopping after a jump is one of the parameters' choices."""
+    try:
+        return estimates(ROBOT, messages, parameters, at_once)[0]
+    except DataError as error:
+        assert (parameters['time_jump'], 'jumped back' in str(error)) == ('error', True)  # noqa: PT017
+        return []
+
+
+relaxed = settings(
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+@pytest.mark.parametrize(('method', 'examples'), [('difference', 250), ('paper_difference', 110), ('trajectory', 60)])
+def test_any_stream_leads_to_finite_numbers(method: str, examples: int) -> None:
+    @settings(relaxed, max_examples=examples)
+    @given(
+        plans(CHANGES),
+        st.fixed_dictionaries(
+            {
+                'time_jump': st.sampled_from(['reset', 'reset', 'error', 'ignore']),
+                'twist_frame': st.sampled_from(['child', 'child', 'inertial']),
+                'marker.position': st.sampled_from([[], [0.1, 0.2, 0.3]]),
+                'reorder_time': st.sampled_from([0.05, 0.0]),
+            }
+        ),
+        st.integers(1, 200),
+    )
+    def fuzz(plan: list[Step], parameters: dict[str, object], at_once: int) -> None:
+        messages = spoilt(plan)
+        parameters['method'] = method
+        if method == 'trajectory':
+            parameters['trajectory.start_windows'] = 2
+        whole = outcome(messages, parameters, 1_000_000)
+        check(whole)
+        if parameters['time_jump'] != 'error':
+            assert same(whole, outcome(messages, parameters, at_once))
+
+    fuzz()
+
+
+@settings(relaxed, max_examples=100)
+@given(plans(HONEST))
+def test_what_the_good_data_say_is_right(plan: list[Step]) -> None:
+    result = outcome(spoilt(plan), {'method': 'difference'}, 1_000_000)
+    check(result)
+    model = robot(ROBOT)
+    truth = physical(model.link(model.last_link).parameters)
+    for estimate in result[-1:]:
+        known = estimate.identifiable
+        if estimate.status == 'converged':
+            assert np.all(np.abs(estimate.parameters - truth)[known] < 6.0 * estimate.std[known])
+
+
+def test_a_message_is_not_changed() -> None:
+    messages = [replace(arrival, message=deepcopy(arrival.message)) for arrival in clean()[:40]]
+    before = [copy(vars(arrival.message)) for arrival in messages]
+    estimates(ROBOT, messages)
+    for arrival, fields in zip(messages, before, strict=True):
+        assert all(np.array_equal(getattr(arrival.message, name), value) for name, value in fields.items())

@@ -1,0 +1,50 @@
+"""Robots in motion, for the tests of the simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mbaid_ros.core.dynamics import State
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.model import RobotModel, load_model
+from mbaid_ros.core.simulation import without_linear_momentum
+
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+DEGREE = np.pi / 180.0
+
+
+def robot(name: str) -> RobotModel:
+    """Return a robot of config/."""
+    return load_model((CONFIG / f'{name}.urdf').read_text(encoding='utf-8'))
+
+
+def state(
+    joint_position: Array, joint_velocity: Array, angular: tuple[float, ...] = (0.0, 0.0, 0.0), linear: float = 0.0
+) -> State:
+    """Return a state with the base link in the odometry frame, moving along x at `linear` m/s and turning (rad/s)."""
+    velocity = np.concatenate(([linear, 0.0, 0.0], angular, joint_velocity))
+    return State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.asarray(joint_position, dtype=float), velocity)
+
+
+def table1() -> tuple[RobotModel, State]:
+    """Return the paper's servicer and the start of its case: Table 1, with the base velocity that gives P = 0."""
+    model = robot('table1')
+    start = state(
+        np.array([60.0, -60.0, -60.0, 60.0]) * DEGREE,
+        np.array([1.0, -2.0, 1.0, 2.0]) * DEGREE,
+        (0.0, 0.0, 2.0 * DEGREE),
+    )
+    return model, without_linear_momentum(model, start)
+
+
+def relative_drift(total: Array) -> float:
+    """Return the largest change of the linear and of the angular momentum, each relative to its own largest size.
+
+    A linear momentum of zero is measured against what the angular one would be at a metre.
+    """
+    size = np.linalg.norm(total.reshape(len(total), 2, 3), axis=2).max(axis=0)
+    scale = np.maximum(size, 1e-3 * size.max())
+    change = np.abs(total - total[0]).reshape(len(total), 2, 3).max(axis=(0, 2))
+    return float((change / scale).max())

@@ -1,0 +1,79 @@
+"""The robots of config/ as streams of rclpy's messages, for the tests of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from rclpy.serialization import serialize_message
+
+from mbaid_ros.bags import deserialize, serialize
+from mbaid_ros.config.estimator import METHODS, EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from simulated import CONFIG
+
+EPOCH = 1_700_000_000_000_000_000  # ns, stamp of the first sample
+TABLE1_MOMENTUM = (0.0, 0.0, 4597.634)
+
+
+def urdf(robot: str) -> str:
+    """Return a robot description of config/."""
+    return (CONFIG / f'{robot}.urdf').read_text(encoding='utf-8')
+
+
+@cache
+def run(robot: str, seconds: float, rate: float = 100.0, start: int = EPOCH) -> tuple[TimedMessage, ...]:
+    """Return what the sensors of a robot say during its run of config/.
+
+    Parameters
+    ----------
+    robot : 'table1', 'ets7', 'servicer7'
+    seconds, rate : s, and samples a second: the first at 0, the last before `seconds`
+    start : ns, first stamp
+    """
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator'))
+    simulated = SimulatedRun(replace(config, joint_rate=rate, odometry_rate=rate), urdf(robot), TYPES)
+    simulated.start = start
+    return tuple(simulated.read(seconds - 0.5 / rate))
+
+
+def offline(
+    config: EstimatorConfig, robot: str, messages: Sequence[TimedMessage], at_once: int = 1_000_000
+) -> list[list[Estimate]]:
+    """Return what the core makes of the messages, handed over so many at a time: the estimates of each call."""
+    session = Session(config, urdf(robot))
+    calls = []
+    for begin in range(0, len(messages), at_once):
+        for timed in messages[begin : begin + at_once]:
+            take = session.add_joint_state if timed.topic == 'joint_states' else session.add_odometry
+            take(timed.message)
+        calls.append(session.process())
+    return calls
+
+
+def every_bit(message: Any, type_name: str) -> bytes:
+    """Return an rclpy message as what can be compared: NaN is not equal to itself, and serialisers pad as they like."""
+    return serialize(deserialize(serialize_message(message), type_name), type_name)
+
+
+def methods() -> list[str]:
+    """Return the methods that can be chosen."""
+
+    def available(method: str) -> bool:
+        config = build(EstimatorConfig, {'method': method, 'paper.total_angular_momentum': TABLE1_MOMENTUM})
+        try:
+            Session(config, urdf('table1'))
+        except ParameterError:
+            return False
+        return True
+
+    return [method for method in METHODS if available(method)]

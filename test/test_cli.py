@@ -1,0 +1,115 @@
+"""The executables' frame: exit codes, and errors that are one line on stderr."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+
+import pytest
+
+from mbaid_ros.cli import ArgumentParser, number, one_line, run
+from mbaid_ros.core.errors import DataError
+
+
+def parser() -> ArgumentParser:
+    made = ArgumentParser('tool', 'Does something.', 'tool a.mcap --rate 2')
+    made.add_argument('bag', nargs='+', metavar='BAG')
+    made.add_argument('--rate', type=number(0.0, exclusive=True), default=1.0)
+    made.add_argument('--method', choices=('round', 'square'))
+    return made
+
+
+def parsing(argv: list[str]) -> int:
+    parser().parse(argv)
+    return 0
+
+
+def raising(error: BaseException, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    def body(_argv: list[str]) -> int:
+        raise error
+
+    code = run(body, [], name='tool')
+    captured = capsys.readouterr()
+    assert not captured.out
+    return code, captured.err
+
+
+def test_the_code_is_that_of_the_function(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(len, ['a', 'b', 'c']) == 3
+    assert capsys.readouterr() == ('', '')
+
+
+def test_a_known_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert raising(DataError('no topic\n  /odom'), capsys) == (2, 'mbaid_ros tool: no topic /odom\n')
+
+
+def test_the_name_is_that_of_the_module(capsys: pytest.CaptureFixture[str]) -> None:
+    def body(_argv: list[str]) -> int:
+        raise DataError('x')
+
+    run(body, [])
+    assert capsys.readouterr().err == 'mbaid_ros test_cli: x\n'
+
+
+def test_an_interrupt_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
+    assert raising(KeyboardInterrupt(), capsys) == (130, '')
+
+
+def test_an_error_of_the_system_names_the_file(capsys: pytest.CaptureFixture[str]) -> None:
+    error = OSError(errno.ENOSPC, 'No space left on device', '/tmp/out.mcap')
+    assert raising(error, capsys) == (2, "mbaid_ros tool: No space left on device '/tmp/out.mcap'\n")
+
+
+def test_a_bug_is_not_hidden(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ZeroDivisionError):
+        raising(ZeroDivisionError(), capsys)
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    program = 'import sys; from mbaid_ros.cli import run; sys.exit(run(lambda argv: print("x" * 1_000_000) or 0))'
+    process = subprocess.Popen([sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait() == 141
+    assert process.stderr is not None
+    assert process.stderr.read() == b''
+    process.stderr.close()
+
+
+def test_control_characters_do_not_reach_the_terminal() -> None:
+    assert one_line('a\x1b[31m\tb\nc\u202ed\udc80') == r'a\x1b[31m b c\u202ed\udc80'
+
+
+def test_a_line_has_an_end() -> None:
+    assert len(one_line('x' * 100_000)) == 2000
+
+
+def test_help_has_an_example_and_succeeds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(parsing, ['--help']) == 0
+    assert 'tool a.mcap --rate 2' in capsys.readouterr().out
+
+
+def test_options_may_stand_between_bags() -> None:
+    arguments = parser().parse(['a', '--rate', '2', 'b'])
+    assert (arguments.bag, arguments.rate) == (['a', 'b'], 2.0)
+
+
+@pytest.mark.parametrize(
+    ('argv', 'text'),
+    [
+        ([], 'required: BAG'),
+        (['a', '--rate', 'fast'], "argument --rate: 'fast' is not accepted; accepted: a number > 0"),
+        (['a', '--rate', '0'], "'0' is not accepted; accepted: a number > 0"),
+        (['a', '--rate', 'nan'], "'nan' is not accepted"),
+        (['a', '--rate'], 'argument --rate: expected one argument'),
+        (['a', '--method', 'oval'], 'oval'),
+        (['a', '--metod', 'round'], "unknown argument '--metod'; options: --method"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str], argv: list[str], text: str) -> None:
+    assert run(parsing, argv) == 2
+    captured = capsys.readouterr()
+    assert text in captured.err
+    assert captured.err.count('\n') == 1
+    assert not captured.out

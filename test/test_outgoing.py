@@ -1,0 +1,63 @@
+"""Estimates as messages."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.bags import deserialize, message_class, serialize
+from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+
+TYPES = MessageTypes(find=message_class, flags=np.asarray)
+FRAMES = Frames(target_link='link7', odometry='odom')
+
+
+def example() -> Estimate:
+    covariance = np.linspace(0.0, 99.0, 100, dtype=np.float64).reshape(10, 10)
+    return Estimate(
+        method='difference',
+        status='converged',
+        time=1.25,
+        stamp=1_700_000_000_123_456_789,
+        parameters=np.linspace(1.0, 10.0, 10, dtype=np.float64),
+        covariance=covariance,
+        identifiable=np.arange(10) != 3,
+        momentum=np.arange(6.0, dtype=np.float64),
+        momentum_covariance=np.eye(6),
+        residual=1.1,
+        samples=125,
+        warnings=('of the estimate',),
+    )
+
+
+def test_an_estimate_survives_the_wire_in_full() -> None:
+    estimate = example()
+    message = estimate_message(estimate, TYPES, FRAMES, ['of the run'])
+    type_name = 'mbaid_msgs/msg/InertiaEstimate'
+    read = deserialize(serialize(message, type_name), type_name)
+    assert (read.header.stamp.sec, read.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
+    assert (read.header.frame_id, read.momentum_frame) == ('link7', 'odom')
+    assert (read.method, read.status, read.samples) == ('difference', 'converged', 125)
+    inertia = read.inertia
+    assert (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z) == (1.0, 2.0, 3.0, 4.0)
+    assert (inertia.ixx, inertia.ixy, inertia.ixz) == (5.0, 6.0, 7.0)
+    assert (inertia.iyy, inertia.iyz, inertia.izz) == (8.0, 9.0, 10.0)
+    np.testing.assert_array_equal(read.covariance.reshape(10, 10), estimate.covariance)
+    np.testing.assert_array_equal(read.identifiable, estimate.identifiable)
+    assert (read.angular_momentum.x, read.angular_momentum.z) == (3.0, 5.0)
+    np.testing.assert_array_equal(read.momentum_covariance.reshape(6, 6), np.eye(6))
+    assert (read.span.sec, read.span.nanosec) == (1, 250_000_000)
+    assert np.isnan(read.time_offset)
+    assert read.warnings == ['of the estimate', 'of the run']
+
+
+def test_the_inertia_alone_has_the_same_header() -> None:
+    message = inertia_message(example(), TYPES, FRAMES)
+    assert message.header.frame_id == 'link7'
+    assert message.inertia.izz == 10.0
+
+
+def test_an_estimate_of_nothing_is_nan() -> None:
+    message = estimate_message(Estimate(method='difference', status='waiting'), TYPES, FRAMES)
+    assert np.isnan(message.inertia.m)
+    assert not np.any(message.identifiable)

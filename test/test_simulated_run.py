@@ -1,0 +1,124 @@
+"""The simulator's messages and the parameters behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.bags import message_class, serialize
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
+from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
+from mbaid_ros.core.simulation import Simulation, total_momentum
+from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_initial_state, make_motion
+from simulated import CONFIG, robot
+
+TYPES = MessageTypes(find=message_class, flags=np.asarray)
+NAMES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
+
+
+def run(name: str = 'ets7', **values: Any) -> SimulatedRun:
+    return SimulatedRun(build(SimulatorConfig, values), (CONFIG / f'{name}.urdf').read_text(), TYPES)
+
+
+def payloads(messages: list[TimedMessage]) -> list[bytes]:
+    return [serialize(timed.message, NAMES[timed.topic]) for timed in messages]
+
+
+def test_messages_come_in_order_with_their_stamps() -> None:
+    made = run(joint_rate=100.0, odometry_rate=30.0)
+    made.start = 5_000_000_123
+    messages = made.read(1.0)
+    assert [timed.time for timed in messages] == sorted(timed.time for timed in messages)
+    assert [sum(timed.topic == topic for timed in messages) for topic in NAMES] == [101, 31]
+    for timed in messages:
+        stamp = timed.message.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == made.stamp(timed.time) == 5_000_000_123 + round(timed.time * 1e9)
+
+
+def test_a_message_says_what_the_state_is() -> None:
+    turn = (0.5, -0.5, 0.5, 0.5)
+    moving = {'base_position': (1.0, 2.0, 3.0), 'base_orientation': turn, 'base_linear_velocity': (0.1, 0.2, 0.3)}
+    angular = {'base_angular_velocity': (0.01, -0.02, 0.03), 'joint_positions': (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)}
+    odometry, joints = (timed.message for timed in run(initial=moving | angular, odom_frame='inertial').read(0.0))
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ('inertial', 'base_link')
+    pose, twist = odometry.pose.pose, odometry.twist.twist
+    assert (pose.position.x, pose.position.y, pose.position.z) == (1.0, 2.0, 3.0)
+    assert (pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w) == turn
+    # The twist of an Odometry is in the child frame.
+    rotation = rotation_from_quaternion(np.array(turn))
+    linear = np.array([twist.linear.x, twist.linear.y, twist.linear.z])
+    assert rotate(rotation, linear) == pytest.approx([0.1, 0.2, 0.3])
+    assert rotate(rotation, np.array([twist.angular.x, twist.angular.y, twist.angular.z])) == pytest.approx(
+        [0.01, -0.02, 0.03]
+    )
+    assert joints.name == [f'joint{number}' for number in range(1, 7)]
+    assert joints.position.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert len(joints.velocity) == len(joints.effort) == 6
+
+
+def test_one_seed_gives_one_run_to_the_last_bit_however_it_is_cut() -> None:
+    values: dict[str, Any] = {
+        'noise': {'joint_position': 1e-4, 'base_orientation': 1e-4},
+        'motion': {'kind': 'random'},
+    }
+    whole = payloads(run(seed=7, **values).read(2.0))
+    pieces = run(seed=7, **values)
+    assert payloads([timed for until in (0.0, 0.35, 1.0, 2.0) for timed in pieces.read(until)]) == whole
+    assert payloads(run(seed=8, **values).read(2.0)) != whole
+
+
+def test_the_truth_is_the_urdfs() -> None:
+    made = run('servicer7')
+    truth = made.truth()
+    assert truth.header.frame_id == 'link7'
+    inertia = truth.inertia
+    assert inertia.m == 162.0
+    assert [inertia.com.x, inertia.com.y, inertia.com.z] == pytest.approx([0.325741, -0.211142, 0.752778])
+    assert [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz] == pytest.approx(
+        [27.6097, -2.9459, 1.3046, 37.2626, -1.0330, 30.1508]
+    )
+    assert run('servicer7', target_link='link2').truth().header.frame_id == 'link2'
+
+
+@pytest.mark.parametrize('kind', ['passive', 'random'])
+def test_zero_linear_momentum(kind: str) -> None:
+    made = run(initial={'zero_linear_momentum': True, 'base_angular_velocity': [0.1, 0.0, 0.2]}, motion={'kind': kind})
+    assert made.momentum[:3] == pytest.approx(np.zeros(3), abs=1e-9)
+    assert np.linalg.norm(made.momentum[3:]) > 100.0
+
+
+def test_the_momentum_is_about_the_odometry_origin() -> None:
+    model = robot('ets7')
+    config = build(
+        SimulatorConfig, {'initial': {'base_position': [10.0, 0.0, 0.0], 'base_linear_velocity': [0.0, 1.0, 0.0]}}
+    )
+    motion = make_motion(config, model)
+    truth = Simulation(model, motion, make_initial_state(config, model, motion), 0.02).advance(np.zeros(1))
+    total = total_momentum(model, truth)[0]
+    mass = model.body_parameters()[:, 0].sum()
+    assert total[1] == pytest.approx(mass)
+    assert total[5] == pytest.approx(10.0 * mass, rel=0.1)  # the arm carries the rest of the lever
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'initial': {'joint_positions': [0.1]}}, 'initial.joint_positions.* 1 .*6, for joint1'),
+        ({'initial': {'joint_velocities': [0.1] * 6}, 'motion': {'kind': 'random'}}, 'initial.joint_velocities'),
+        ({'initial': {'base_orientation': [0.0, 0.0, 0.0, 2.0]}}, 'length 2;'),
+        ({'initial': {'zero_linear_momentum': True, 'base_linear_velocity': [1.0, 0.0, 0.0]}}, 'zero is accepted'),
+        ({'motion': {'kind': 'sinusoids'}}, 'motion.amplitudes has 0 numbers'),
+        ({'motion': {'kind': 'sinusoids', 'amplitudes': [1.0], 'frequencies': [1.0, 2.0]}}, 'of one length'),
+        ({'motion': {'kind': 'random', 'period_min': 50.0}}, 'period_min is 50 s'),
+        ({'target_link': 'hand'}, "'hand'.*links: base_link"),
+    ],
+)
+def test_what_does_not_fit_is_refused(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(MbaidError, match=words) as error:
+        run(**values)
+    assert isinstance(error.value, ModelError if 'target_link' in values else ParameterError)
