@@ -1,6 +1,7 @@
 """Monte Carlo over sensor noise: the methods' errors beside the Cramér-Rao bound, and whether their intervals hold.
 
-usage: benchmark_accuracy.py [--seeds N] [--quick] [--robots R ...] [--levels L ...] [--methods M ...] [--output FOLDER]
+usage: benchmark_accuracy.py [--seeds N] [--quick] [--robots R ...] [--levels L ...] [--methods M ...]
+       [--store FOLDER] [--output FOLDER]
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def main() -> int:
         plan |= {frame: Job(job.times, (seeds + 1) // 2) for case, job in plan.items() for frame in _frames(case)}
     truths = {robot: physical(kernel(robot).target.parameters) for robot in robots}
     bounds = {case: bound(case, moved(motion(case.robot), case), job.times) for case, job in plan.items()}
-    outcomes = monte_carlo(plan, truths, methods, arguments.processes)
+    outcomes = monte_carlo(plan, truths, methods, arguments.processes, arguments.store)
     results = {
         case: {method: summarise(outcome, truths[case.robot], bounds[case]) for method, outcome in by_method.items()}
         for case, by_method in outcomes.items()
@@ -89,6 +90,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument('--levels', nargs='+', choices=list(LEVELS), default=list(LEVELS), help='encoder noise')
     parser.add_argument('--methods', nargs='+', choices=list(METHODS), default=list(METHODS))
     parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
+    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished cases there, and go on from them')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write accuracy.md and its figure there')
     return parser.parse_args()
 

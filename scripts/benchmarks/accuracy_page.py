@@ -76,15 +76,10 @@ def lines(report: Report) -> Iterator[str]:
                         f'NEES {summary.nees:.2f} in ({summary.nees_band[0]:.2f}, {summary.nees_band[1]:.2f})'
                     )
                 yield (
-                    f'{_label(case):32s} {method:26s} {time:3.0f} s  RMSE/bound {number(summary.median):>5s}, '
+                    f'{case.name:32s} {method:26s} {time:3.0f} s  RMSE/bound {number(summary.median):>5s}, '
                     f'worst {number(summary.worst):>5s} {summary.worst_name:5s}  published '
                     f'{percent(summary.determined):>5s}{intervals}'
                 )
-
-
-def _label(case: Case) -> str:
-    drift = f' drift {1e3 * case.drift:g} mm/s' if case.drift else ''
-    return f'{case.robot} {case.level}{drift}{f" {case.offset:.0e} m away" if case.offset else ""}'
 
 
 def _ratio(summary: Summary) -> str:
@@ -188,7 +183,8 @@ are reported hold what they promise. {provenance}
 ![Error over the bound and coverage]({figure})
 
 The data: the robots of `config/`, moving as their `*_simulator.yaml` says; joints and odometry at 100 Hz with white
-noise, fresh for every seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the encoders 1e-5 rad
+noise, fresh for every robot, level and seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the
+encoders 1e-5 rad
 and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each run is one pass of
 60 s; what it says after 10, 20 and 60 s is compared.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -72,6 +73,20 @@ class Case:
     def noise(self) -> SensorNoise:
         """What the sensors add."""
         return LEVELS[self.level]
+
+    @property
+    def name(self) -> str:
+        """Short, for people and files."""
+        drift = f' drift {1e3 * self.drift:g} mm/s' if self.drift else ''
+        return f'{self.robot} {self.level}{drift}{f" {self.offset:.0e} m away" if self.offset else ""}'
+
+    def draw(self, seed: int) -> int:
+        """Return the seed of the sensors' noise.
+
+        Robots and noise levels draw apart, so that the tables' rows do not share their luck; one robot in several
+        frames draws the same, so that those rows can be compared closely.
+        """
+        return zlib.crc32(f'{self.robot} {self.level}'.encode()) << 32 | seed
 
 
 @cache

@@ -1,10 +1,12 @@
-"""Monte Carlo runs over cases and seeds, spread over processes: each run is one pass, read off at several times."""
+"""Monte Carlo over cases, methods and seeds, spread over processes: each run is one pass, read off several times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -57,16 +59,16 @@ class Job:
 @dataclass(frozen=True)
 class _Run:
     case: Case
+    method: str
     seed: int
-    methods: tuple[str, ...]
     times: tuple[float, ...]
     truth: Array  # (10,) physical parameters
 
 
 def monte_carlo(
-    plan: dict[Case, Job], truths: dict[str, Array], methods: tuple[str, ...], processes: int
+    plan: dict[Case, Job], truths: dict[str, Array], methods: tuple[str, ...], processes: int, store: Path | None
 ) -> dict[Case, dict[str, Outcome]]:
-    """Run every case with every seed.
+    """Run every case with every method and seed.
 
     Parameters
     ----------
@@ -74,46 +76,71 @@ def monte_carlo(
     truths : (10,) true physical parameters of each robot
     methods : names in the registry
     processes : that work at the same time
+    store : folder that keeps the outcome of every case and method; what it holds already is not run again
 
     Returns
     -------
     By case and method an Outcome with leading axes (runs, times)
     """
-    runs = [
-        _Run(case, seed, chosen, job.times, truths[case.robot])
-        for case, job in plan.items()
-        for seed in range(job.seeds)
-        if (chosen := tuple(name for name in methods if seed % METHODS[name].every == 0))
-    ]
     # Simulated here, once; the workers inherit it.
     for robot in truths:
         motion(robot)
-    results = list(tqdm(_outcomes(runs, processes), total=len(runs), unit=' runs', disable=None, leave=False))
-    found = list(zip(runs, results, strict=True))
-    return {
-        case: {
-            method: Outcome.stack([result[method] for run, result in found if run.case == case and method in result])
-            for method in methods
-        }
-        for case in plan
+    wanted = {
+        (case, method): [
+            _Run(case, method, seed, job.times, truths[case.robot])
+            for seed in range(0, job.seeds, METHODS[method].every)
+        ]
+        for case, job in plan.items()
+        for method in methods
     }
+    results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
+    total = sum(len(runs) for runs in wanted.values())
+    with (
+        tqdm(total=total, unit=' runs', disable=None, leave=False) as bar,
+        ProcessPoolExecutor(processes) as pool,
+    ):
+        for (case, method), runs in wanted.items():
+            outcome = _stored(store, case, method, len(runs))
+            if outcome is None:
+                outcome = Outcome.stack([_counted(item, bar) for item in pool.map(_outcome, runs, chunksize=2)])
+                _keep(store, case, method, outcome)
+            else:
+                bar.update(len(runs))
+            results[case][method] = outcome
+    return results
 
 
-def _outcomes(runs: list[_Run], processes: int) -> Iterator[dict[str, Outcome]]:
-    if processes == 1:
-        yield from map(_outcome, runs)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from pool.map(_outcome, runs, chunksize=2)
+def _counted(outcome: Outcome, bar: Any) -> Outcome:
+    bar.update(1)
+    return outcome
 
 
-def _outcome(run: _Run) -> dict[str, Outcome]:
+def _file(store: Path, case: Case, method: str) -> Path:
+    return store / f'{case.name}-{method}.npz'.replace(' ', '_').replace('/', '_per_')
+
+
+def _stored(store: Path | None, case: Case, method: str, runs: int) -> Outcome | None:
+    """Return what a store holds of a case, if it holds as many runs."""
+    if store is None or not _file(store, case, method).is_file():
+        return None
+    with np.load(_file(store, case, method)) as arrays:
+        outcome = Outcome(*(arrays[field.name] for field in fields(Outcome)))
+    return outcome.first(runs) if len(outcome.parameters) >= runs else None
+
+
+def _keep(store: Path | None, case: Case, method: str, outcome: Outcome) -> None:
+    if store is not None:
+        store.mkdir(parents=True, exist_ok=True)
+        np.savez(_file(store, case, method), **{field.name: getattr(outcome, field.name) for field in fields(Outcome)})
+
+
+def _outcome(run: _Run) -> Outcome:
     truth = moved(motion(run.case.robot), run.case)
     last = int(np.searchsorted(truth.time, max(run.times) + 1e-9))
     truth = truth[:last]
-    streams = readings(truth, run.case.noise, run.seed)
+    streams = readings(truth, run.case.noise, run.case.draw(run.seed))
     task = Identification(kernel(run.case.robot), run.case.noise, momentum_of(run.case.robot, truth))
-    return {method: _read_off(task.estimates(method, *streams), run) for method in run.methods}
+    return _read_off(task.estimates(run.method, *streams), run)
 
 
 def _read_off(history: list[Estimate], run: _Run) -> Outcome:
