@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.attached_frame import AttachedFrame
-from mbaid_ros.core.covariances import usable_covariance
-from mbaid_ros.core.estimate import Flags
-from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion
-from mbaid_ros.core.joint_merge import Joints
-from mbaid_ros.core.reorder import join, take
+from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
+from mbaid_ros.core.intake.attached_frame import AttachedFrame
+from mbaid_ros.core.intake.covariances import usable_covariance
+from mbaid_ros.core.intake.joint_merge import Joints
+from mbaid_ros.core.intake.reorder import join, take
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 
 JOINT_MISSING = 'joint missing'

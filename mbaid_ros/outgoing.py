@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.estimate import Estimate, Flags
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import Estimate
 
 
 @dataclass(frozen=True)

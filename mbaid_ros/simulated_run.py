@@ -8,17 +8,17 @@ from typing import Any, Literal
 import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core import quaternions
-from mbaid_ros.core.dynamics import State
 from mbaid_ros.core.errors import ParameterError, listing
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.model import RobotModel, load_model
-from mbaid_ros.core.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
-from mbaid_ros.core.simulation import Simulation, total_momentum, without_linear_momentum
+from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
+from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
 from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message
 
 Topic = Literal['joint_states', 'odom']

@@ -19,7 +19,7 @@ from benchmarks.methods import METHODS
 from benchmarks.runs import Job, Outcome, monte_carlo
 from benchmarks.summary import summarise
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.robot.inertia import physical
 
 _SEEDS, _QUICK_SEEDS = 100, 8
 _TIMES = {'table1': (20.0, 60.0)}

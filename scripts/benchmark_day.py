@@ -22,11 +22,11 @@ from tqdm import tqdm
 from benchmarks.data import DURATION, LEVELS, RATE, ROBOTS, endless_motion, kernel, momentum_of, sensed
 from benchmarks.methods import METHODS, Identification
 from benchmarks.pages import number, provenance, table
-from mbaid_ros.core.estimate import PARAMETERS, Estimate
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.sensors import Sensors
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.sensors import Sensors
 
 _PART = 50  # samples handed over at a time
 _MINUTES = 60  # an hour

@@ -17,7 +17,7 @@ from benchmarks import paper_page
 from benchmarks.data import LEVELS, ROBOTS, kernel, momentum_of, motion, readings
 from benchmarks.methods import Identification
 from benchmarks.recursion import FORMS, all_bodies_rank, recursion
-from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.robot.inertia import physical
 
 _RATES = (100.0, 50.0, 10.0)  # Hz
 _PLANE = [0, 1, 2, 9]  # m, x_c, y_c, Izz

@@ -18,9 +18,9 @@ sys.path.insert(0, str(ROOT / 'test'))
 
 import defects  # noqa: E402 - from the tests, which are no package
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates  # noqa: E402
-from mbaid_ros.core.estimate import Estimate  # noqa: E402
 from mbaid_ros.core.geometry import Array, unvec  # noqa: E402
-from mbaid_ros.core.inertia import physical  # noqa: E402
+from mbaid_ros.core.results.estimate import Estimate  # noqa: E402
+from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.session import intake_warnings  # noqa: E402
 from simulated import robot  # noqa: E402
 

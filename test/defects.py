@@ -16,11 +16,11 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core import quaternions
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.sensors import Sensors
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.session import Session
 from observed import MID, configured_motion
 from simulated import CONFIG, robot

@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.difference import unknown_scale
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import express
-from mbaid_ros.core.momentum import inertia_matrix, momentum
-from mbaid_ros.core.motion import Sinusoids
-from mbaid_ros.core.reporting import Reporting
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from observed import windows
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.estimate import Estimate, Event
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.replay.results import Pose, Run, TopicStatistics
 from simulated import CONFIG
 

@@ -10,16 +10,16 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core import quaternions
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.intake.windows import Windows
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.sensors import Sensors
-from mbaid_ros.core.simulation import Simulation, Truth
-from mbaid_ros.core.windows import Windows
+from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.session import make_estimator
 from mbaid_ros.simulated_run import make_initial_state, make_motion
 from simulated import CONFIG, robot

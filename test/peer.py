@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
-from mbaid_ros.core.model import RobotModel, parse
+from mbaid_ros.core.robot.model import RobotModel, parse
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.bags import BagWriter, message_class
-from mbaid_ros.core.dynamics import State
-from mbaid_ros.core.model import RobotModel
-from mbaid_ros.core.motion import Passive
-from mbaid_ros.core.simulation import Simulation, Truth
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.motion import Passive
+from mbaid_ros.core.simulation.run import Simulation, Truth
 from simulated import table1
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'

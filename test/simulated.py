@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mbaid_ros.core.dynamics import State
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.model import RobotModel, load_model
-from mbaid_ros.core.simulation import without_linear_momentum
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.run import without_linear_momentum
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 DEGREE = np.pi / 180.0

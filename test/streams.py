@@ -15,7 +15,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.bags import deserialize, message_class, serialize
-from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
 
 TYPES = MessageTypes(find=message_class, flags=np.asarray)

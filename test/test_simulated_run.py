@@ -12,7 +12,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
-from mbaid_ros.core.simulation import Simulation, total_momentum
+from mbaid_ros.core.simulation.run import Simulation, total_momentum
 from mbaid_ros.outgoing import MessageTypes
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_initial_state, make_motion
 from simulated import CONFIG, robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.urdf import LARGEST_URDF
+from mbaid_ros.core.robot.urdf import LARGEST_URDF
 
 
 def read_robot_description(path: str | Path) -> str:

@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from mbaid_ros.core.estimate import Estimate
-from mbaid_ros.core.rates import FEWEST, missing_rates, with_rates
+from mbaid_ros.core.intake.rates import FEWEST, missing_rates, with_rates
+from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.intake.twist_frame import TwistFrame
+from mbaid_ros.core.intake.windows import Windows
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
-from mbaid_ros.core.synchroniser import Synchroniser
-from mbaid_ros.core.twist_frame import TwistFrame
-from mbaid_ros.core.windows import Windows
 
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
 

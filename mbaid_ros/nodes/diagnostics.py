@@ -11,8 +11,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.session import Session, explain, obstacles
 

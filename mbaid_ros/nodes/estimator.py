@@ -23,7 +23,7 @@ from mbaid_ros.cli import ArgumentParser, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet

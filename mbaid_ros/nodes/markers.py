@@ -14,11 +14,11 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
-from mbaid_ros.core.kinematics import Kinematics
-from mbaid_ros.core.model import RobotModel
-from mbaid_ros.core.principal import ellipsoid_radii, principal
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.principal import ellipsoid_radii, principal
 from mbaid_ros.messages import stamp_of
 from mbaid_ros.nodes.qos import LATCHED, qos
 

@@ -14,11 +14,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
-from mbaid_ros.core.estimate import Estimate
-from mbaid_ros.core.urdf_output import replace_inertial
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
 from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
-
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.estimate import PARAMETERS, UNITS
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
 
 NARROWEST = 20  # columns
 _BAND = 1.96  # standard deviations either side that hold 95 %

@@ -13,9 +13,9 @@ import numpy as np
 from mbaid_ros.cli import ArgumentParser, one_line, run
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
-from mbaid_ros.core.inertia import physical, pseudo_inertia, standard
-from mbaid_ros.core.model import load_model
-from mbaid_ros.core.urdf_output import replace_inertial
+from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.replay import formats
 from mbaid_ros.replay.identified import Identified, read_identified
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError, listing
-from mbaid_ros.core.estimate import PARAMETERS
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _ACCEPTED = 'accepted: what replay --json writes, or a bag that holds estimates'

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.model import RobotModel
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.replay.results import Pose
 
 

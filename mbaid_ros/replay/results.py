@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.debris import Debris
-from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.debris import Debris
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 
 HISTORY_LIMIT = 5_000
 _INERTIA = PARAMETERS[4:]

@@ -9,7 +9,8 @@ from typing import Any
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.estimate import Estimate, Flags
+from mbaid_ros.core.geometry import Flags
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.last_pose import LastPose

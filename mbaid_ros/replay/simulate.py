@@ -18,7 +18,7 @@ from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.estimate import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.outgoing import MessageTypes
 from mbaid_ros.simulated_run import SimulatedRun
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.estimate import PARAMETERS
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS
 
 TRUTH_FILE = 'truth.json'
 _ACCEPTED = 'accepted: a JSON object with target_link, mass, com and inertia, as simulate writes it'

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
-from mbaid_ros.core.reorder import LATE
-from mbaid_ros.core.stream_gate import OTHER_CLOCK, ZERO_STAMP
-from mbaid_ros.core.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
+from mbaid_ros.core.intake.reorder import LATE
+from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
+from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.difference import DifferenceEstimator, DifferenceSettings, unknown_scale
+from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.paper_estimator import PaperEstimator, PaperSettings
-from mbaid_ros.core.reporting import Reporting
+from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.attached_frame import AttachedFrame
-from mbaid_ros.core.debris import Debris, debris
 from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.joint_merge import JointMerge
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import load_model
-from mbaid_ros.core.reorder import Reorder
+from mbaid_ros.core.intake.attached_frame import AttachedFrame
+from mbaid_ros.core.intake.joint_merge import JointMerge
+from mbaid_ros.core.intake.reorder import Reorder
+from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
+from mbaid_ros.core.results.debris import Debris, debris
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.core.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.methods import make_estimator
 

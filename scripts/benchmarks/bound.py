@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.data import Case, exact_samples, kernel, momentum_of
-from mbaid_ros.core.errors_in_variables import maximum_likelihood
+from mbaid_ros.core.difference.errors_in_variables import maximum_likelihood
+from mbaid_ros.core.difference.subspace import subspace
+from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.inertia import physical_jacobian
-from mbaid_ros.core.planar import PlaneDetector
-from mbaid_ros.core.simulation import Truth
-from mbaid_ros.core.subspace import subspace
-from mbaid_ros.core.window_rows import window_rows
+from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.simulation.run import Truth
 
 _BATCH = 500
 

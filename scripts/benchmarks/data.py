@@ -13,15 +13,15 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.dynamics import State
 from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import RobotModel, load_model
-from mbaid_ros.core.motion import Sinusoids
+from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.sensors import Sensors
-from mbaid_ros.core.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.core.synchroniser import Synchroniser
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.simulated_run import make_initial_state, make_motion
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

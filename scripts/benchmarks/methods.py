@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from benchmarks.data import MAXIMUM_GAP
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.session import make_estimator
 

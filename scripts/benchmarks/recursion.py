@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.data import LEVELS, exact_samples, kernel, momentum_of, motion
-from mbaid_ros.core import paper
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.kernel import BodyStates
-from mbaid_ros.core.momentum import regressor
-from mbaid_ros.core.planar import PlaneDetector
-from mbaid_ros.core.rls import RecursiveLeastSquares
+from mbaid_ros.core.paper import forms
+from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import BodyStates
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.planar import PlaneDetector
 
 FORMS = ('main', 'difference, previous sample', 'difference, first sample')
 FORGETTING_FACTOR = 0.99
@@ -45,11 +45,11 @@ class History:
 def equations(form: str, states: BodyStates, total_angular_momentum: Array) -> tuple[Array, Array]:
     """Return rows (N, 6, 10) and right sides (N, 6) of one of the forms."""
     if form == 'main':
-        return paper.main_form(states, total_angular_momentum)
-    linear, angular = paper.linear_rows(states), paper.angular_rows(states)
+        return forms.main_form(states, total_angular_momentum)
+    linear, angular = forms.linear_rows(states), forms.angular_rows(states)
     first = form.endswith('first sample')
     reference = tuple(np.broadcast_to(part[:1], part[1:].shape) if first else part[:-1] for part in angular)
-    return paper.difference_form(
+    return forms.difference_form(
         (linear[0][1:], linear[1][1:]), (angular[0][1:], angular[1][1:]), (reference[0], reference[1])
     )
 

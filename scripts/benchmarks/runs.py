@@ -13,8 +13,8 @@ from tqdm import tqdm
 
 from benchmarks.data import Case, kernel, momentum_of, motion, moved, readings
 from benchmarks.methods import METHODS, Identification
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.runs import Outcome
-from mbaid_ros.core.estimate import PARAMETERS
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS
 
 _QUANTILE = 1.959963984540054  # of the 95 % interval
 _BAND = 0.95

@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build, specifications
-from mbaid_ros.core.model import load_model
+from mbaid_ros.core.robot.model import load_model
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / 'config'

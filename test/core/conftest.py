@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.simulation.run import Truth
 from observed import configured_motion
 
 RATE = 20.0  # Hz

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from measured import base_stream, joint_stream, piece
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from streams import offline, run, urdf

@@ -17,8 +17,8 @@ from std_srvs.srv import SetBool, Trigger
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.model import load_model
-from mbaid_ros.core.urdf_output import replace_inertial
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.estimator import last_of_each_window
 from mbaid_ros.nodes.outlets import TYPES, is_complete, is_usable
 from mbaid_ros.nodes.qos import LATCHED, qos

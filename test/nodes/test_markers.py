@@ -18,9 +18,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from graph import Graph
 from made_runs import BODY, STD, estimate, planar
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
-from mbaid_ros.core.model import parse
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import parse
 from mbaid_ros.nodes.markers import Display, LinkFrames, markers
 from mbaid_ros.nodes.qos import qos
 from simulated import CONFIG, robot

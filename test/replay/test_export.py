@@ -16,8 +16,8 @@ import pytest
 from made_runs import BODY, HOSTILE, PLAIN, estimate, hostile_urdf, planar, run
 from mbaid_ros.bags import BagWriter, message_class
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
-from mbaid_ros.core.model import load_model
-from mbaid_ros.core.principal import box_sizes
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.principal import box_sizes
 from mbaid_ros.outgoing import Frames, MessageTypes
 from mbaid_ros.replay.export import main
 from mbaid_ros.replay.results import as_json

@@ -13,7 +13,7 @@ import pytest
 
 import recorded
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.core.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.results import History, Run, TopicStatistics, as_json, summary
 from simulated import CONFIG, table1

@@ -16,8 +16,8 @@ import pytest
 import recorded
 from chromium import Chromium
 from made_runs import BODY, HOSTILE, PLAIN, STD, estimate, event, hostile_urdf, planar, pose, run
-from mbaid_ros.core.estimate import Estimate
-from mbaid_ros.core.model import load_model
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.results import Run

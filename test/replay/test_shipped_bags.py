@@ -61,14 +61,7 @@ def body(values: dict[str, Any]) -> Array:
     return np.array([values['mass'], *values['com'], *values['inertia'].values()])
 
 
-# The filter's covariance loses its sign there: accurate odometry, a passive motion and hardly any process noise.
-LOST = pytest.mark.xfail(reason='the covariance of method trajectory is not positive definite', strict=True)
-
-
-@pytest.mark.parametrize(
-    ('bag', 'method'),
-    [pytest.param(*case, marks=LOST) if case == ('table1_live', 'trajectory') else case for case in BARS],
-)
+@pytest.mark.parametrize(('bag', 'method'), list(BARS))
 def test_every_bag_leads_to_its_truth(bag: str, method: str) -> None:
     run, truth = replayed(bag, method), truth_of(bag)
     final, true = run.final, body(truth)

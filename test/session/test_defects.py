@@ -13,11 +13,11 @@ import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.estimate import Estimate
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED
-from mbaid_ros.core.reorder import LATE, REPEATED
-from mbaid_ros.core.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
+from mbaid_ros.core.intake.reorder import LATE, REPEATED
+from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
 from mbaid_ros.session import Session, explain, intake_warnings, obstacles
 from simulated import CONFIG

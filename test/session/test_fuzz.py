@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.estimate import Estimate
-from mbaid_ros.core.inertia import physical
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from simulated import robot
 
 ROBOT = 'table1'

@@ -12,7 +12,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.model import load_model
+from mbaid_ros.core.robot.model import load_model
 
 MEMORY = 600_000_000  # bytes, for any of them
 HEAD = '/**:\n  ros__parameters:\n'

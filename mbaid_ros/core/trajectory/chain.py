@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise, midpoints
 from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.difference import unknown_scale
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.inertia import physical
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import Link
-from mbaid_ros.core.planar import PlaneDetector
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.filter import Coordinates
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.estimate import Estimate, Event
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.planar import PlaneDetector
-from mbaid_ros.core.reporting import Reporting, Solution
+from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.reporting import Reporting, Solution
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates

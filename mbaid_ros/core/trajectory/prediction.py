@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import express
-from mbaid_ros.core.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.sensitivity import sensitivity
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
+from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.trajectory.nodes import Midpoints
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, LINEAR, PARAMETERS, window_model
 from mbaid_ros.core.trajectory.filter import (
     Belief,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from mbaid_ros.core.estimate import PARAMETERS, UNITS, Estimate, Flags
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.replay.report.canvas import (
     BAND,
     FAINT,

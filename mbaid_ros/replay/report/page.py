@@ -9,7 +9,7 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.estimate import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.canvas import BAND
 from mbaid_ros.replay.report.comparison import comparison

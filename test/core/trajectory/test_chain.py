@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 from derivatives import central_difference
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, WindowModel, window_model
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, midpoints
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict

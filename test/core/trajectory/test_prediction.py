@@ -10,9 +10,9 @@ import pytest
 from derivatives import central_difference
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
-from mbaid_ros.core.kernel import MomentumKernel
-from mbaid_ros.core.model import load_model
-from mbaid_ros.core.simulation import Truth
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.nodes import Midpoints
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from observed import LOW, drifting, kernel, observe

@@ -1,0 +1,1 @@
+"""Method `difference`: the weighted difference form by errors-in-variables maximum likelihood."""

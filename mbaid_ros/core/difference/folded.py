@@ -1,0 +1,113 @@
+"""Windows that are no longer solved again, as one quadratic form: information, right side and constant."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from mbaid_ros.core.difference.errors_in_variables import Linearisation
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.symmetric import solve_symmetric
+
+
+class Folded:
+    """A quadratic cost: (x - x_f)^T N (x - x_f) + const, where N holds what is known beyond the noise.
+
+    What has been folded may sum up to less than nothing in directions that the data do not excite, since the noise's
+    own information is taken off in expectation: such directions are left out of N.
+
+    Parameters
+    ----------
+    floor : (u, u) positive definite information too small to count
+
+    Attributes
+    ----------
+    information : (u, u) N
+    right_side : (u,) N x_f
+    noise_information : (u, u) what noise alone would have brought
+    equations : number of equations
+    """
+
+    def __init__(self, floor: Array) -> None:
+        self._floor = floor
+        self._sum: Array = np.zeros_like(floor)
+        self._sum_right: Array = np.zeros(len(floor))
+        self._constant = 0.0
+        self._windows = 0
+        self.information: Array = self._sum
+        self.right_side: Array = self._sum_right
+        self.noise_information: Array = np.zeros_like(floor)
+        self.equations = 0
+
+    def __len__(self) -> int:
+        """Return how often something was folded."""
+        return self._windows
+
+    def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
+        """Take a quadratic form around x, without the noise's own information, and that by itself."""
+        # cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
+        self._sum = self._sum + linear.information
+        self._sum_right = self._sum_right + linear.information @ x - linear.gradient
+        self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)
+        self.noise_information = self.noise_information + noise_information
+        self.equations += linear.equations
+        self._windows += 1
+        self._settle()
+
+    def cost(self, x: Array) -> float:
+        """Return the cost at x."""
+        return float(x @ self.information @ x - 2.0 * self.right_side @ x) + self._constant
+
+    def gradient(self, x: Array) -> Array:
+        """Return half the derivative of the cost at x."""
+        return self.information @ x - self.right_side
+
+    def forget(self, factor: float, recent: Array, idle: Array) -> None:
+        """Discount the past by a factor, in the directions that recent data excite.
+
+        A direction that the recent windows say nothing about keeps what is known of it: otherwise its information would
+        fade away, and the next noise would be taken for signal (wind-up).
+
+        Parameters
+        ----------
+        factor : weight of the past, 0 < factor < 1
+        recent : (u, u) information of recent windows
+        idle : (u, u) positive definite, the information that they would bring of what is not excited
+        """
+        excited = _beyond(recent, idle)[0]
+        # Pi = S (S^T N S)^-1 S^T N projects on the excited directions S, along what the past knows of the others apart
+        # from them. N - (1 - factor) N Pi leaves that untouched, and the minimum where it is. The floor stands in where
+        # the past has been forgotten altogether: rounding would take the place of N there.
+        coupling = (self.information + self._floor) @ excited
+        projector = excited @ np.linalg.solve(excited.T @ coupling, coupling.T)
+        root = np.eye(len(projector)) - (1.0 - np.sqrt(factor)) * projector
+        information = root.T @ self.information @ root
+        information = 0.5 * (information + information.T)
+        minimum = solve_symmetric(self.information, self.right_side)
+        right_side = information @ minimum
+        least = self._constant - float(self.right_side @ minimum)
+        self._constant = factor * least + float(right_side @ minimum)
+        # What has been left out so far fades as a whole.
+        self._sum = information + factor * (self._sum - self.information)
+        self._sum_right = right_side + factor * (self._sum_right - self.right_side)
+        self.noise_information = root.T @ self.noise_information @ root
+        self.equations = round(self.equations * factor)
+        self._settle()
+
+    def _settle(self) -> None:
+        """Work out what is known beyond the noise."""
+        idle = self.noise_information + self._floor
+        known, ratio = _beyond(self._sum, idle)
+        self.information, self.right_side = self._sum, self._sum_right
+        if len(ratio) < len(idle):
+            mapped = idle @ known
+            self.information = (mapped * ratio) @ mapped.T
+            self.right_side = mapped @ (known.T @ self._sum_right)
+
+
+def _beyond(information: Array, idle: Array) -> tuple[Array, Array]:
+    """Return the directions (u, k) with more information than `idle`, orthonormal in it, and how many times more."""
+    size = 1.0 / np.sqrt(np.diag(idle))
+    ratio, vectors = scipy.linalg.eigh(information * size * size[:, None], idle * size * size[:, None])
+    known = ratio > 1.0
+    return size[:, None] * vectors[:, known], ratio[known]

@@ -1,0 +1,157 @@
+"""Maximum likelihood over a growing run at bounded cost: the latest windows solved again, the older ones folded.
+
+A pure recursion keeps the bad weights of its first estimates. Here every update solves all kept windows again from the
+last solution; a window that leaves lives on in one matrix and vector. It is linearised at the solution of that time,
+if that is known well enough. While it is not, the solution may stand anywhere, and what is linearised far off would
+pull there for ever: the window's weighted least squares, less what the noise in the rows adds in expectation, is
+quadratic as it is, and its weights allow for the uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.difference.folded import Folded
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.symmetric import solve_symmetric
+
+_ITERATIONS_AT_START = 12
+_ITERATIONS_WARM = 2
+_HALVINGS = 5
+_SMALL_STEP = 1e-3  # standard deviations
+# Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
+_CERTAIN = 4.0
+# Part of the variance of a block's equations that the uncertainty of x may add for the block to be linearised there.
+_LARGEST_SHARE = 0.1
+# Information that recent windows must have, in units of what noise alone brings, to count as excited: it fluctuates.
+_EXCITED = 5.0
+
+
+class RollingLikelihood:
+    """The likelihood of all windows so far and its maximum.
+
+    Parameters
+    ----------
+    prior : (u, u) information about x = 0
+    kept : number of blocks solved again at each update
+    forgetting : weight of the past from one block to the next, 0 < forgetting <= 1
+    typical : (u,) typical sizes of the unknowns
+    """
+
+    def __init__(self, prior: Array, kept: int, forgetting: float, typical: Array) -> None:
+        self._prior = prior
+        self._kept = kept
+        self._forgetting = forgetting
+        self._blocks: list[Blocks] = []
+        self._typical = typical
+        self._folded = Folded(prior)
+        self._signal: Array = np.zeros_like(prior)  # information beyond the noise
+        self._sure = False  # whether the latest fold was made at a solution that is known well enough
+        self.x: Array = np.zeros(len(prior))
+        self.noise_information: Array = np.zeros_like(prior)
+
+    @property
+    def folded(self) -> bool:
+        """Whether some windows are no longer solved again."""
+        return len(self._folded) > 0
+
+    def add(self, block: Blocks) -> Linearisation:
+        """Take one block, solve again and return the likelihood's quadratic form at the solution `x`."""
+        self._blocks.append(block)
+        if len(self._blocks) > self._kept:
+            self._fold()
+        blocks = Blocks.concatenate(self._blocks)
+        iterations = _ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START
+        if not self._sure:
+            # A negative mass can fit better while little is known, and the way back leads through infinity.
+            self.x = min([*self._starts(blocks), self.x], key=lambda x: (x[0] <= 0.0, self._cost(blocks, x)))
+        self.x = self._refine(blocks, iterations)
+        linear = self._linearise(blocks, self.x)
+        # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
+        own = eiv.noise_information(blocks, self.x)
+        self.noise_information = self._folded.noise_information + own
+        self._signal = linear.information - _CERTAIN * own - self._prior
+        return replace(linear, information=linear.information + self._folded.noise_information)
+
+    def _fold(self) -> None:
+        oldest, self._blocks = self._blocks[0], self._blocks[1:]
+        if self._forgetting < 1.0 and self.folded:
+            kept = Blocks.concatenate(self._blocks)
+            recent = eiv.maximum_likelihood(kept, self.x).information
+            idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
+            self._folded.forget(self._forgetting, recent, idle)
+        plausible, spread = self._plausible()
+        self._sure = eiv.uncertain_share(oldest, plausible, spread) < _LARGEST_SHARE
+        if self._sure:
+            linear, own = eiv.maximum_likelihood(oldest, self.x), eiv.noise_information(oldest, self.x)
+            self._folded.add(replace(linear, information=linear.information - own), own, self.x)
+        else:
+            self._folded.add(*eiv.compensated(oldest, plausible, spread), np.zeros(len(self.x)))
+
+    def _plausible(self) -> tuple[Array, Array]:
+        """Return the solution and a factor of its covariance, both held within the typical sizes.
+
+        While the data determine little, the solution itself may be anywhere.
+        """
+        size = self._typical
+        values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
+        values = np.maximum(values, 0.0)
+        vectors = size[:, None] * vectors
+        coordinates = np.linalg.solve(vectors, self.x)
+        return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
+
+    def _starts(self, blocks: Blocks) -> list[Array]:
+        """Return first solutions: two weighted solves, then two that compensate the noise in the rows.
+
+        Each is used for the next one's weights. Compensation goes astray where the noise is less than it is said to be.
+        """
+        x: Array = np.zeros(len(self._prior))
+        starts = []
+        for compensate in (False, False, True, True):
+            try:
+                information, right_side = eiv.weighted(blocks, x, compensate=compensate)
+            except FloatingPointError:
+                break
+            information = information + self._folded.information + self._prior
+            candidate = solve_symmetric(information, right_side + self._folded.right_side)
+            if compensate and (candidate[0] <= 0.0 < x[0] or not np.all(np.isfinite(candidate))):
+                break
+            x = candidate
+            starts.append(x)
+        return starts
+
+    def _refine(self, blocks: Blocks, iterations: int) -> Array:
+        """Return x after guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost."""
+        x = self.x
+        current = self._cost(blocks, x)
+        for _ in range(iterations):
+            linear = self._linearise(blocks, x)
+            step = -solve_symmetric(linear.information, linear.gradient)
+            for _ in range(_HALVINGS):
+                trial = x + step
+                value = self._cost(blocks, trial)
+                if np.isfinite(value) and value <= current and (trial[0] > 0.0 or x[0] <= 0.0):
+                    break
+                step = 0.5 * step
+            else:
+                return x
+            x, current = trial, value
+            if np.all(np.abs(step) < _SMALL_STEP / np.sqrt(np.diag(linear.information))):
+                return x
+        return x
+
+    def _cost(self, blocks: Blocks, x: Array) -> float:
+        return eiv.cost(blocks, x) + self._folded.cost(x) + float(x @ self._prior @ x)
+
+    def _linearise(self, blocks: Blocks, x: Array) -> Linearisation:
+        linear = eiv.maximum_likelihood(blocks, x)
+        return Linearisation(
+            cost=linear.cost + self._folded.cost(x),
+            gradient=linear.gradient + self._folded.gradient(x) + self._prior @ x,
+            information=linear.information + self._folded.information + self._prior,
+            equations=linear.equations + self._folded.equations,
+        )

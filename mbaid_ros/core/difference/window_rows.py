@@ -1,0 +1,105 @@
+"""The standard form, averaged over windows: six momentum equations a window, with the noise in each of their terms.
+
+    P_0 - P_k = m v + [w]x R h
+    L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)
+
+The unknowns are x = (m, h, I_o, P_0, L_0): ten standard parameters of the target link and the total momentum about a
+fixed origin near the base. The equations are written about the base link's origin at p, where L is L_0 - p x P_0.
+The rows are averaged, not the states: they are linear in x, and a state fitted over a window would be biased.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.sensitivity import sensitivity
+from mbaid_ros.core.samples import Samples, SensorNoise, Stamps
+
+UNKNOWNS = 16
+BODY = slice(0, 10)
+LINEAR = slice(10, 13)
+ANGULAR = slice(13, 16)
+
+
+def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoise, origin: Array) -> Blocks:
+    """Return one block of six equations a window.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    windows : list of K Samples, none empty
+    noise : of the joints; the base's stands in the samples
+    origin : (3,) m, about which L_0 is taken, odometry frame
+
+    Returns
+    -------
+    Blocks of K windows, 6 equations, 16 unknowns, 2 n + 12 error sources
+    """
+    samples = Samples.concatenate(windows)
+    counts = np.array([len(window) for window in windows])
+    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    states = kernel.states(samples)
+    position = samples.base_position - origin
+    rows = np.zeros((len(windows), 6, UNKNOWNS))
+    rows[..., BODY] = _mean(states.regressor, starts, counts)
+    rows[..., 10:] = -_transport(_mean(position, starts, counts))
+    middle = starts + counts // 2
+    known, target = _noise(kernel, states[middle], windows, noise)
+    return Blocks(rows, _mean(states.known_momentum, starts, counts), known, target)
+
+
+def _transport(position: Array) -> Array:
+    """Return T with (P, L about p) = T (P_0, L_0): [[1, 0], [-[p]x, 1]], (K, 6, 6)."""
+    matrix = np.zeros((len(position), 6, 6))
+    matrix[:] = np.eye(6)
+    matrix[:, 3:, :3] = -skew(position)
+    return matrix
+
+
+def _noise(
+    kernel: MomentumKernel, states: BodyStates, windows: list[Samples], noise: SensorNoise
+) -> tuple[Array, Array]:
+    """Return G0 (K, 6, z) and G1 (K, 6, z, 16): derivatives at mid-window by unit errors of the window's means."""
+    derivative = sensitivity(kernel, states)
+    joints = kernel.model.joints
+    count = len(windows)
+    sources = 2 * joints + 12
+    # Order of the errors: joint positions, joint velocities, base position, orientation, linear, angular velocity.
+    place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
+    known = np.zeros((count, 6, sources))
+    target = np.zeros((count, 6, sources, UNKNOWNS))
+    known[..., place] = derivative.known
+    target[:, :, place, BODY] = derivative.target
+    # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
+    target[:, 3:, 2 * joints : 2 * joints + 3, LINEAR] = np.swapaxes(skew(np.eye(3)), 0, 1)
+    factor = _error_factors(windows, joints, noise)
+    return known @ factor, np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3)
+
+
+def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> Array:
+    """Return the (K, z, z) factors F with F F^T the covariance of the means of a window's measurements."""
+    count = len(windows)
+    sources = 2 * joints + 12
+    factor = np.zeros((count, sources, sources))
+    diagonal = np.arange(joints)
+    factor[:, diagonal, diagonal] = noise.joint_position
+    # Rates taken from positions carry these positions' noise.
+    gain = np.array([np.mean(window.joint_rate_gain, axis=0) for window in windows]).reshape(count, joints)
+    derived = noise.joint_position * np.sqrt(gain)
+    factor[:, joints + diagonal, joints + diagonal] = np.where(np.isnan(gain), noise.joint_velocity, derived)
+    pose, twist = slice(2 * joints, 2 * joints + 6), slice(2 * joints + 6, sources)
+    # White noise: the covariance of a mean is the mean covariance over the number of samples.
+    pose_covariance = np.array([np.mean(window.pose_covariance, axis=0) for window in windows])
+    twist_covariance = np.array([np.mean(window.twist_covariance, axis=0) for window in windows])
+    factor[:, pose, pose] = np.linalg.cholesky(pose_covariance)
+    factor[:, twist, twist] = np.linalg.cholesky(twist_covariance)
+    counts = np.array([len(window) for window in windows])
+    return factor / np.sqrt(counts)[:, None, None]
+
+
+def _mean(values: Array, starts: Stamps, counts: Stamps) -> Array:
+    total = np.add.reduceat(values, starts, axis=0)
+    return total / counts.reshape(-1, *(1,) * (values.ndim - 1))

@@ -1,0 +1,1 @@
+"""What arrives, brought to common stamps and cut into windows."""

@@ -1,0 +1,180 @@
+"""The paper's estimator: recursive least squares on its main or difference form, one step a sample."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.paper import forms
+from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.results.estimate import Estimate, Status
+from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples
+
+# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not tell:
+# differenced rows are small, and in the paper's case the variance of Izz stays above the initial one.
+_REMAINING = 0.01
+_SETTLED_WINDOWS = 10
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """Settings of the paper's methods.
+
+    Attributes
+    ----------
+    form : 'main' (eq. 22) or 'difference' (eq. 25)
+    forgetting_factor, initial_covariance : of the recursive least squares
+    reference : sample that the difference form compares with: the one before, or the first
+    lag : samples between the two; 0 takes `reference`
+    total_angular_momentum : (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
+    settled : largest relative change over the last ten windows that counts as converged
+    length : m, that changes of the CoM are taken relative to
+    """
+
+    form: Literal['main', 'difference']
+    forgetting_factor: float
+    initial_covariance: float
+    reference: Literal['previous', 'first']
+    lag: int
+    total_angular_momentum: tuple[float, ...]
+    settled: float
+    length: float
+
+
+class PaperEstimator:
+    """Identifies one link by the paper's recursion (total linear momentum zero).
+
+    Raises
+    ------
+    ParameterError
+        The main form without the total angular momentum.
+    """
+
+    needs_rates = True
+
+    def __init__(self, kernel: MomentumKernel, settings: PaperSettings) -> None:
+        if settings.form == 'main' and len(settings.total_angular_momentum) != 3:
+            raise ParameterError(
+                'method paper_main needs paper.total_angular_momentum: three numbers, kg m^2/s (odometry origin)'
+            )
+        self.method = f'paper_{settings.form}'
+        self._kernel = kernel
+        self._settings = settings
+        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, settings.initial_covariance)
+        self._plane = PlaneDetector(kernel.model)
+        self._references: deque[tuple[Array, Array]] = deque()
+        self._settled: deque[Array] = deque(maxlen=_SETTLED_WINDOWS)
+        self._samples = 0
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows and return one estimate a sample.
+
+        Parameters
+        ----------
+        windows : list of Samples
+        origin : ns, stamp at time 0
+        """
+        return [estimate for window in windows for estimate in self._window(window, origin)]
+
+    def _window(self, window: Samples, origin: int) -> list[Estimate]:
+        self._plane.update(window)
+        states = self._kernel.states(window)
+        rows, right_side = self._equations(states)
+        selection = self._plane.rows()
+        rows, right_side = selection @ rows, right_side @ selection.T
+        solutions, determined = np.empty((len(window), forms.UNKNOWNS)), np.empty((len(window), forms.UNKNOWNS), bool)
+        skipped = len(window) - len(rows)  # samples without a reference yet
+        solutions[:skipped], determined[:skipped] = np.nan, False
+        for index in range(len(rows)):
+            solutions[skipped + index] = self._rls.step(rows[index], right_side[index])
+            determined[skipped + index] = self._determined()
+        return self._estimates(window, states, solutions, determined, origin)
+
+    def _determined(self) -> Flags:
+        solution, length = self._rls.estimate, self._settings.length
+        # At first the inertia is still near its start, zero: a body of that mass and the given size is no smaller.
+        inertia = np.maximum(_inertia_scale(solution), length**2 / max(abs(solution[0]), 1e-12))
+        size = np.concatenate((np.abs(solution[:1]), np.full(3, length), inertia))
+        return np.asarray(np.abs(self._rls.remaining) @ size < _REMAINING * size)
+
+    def _equations(self, states: BodyStates) -> tuple[Array, Array]:
+        if self._settings.form == 'main':
+            return forms.main_form(states, np.array(self._settings.total_angular_momentum))
+        linear, angular = forms.linear_rows(states), forms.angular_rows(states)
+        references = self._reference_rows(angular)
+        late = len(linear[0]) - len(references[0])
+        newest = (linear[0][late:], linear[1][late:]), (angular[0][late:], angular[1][late:])
+        return forms.difference_form(*newest, references)
+
+    def _reference_rows(self, angular: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return the angular rows each of the last samples is compared with; the first samples have none."""
+        past = list(self._references)
+        rows = np.concatenate([*(row for row, _ in past), angular[0]])
+        right_side = np.concatenate([*(value for _, value in past), angular[1]])
+        if not self._settings.lag and self._settings.reference == 'first':
+            if not past:
+                self._references.append((rows[:1], right_side[:1]))
+            count = len(angular[0]) - (0 if past else 1)
+            first = self._references[0]
+            return np.repeat(first[0], count, axis=0), np.repeat(first[1], count, axis=0)
+        lag = self._settings.lag or 1
+        self._references = deque([(rows[-lag:], right_side[-lag:])])
+        return rows[:-lag], right_side[:-lag]
+
+    def _estimates(
+        self, window: Samples, states: BodyStates, solutions: Array, determined: Array, origin: int
+    ) -> list[Estimate]:
+        """Return one estimate a sample from (N, 10) solutions of (1/m, r_c, I_c)."""
+        with np.errstate(divide='ignore'):
+            parameters = np.concatenate((1.0 / solutions[:, :1], solutions[:, 1:]), axis=1)
+        parameters[~np.isfinite(parameters[:, 0]), 0] = np.nan
+        momentum = np.zeros((len(window), 6))
+        if self._settings.form == 'main':
+            momentum[:, 3:] = self._settings.total_angular_momentum
+        else:
+            body = np.nan_to_num(standard(parameters))
+            momentum[:, 3:] = (states.known_momentum + (states.regressor @ body[..., None])[..., 0])[:, 3:]
+        status = self._status(parameters[-1], determined[-1])
+        first = self._samples
+        self._samples += len(window)
+        return [
+            Estimate(
+                method=self.method,
+                status=status if index == len(window) - 1 else self._running(determined[index]),
+                time=float(window.time[index]),
+                stamp=origin + round(window.time[index] * 1e9),
+                parameters=np.where(determined[index], parameters[index], np.nan),
+                identifiable=determined[index],
+                momentum=momentum[index],
+                samples=first + index + 1,
+            )
+            for index in range(len(window))
+        ]
+
+    @staticmethod
+    def _running(determined: Array) -> Status:
+        return 'estimating' if np.any(determined) else 'not_identifiable'
+
+    def _status(self, parameters: Array, determined: Array) -> Status:
+        """Return 'converged' once nothing determined has moved for ten windows."""
+        self._settled.append(np.where(determined, parameters, np.nan))
+        if not np.any(determined):
+            return 'not_identifiable'
+        if len(self._settled) < _SETTLED_WINDOWS:
+            return 'estimating'
+        scale = np.concatenate((np.abs(parameters[:1]), np.full(3, self._settings.length), _inertia_scale(parameters)))
+        change = np.abs(np.array(self._settled) - parameters)[:, determined] / scale[determined]
+        return 'converged' if np.all(change < self._settings.settled) else 'estimating'
+
+
+def _inertia_scale(parameters: Array) -> Array:
+    """Return what changes of the six elements of inertia are measured by: the largest moment that is known."""
+    return np.full(6, np.max(np.abs(parameters[[4, 7, 9]]), initial=1e-12))

@@ -1,0 +1,85 @@
+"""What an estimator says: parameters, their uncertainty, what is identifiable, and the momentum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
+
+Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
+
+# Order of the ten published parameters: mass, centre of mass (link frame), inertia about it (link axes).
+PARAMETERS = ('mass', 'com_x', 'com_y', 'com_z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+UNITS = ('kg', 'm', 'm', 'm', *('kg m^2',) * 6)
+
+
+def _unknown(*shape: int) -> Array:
+    return np.full(shape, np.nan)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something external that changed the momentum.
+
+    Attributes
+    ----------
+    time : s since the first sample
+    kind : 'step' (a change of momentum) or 'ramp' (a rate of change)
+    linear, angular : (3,) N s, N m s about the odometry origin (N, N m for a ramp)
+    cause : what it may have been
+    """
+
+    time: float
+    kind: Literal['step', 'ramp']
+    linear: Array
+    angular: Array
+    cause: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The state of an identification after a window (or a sample, for the paper's methods).
+
+    Attributes
+    ----------
+    method : name of the method
+    status : see Status; the rules stand in core/results/reporting.py
+    time : s since the first sample of the run
+    stamp : ns, stamp of the last sample used
+    parameters : (10,) in the order of PARAMETERS, SI; NaN where the data do not determine one
+    covariance : (10, 10) of the parameters; NaN where not available
+    identifiable : (10,) True where the data determine the parameter
+    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
+    momentum_covariance : (6, 6)
+    residual : root mean square of the normalised residuals: 1 is as the noise says; NaN where not available
+    time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
+    consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
+    samples : number of samples used
+    events : what disturbed the momentum
+    warnings : one line each
+    """
+
+    method: str
+    status: Status
+    time: float = 0.0
+    stamp: int = 0
+    parameters: Array = field(default_factory=lambda: _unknown(10))
+    covariance: Array = field(default_factory=lambda: _unknown(10, 10))
+    identifiable: Flags = field(default_factory=lambda: np.zeros(10, dtype=bool))
+    momentum: Array = field(default_factory=lambda: _unknown(6))
+    momentum_covariance: Array = field(default_factory=lambda: _unknown(6, 6))
+    residual: float = np.nan
+    time_offset: float = np.nan
+    time_offset_std: float = np.nan
+    consistency_correction: float = 0.0
+    samples: int = 0
+    events: tuple[Event, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def std(self) -> Array:
+        """One standard deviation of each parameter, (10,), NaN where not available."""
+        return np.sqrt(np.diag(self.covariance))

@@ -1,0 +1,194 @@
+"""From a solution of the normal equations to what is published: covariance, identifiability, consistency, status.
+
+The rules of `status`:
+
+- `waiting`: no window has been completed.
+- `not_identifiable`: the data determine none of the ten parameters.
+- `inconsistent`: the residuals are larger than the noise explains (by the factor `largest_residual`): the model, the
+  noise parameters or the conservation of momentum is wrong.
+- `converged`: the standard deviation of every parameter that is determined is below `converged_std`, relative.
+- `estimating`: otherwise.
+
+A standard deviation is relative to the mass itself, for the centre of mass to a given length, for the inertia I_ij to
+sqrt(I_ii I_jj). A parameter is determined when it is below `identifiable_std`, relative, with the information reduced
+by what noise alone would have brought. Centre of mass and inertia about it are quotients, h / m: where the mass may as
+well be zero they may be anything (Fieller 1954), however small their linearised standard deviation is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags, skew
+from mbaid_ros.core.results.consistency import project, project_planar
+from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Status
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.planar import Plane
+
+_LARGE_CORRECTION = 3.0  # standard deviations
+_ENOUGH = 50  # redundant equations, before the residual is judged
+# Indices of I_ii and I_jj for each of the six elements of inertia.
+_FIRST = np.array([4, 4, 4, 7, 7, 9])
+_SECOND = np.array([4, 7, 9, 7, 9, 9])
+# The noise's own information fluctuates: what is less than twice it is not signal.
+NOISE_MARGIN = 2.0
+# Relative standard deviation from which a mass is no longer told from zero, at two standard deviations.
+_MASS_MAY_VANISH = 0.5
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The solution of a set of windows.
+
+    Attributes
+    ----------
+    x : (16,) (m, h, I_o, P_0, L_0)
+    covariance : (16, 16) of x
+    cautious_covariance : (16, 16) the same with NOISE_MARGIN times the noise's own information taken off
+    cost : sum of the squared normalised residuals
+    redundancy : number of equations less that of unknowns
+    origin : (3,) m, about which L_0 is taken, odometry frame
+    plane : of a planar motion, which leaves six of the ten parameters open; else None
+    restarted : whether earlier windows had to be given up
+    """
+
+    x: Array
+    covariance: Array
+    cautious_covariance: Array
+    cost: float
+    redundancy: int
+    origin: Array
+    plane: Plane | None
+    restarted: bool = False
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """The thresholds of what is published.
+
+    Attributes
+    ----------
+    scale : (10,) typical sizes of the standard parameters
+    identifiable_std, converged_std : relative standard deviations
+    length : m, that the centre of mass is taken relative to
+    largest_residual : RMS of the normalised residuals from which the data are inconsistent
+    """
+
+    scale: Array
+    identifiable_std: float
+    converged_std: float
+    length: float
+    largest_residual: float
+
+    def estimate(self, method: str, solution: Solution, *, time: float, stamp: int, samples: int) -> Estimate:
+        """Return the estimate to publish.
+
+        Parameters
+        ----------
+        method : name
+        solution : Solution
+        time, stamp : s, ns of the last sample
+        samples : number used
+        """
+        covariance = solution.covariance[:10, :10]
+        momentum, momentum_covariance = _about_odometry_origin(
+            solution.x[10:], solution.covariance[10:, 10:], solution.origin
+        )
+        residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
+        body, correction = solution.x[:10], 0.0
+        identifiable = self._identifiable(body, solution.cautious_covariance[:10, :10])
+        if np.any(identifiable):
+            if solution.plane is None:
+                body, correction = project(body, covariance, self.scale)
+            else:
+                body, correction = project_planar(body, covariance, self.scale, solution.plane)
+            identifiable = self._identifiable(body, solution.cautious_covariance[:10, :10])
+        parameters: Array = np.full(10, np.nan)
+        published: Array = np.full((10, 10), np.nan)
+        if np.any(identifiable):
+            parameters, jacobian = physical(body), physical_jacobian(body)
+            published = jacobian @ covariance @ jacobian.T
+            published[~identifiable] = published[:, ~identifiable] = np.nan
+        relative = relative_std(published, self.sizes(parameters))
+        return Estimate(
+            method=method,
+            status=self._status(identifiable, relative, residual, solution.redundancy),
+            time=time,
+            stamp=stamp,
+            parameters=np.where(identifiable, parameters, np.nan),
+            covariance=published,
+            identifiable=identifiable,
+            momentum=momentum,
+            momentum_covariance=momentum_covariance,
+            residual=residual,
+            consistency_correction=correction,
+            samples=samples,
+            warnings=self._warnings(identifiable, residual, correction, solution),
+        )
+
+    def _identifiable(self, body: Array, cautious_covariance: Array) -> Flags:
+        if body[0] == 0.0:
+            return np.zeros(10, dtype=bool)
+        jacobian = physical_jacobian(body)
+        relative = relative_std(jacobian @ cautious_covariance @ jacobian.T, self.sizes(physical(body)))
+        determined = np.asarray(relative < self.identifiable_std)
+        determined[1:] &= relative[0] < _MASS_MAY_VANISH
+        return determined
+
+    def sizes(self, parameters: Array) -> Array:
+        """Return what the standard deviation of each of the (10,) physical parameters is taken relative to."""
+        size = np.empty(10)
+        size[0] = abs(parameters[0])
+        size[1:4] = self.length
+        size[4:] = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
+        # An element that vanishes is of the size that rounding leaves of a typical one.
+        typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
+        return np.maximum(size, 1e-9 * typical)
+
+    def _status(self, identifiable: Flags, relative: Array, residual: float, redundancy: int) -> Status:
+        if not np.any(identifiable):
+            return 'not_identifiable'
+        if residual > self.largest_residual and redundancy > _ENOUGH:
+            return 'inconsistent'
+        return 'converged' if np.all(relative[identifiable] < self.converged_std) else 'estimating'
+
+    def _warnings(self, identifiable: Flags, residual: float, correction: float, solution: Solution) -> tuple[str, ...]:
+        warnings = []
+        if solution.plane is not None:
+            warnings.append('planar motion: only mass, CoM in the plane and moment about its normal can be found')
+        elif not np.all(identifiable):
+            names = ', '.join(name for name, known in zip(PARAMETERS, identifiable, strict=True) if not known)
+            warnings.append(f'not determined by the data: {names}')
+        if residual > self.largest_residual:
+            warnings.append(f'residuals are {residual:.1f} times what the noise parameters explain')
+        if correction > _LARGE_CORRECTION and np.any(identifiable):
+            warnings.append(f'the estimate was {correction:.1f} standard deviations away from any real body')
+        if solution.restarted:
+            warnings.append('the motion turned out not to be planar: what was learnt before was given up')
+        return tuple(warnings)
+
+
+def inverse(reference: Array, matrix: Array) -> Array:
+    """Return the inverse of a symmetric matrix, conditioned by the diagonal of a positive definite reference.
+
+    Directions in which the matrix is not positive (noise was all there was) get a variance of 1e12 times what the
+    reference's diagonal says.
+    """
+    size = 1.0 / np.sqrt(np.diag(reference))
+    values, vectors = np.linalg.eigh(matrix * size * size[:, None])
+    inverted = (vectors / np.maximum(values, 1e-12)) @ vectors.T
+    return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
+
+
+def relative_std(covariance: Array, size: Array) -> Array:
+    """Return the (10,) standard deviations relative to sizes."""
+    return np.asarray(np.sqrt(np.diag(covariance)) / size)
+
+
+def _about_odometry_origin(momentum: Array, covariance: Array, origin: Array) -> tuple[Array, Array]:
+    """Return (P, L) about the odometry frame's origin: L = L_0 + origin x P."""
+    shift = np.eye(6)
+    shift[3:, :3] = skew(origin)
+    return shift @ momentum, shift @ covariance @ shift.T

@@ -1,0 +1,107 @@
+"""The one kernel: from samples to what the known bodies' momentum is and how the target link moves."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
+from mbaid_ros.core.robot.model import RobotModel, express
+from mbaid_ros.core.robot.momentum import momentum, regressor
+from mbaid_ros.core.samples import Samples
+
+
+@dataclass(frozen=True)
+class BodyStates:
+    """N samples as the momentum equations need them, in odometry axes about the base link's origin.
+
+    Attributes
+    ----------
+    configuration : poses of the bodies and joint twists
+    body_twist : (N, n + 1, 6) twist of every body
+    known : (N, n + 1, 10) standard parameters of the known bodies
+    rotation, position, twist : (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
+    """
+
+    configuration: Configuration
+    body_twist: Array
+    known: Array
+    rotation: Array
+    position: Array
+    twist: Array
+
+    def __getitem__(self, index: slice | Array) -> BodyStates:
+        """Return the states of a slice, mask or list of samples."""
+        configuration = Configuration(*(getattr(self.configuration, x.name)[index] for x in fields(Configuration)))
+        return BodyStates(configuration, *(getattr(self, x.name)[index] for x in fields(self)[1:]))
+
+    @property
+    def known_momentum(self) -> Array:
+        """(P_k, L_k) of all known bodies, (N, 6)."""
+        return np.sum(momentum(self.known, self.body_twist), axis=1)
+
+    @property
+    def regressor(self) -> Array:
+        """Y of the target link, (N, 6, 10): its momentum is Y (m, h, I_o)."""
+        return regressor(self.rotation, self.position, self.twist)
+
+    @property
+    def hinge_velocity(self) -> Array:
+        """Velocity v of the target link's origin, (N, 3) m/s."""
+        return self.twist[:, :3] + cross(self.twist[:, 3:], self.position)
+
+
+class MomentumKernel:
+    """The momentum of a robot with one unknown link, for batches of samples.
+
+    Parameters
+    ----------
+    model : RobotModel
+    target : str
+        Name of the unknown link. Its inertial entry in the URDF never enters.
+
+    Attributes
+    ----------
+    known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
+
+    Raises
+    ------
+    ModelError
+        The target is not a link of the model.
+    """
+
+    def __init__(self, model: RobotModel, target: str) -> None:
+        self.model = model
+        self.target = model.link(target)
+        self.kinematics = Kinematics(model)
+        self.known = model.body_parameters(without=target)
+
+    def corrected(self, change: Array) -> MomentumKernel:
+        """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
+        other = copy(self)
+        other.known = self.known + change
+        return other
+
+    def states(self, samples: Samples) -> BodyStates:
+        """Return the states of all bodies at N samples."""
+        twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
+        return self.states_of(samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
+
+    def states_of(
+        self, base_rotation: Array, joint_position: Array, joint_velocity: Array, base_twist: Array
+    ) -> BodyStates:
+        """Return the states of all bodies for (N, 3, 3), (N, n), (N, n), (N, 6) in odometry axes."""
+        configuration = self.kinematics.configure(base_rotation, joint_position)
+        body_twist = self.kinematics.body_twists(configuration, joint_velocity, base_twist)
+        rotation, position = configuration.link(self.target)
+        return BodyStates(
+            configuration=configuration,
+            body_twist=body_twist,
+            known=express(self.known, configuration.rotation, configuration.position),
+            rotation=rotation,
+            position=position,
+            twist=body_twist[:, self.target.body],
+        )

@@ -1,0 +1,106 @@
+"""Poses of every moving body and unit twists of every joint, for a batch of samples at once.
+
+All positions are relative to the origin of the base link, all axes are those of the odometry frame, and every twist is
+given at the base link's origin: (u, w) with u the velocity of the point of the body (extended) that lies there. Twists
+then add along the chain without levers, and nothing here depends on how far the base has drifted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, rotate, skew
+from mbaid_ros.core.robot.model import Link, RobotModel
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Where everything is.
+
+    Attributes
+    ----------
+    rotation : (N, n + 1, 3, 3) body to odometry axes
+    position : (N, n + 1, 3) m, body origins relative to the base origin
+    joint_twist : (N, n, 6) unit twist (u, w) of each joint at the base origin (Jacobian columns)
+    """
+
+    rotation: Array
+    position: Array
+    joint_twist: Array
+
+    def link(self, link: Link) -> tuple[Array, Array]:
+        """Return rotation (N, 3, 3) and position (N, 3) of a link's frame."""
+        rotation = self.rotation[:, link.body]
+        return rotation @ link.rotation, self.position[:, link.body] + rotate(rotation, link.position)
+
+
+class Kinematics:
+    """The vectorised kinematics of one robot."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        count = model.joints
+        # Joint j's rotation in its parent is A + sin(q) B + cos(q) C: Rodrigues with the constant placement in front.
+        generator = skew(model.axes)
+        square = generator @ generator
+        turns = ~np.array(model.prismatic, dtype=bool).reshape(count, 1, 1)
+        self._constant = model.rotations @ (np.eye(3) + np.where(turns, square, 0.0))
+        self._sine = np.where(turns, model.rotations @ generator, 0.0)
+        self._cosine = np.where(turns, -model.rotations @ square, 0.0)
+        self._axes = rotate(model.rotations, model.axes)  # in the parent body's frame
+        # ancestors[b, j] is 1 where joint j moves body b.
+        self.ancestors = np.zeros((count + 1, count))
+        for joint, parent in enumerate(model.parents):
+            self.ancestors[joint + 1] = self.ancestors[parent]
+            self.ancestors[joint + 1, joint] = 1.0
+
+    def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
+        """Return poses and joint twists.
+
+        Parameters
+        ----------
+        base_rotation : (N, 3, 3) base to odometry axes
+        joint_position : (N, n) rad or m
+
+        Returns
+        -------
+        Configuration
+        """
+        model = self.model
+        count, joints = joint_position.shape
+        angle = joint_position[..., None, None]
+        local = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
+        rotation = np.empty((count, joints + 1, 3, 3))
+        position = np.zeros((count, joints + 1, 3))
+        twist = np.zeros((count, joints, 6))
+        rotation[:, 0] = base_rotation
+        for joint, parent in enumerate(model.parents):
+            carrier = rotation[:, parent]
+            axis = carrier @ self._axes[joint]
+            place = position[:, parent] + carrier @ model.positions[joint]
+            rotation[:, joint + 1] = carrier @ local[:, joint]
+            if model.prismatic[joint]:
+                position[:, joint + 1] = place + axis * joint_position[:, joint, None]
+                twist[:, joint, :3] = axis
+            else:
+                position[:, joint + 1] = place
+                twist[:, joint, :3] = cross(place, axis)
+                twist[:, joint, 3:] = axis
+        return Configuration(rotation, position, twist)
+
+    def body_twists(self, configuration: Configuration, joint_velocity: Array, base_twist: Array) -> Array:
+        """Return the twist of every body.
+
+        Parameters
+        ----------
+        configuration : of the same N samples
+        joint_velocity : (N, n) rad/s or m/s
+        base_twist : (N, 6) of the base link's origin, odometry axes
+
+        Returns
+        -------
+        (N, n + 1, 6) array (u, w) at the base origin (paper, eq. 1)
+        """
+        return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])

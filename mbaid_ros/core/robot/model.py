@@ -1,0 +1,220 @@
+"""The robot as arrays: moving bodies, joints and links, read from a URDF by pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.core.errors import ModelError, listing
+from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
+from mbaid_ros.core.robot.urdf import Inertial, read_inertials
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link of the URDF and where it sits on its moving body.
+
+    Attributes
+    ----------
+    name : the URDF's
+    body : index of the moving body that carries it (0 is the base)
+    rotation, position : (3, 3), (3,) m, of the link's frame in the body's frame
+    parameters : (10,) standard inertial parameters (m, h, I_o) in the link's frame: kg, kg m, kg m^2
+    """
+
+    name: str
+    body: int
+    rotation: Array
+    position: Array
+    parameters: Array
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A free-floating tree of rigid bodies.
+
+    Body 0 is the base; joint j moves body j + 1. Links joined by fixed joints belong to one body.
+
+    Attributes
+    ----------
+    name : the URDF's robot name
+    urdf : the document it came from
+    joint_names : names of the n movable joints, in the order of every joint array
+    parents : (n,) index of the body that carries joint j
+    rotations, positions : (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame
+    axes : (n, 3) unit axis of joint j in its own frame
+    prismatic : (n,) True where joint j slides
+    continuous : (n,) True where joint j turns without limits
+    links : every link of the URDF
+    """
+
+    name: str
+    urdf: str
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    rotations: Array
+    positions: Array
+    axes: Array
+    prismatic: tuple[bool, ...]
+    continuous: tuple[bool, ...]
+    links: tuple[Link, ...]
+
+    @property
+    def base_link(self) -> str:
+        """Name of the root link, whose frame the odometry locates."""
+        return self.links[0].name
+
+    @property
+    def joints(self) -> int:
+        """Number n of movable joints."""
+        return len(self.joint_names)
+
+    @cached_property
+    def last_link(self) -> str:
+        """Name of the default target: the last link with an inertia on the body furthest from the base."""
+        depth = [0]
+        for parent in self.parents:
+            depth.append(depth[parent] + 1)
+        massive = [link for link in self.links if link.parameters[0] > 0.0] or list(self.links)
+        return max(massive, key=lambda link: (depth[link.body], link.body)).name
+
+    def link(self, name: str) -> Link:
+        """Return the link called `name`.
+
+        Raises
+        ------
+        ModelError
+            The URDF has no such link.
+        """
+        for link in self.links:
+            if link.name == name:
+                return link
+        raise ModelError(f"link '{name}' is not in the robot description; links: {listing(x.name for x in self.links)}")
+
+    def body_parameters(self, without: str | None = None) -> Array:
+        """Return the standard parameters of the moving bodies, each in its own frame.
+
+        Parameters
+        ----------
+        without : str, optional
+            A link to leave out: the unknown one, whose URDF entry must not enter an estimate.
+
+        Returns
+        -------
+        (n + 1, 10) array
+        """
+        parameters = np.zeros((self.joints + 1, 10))
+        for link in self.links:
+            if link.name != without:
+                parameters[link.body] += express(link.parameters, link.rotation, link.position)
+        return parameters
+
+
+def express(parameters: Array, rotation: Array, position: Array) -> Array:
+    """Return standard inertial parameters in another frame.
+
+    Parameters
+    ----------
+    parameters : (..., 10) (m, h, I_o) in the link's frame
+    rotation, position : (..., 3, 3), (..., 3) m, the link's frame in the new frame
+
+    Returns
+    -------
+    (..., 10) array: (m, h, I_o) in the new frame, I_o about the new origin
+    """
+    mass = parameters[..., :1]
+    moment = rotate(rotation, parameters[..., 1:4])
+    inertia = rotation @ unvec(parameters[..., 4:]) @ np.swapaxes(rotation, -1, -2)
+    # Steiner about the new origin: I - [r]x[h]x - [h]x[r]x - m [r]x[r]x.
+    lever, first = skew(position), skew(moment)
+    coupling = lever @ first
+    inertia = inertia - coupling - np.swapaxes(coupling, -1, -2) - mass[..., None] * (lever @ lever)
+    expressed = np.empty((*inertia.shape[:-2], 10))
+    expressed[..., :1] = mass
+    expressed[..., 1:4] = moment + mass * position
+    expressed[..., 4:] = vec(inertia)
+    return expressed
+
+
+def load_model(urdf: str) -> RobotModel:
+    """Read a robot from the text of a URDF.
+
+    Raises
+    ------
+    ModelError
+        The document cannot be used; the message names the link, joint or value.
+    """
+    inertials = read_inertials(urdf)
+    model = parse(urdf)
+    count = model.njoints - 2  # without pinocchio's universe and the free-flyer
+    placements = [model.jointPlacements[index + 2] for index in range(count)]
+    subspaces = [_motion_subspace(model.joints[index + 2]) for index in range(count)]
+    prismatic = tuple(bool(np.any(subspace[:3] != 0.0)) for subspace in subspaces)
+    return RobotModel(
+        name=model.name,
+        urdf=urdf,
+        joint_names=tuple(model.names[2:]),
+        parents=tuple(model.parents[index + 2] - 1 for index in range(count)),
+        rotations=np.array([placement.rotation for placement in placements]).reshape(count, 3, 3),
+        positions=np.array([placement.translation for placement in placements]).reshape(count, 3),
+        axes=np.array([s[:3] if slides else s[3:] for s, slides in zip(subspaces, prismatic, strict=True)]).reshape(
+            count, 3
+        ),
+        prismatic=prismatic,
+        continuous=tuple(model.joints[index + 2].nq == 2 for index in range(count)),
+        links=_links(model, inertials),
+    )
+
+
+def parse(urdf: str) -> pinocchio.Model:
+    """Return pinocchio's free-flying model of a URDF, without gravity.
+
+    Raises
+    ------
+    ModelError
+        Pinocchio does not accept the document.
+    """
+    try:
+        model = pinocchio.buildModelFromXML(urdf, pinocchio.JointModelFreeFlyer())
+    except (ValueError, RuntimeError) as error:
+        reason = ' '.join(str(error).split()) or 'no reason given'
+        raise ModelError(f'the robot description is not a valid URDF: {reason}') from error
+    model.gravity.setZero()
+    return model
+
+
+def _motion_subspace(joint: pinocchio.JointModel) -> Array:
+    """Return the (6,) column (linear, angular) of a one-degree-of-freedom joint."""
+    data = joint.createData()
+    position = np.zeros(joint.nq)
+    position[0] = joint.nq - 1.0  # 0, or (cos, sin) = (1, 0) of a continuous joint
+    # The joint cuts its own segments out of model-wide vectors: let a copy of it start at 0.
+    joint = pinocchio.JointModel(joint)
+    joint.setIndexes(0, 0, 0)
+    joint.calc(data, position, np.zeros(joint.nv))
+    return np.asarray(data.S, dtype=float).reshape(6)
+
+
+def _links(model: pinocchio.Model, inertials: dict[str, Inertial]) -> tuple[Link, ...]:
+    return tuple(
+        Link(
+            name=frame.name,
+            body=int(frame.parentJoint) - 1,
+            rotation=frame.placement.rotation.copy(),
+            position=frame.placement.translation.copy(),
+            parameters=_standard(inertials.get(frame.name)),
+        )
+        for frame in model.frames
+        if frame.type == pinocchio.FrameType.BODY
+    )
+
+
+def _standard(inertial: Inertial | None) -> Array:
+    """Return (m, h, I_o) in the link's frame."""
+    if inertial is None:
+        return np.zeros(10)
+    about_com = np.concatenate(([inertial.mass], np.zeros(3), inertial.inertia))
+    return express(about_com, pinocchio.rpy.rpyToMatrix(*inertial.rpy), np.array(inertial.xyz))

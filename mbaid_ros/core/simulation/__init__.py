@@ -1,0 +1,1 @@
+"""A free-floating robot in motion, and what its sensors read."""

@@ -1,0 +1,266 @@
+"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under an explicit Runge-Kutta step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.core.errors import ModelError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel, parse
+
+# Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
+# 1e-16; the stiffest of the robots tested has 1e-5.
+_SMALLEST_EIGENVALUE = 1e-12
+# The inertia of a massless tail vanishes in every configuration; others may in a few only. Try several.
+_CONFIGURATIONS_TRIED = 5
+
+# Butcher's Runge-Kutta method of order 6 with seven stages (J. Austral. Math. Soc. 4, 1964): the instants of the
+# stages, what each takes of the earlier slopes, and the weights of the result.
+_NODES = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
+_STAGES = tuple(
+    np.array(row)
+    for row in (
+        [],
+        [1 / 3],
+        [0, 2 / 3],
+        [1 / 12, 1 / 3, -1 / 12],
+        [-1 / 16, 9 / 8, -3 / 16, -3 / 8],
+        [0, 9 / 8, -3 / 8, -3 / 4, 1 / 2],
+        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11],
+    )
+)
+_WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
+
+
+@dataclass(frozen=True)
+class State:
+    """One instant of the robot's motion.
+
+    Attributes
+    ----------
+    base_position : (3,) m, origin of the base link in the odometry frame
+    base_orientation : (4,) unit quaternion (x, y, z, w), base link to odometry frame
+    joint_position : (n,) rad or m; continuous joints count their turns
+    velocity : (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
+    """
+
+    base_position: Array
+    base_orientation: Array
+    joint_position: Array
+    velocity: Array
+
+    @property
+    def joint_velocity(self) -> Array:
+        """The (n,) joint rates, rad/s or m/s."""
+        return self.velocity[6:]
+
+
+# Joint torques (n,) at a time (s) in a state.
+TorqueLaw = Callable[[float, State], Array]
+
+
+class Dynamics:
+    """Forward and inverse dynamics of one robot, without gravity.
+
+    Parameters
+    ----------
+    model : RobotModel
+
+    Raises
+    ------
+    ModelError
+        The mass matrix is singular or not positive: something that moves has no inertia.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._pinocchio = parse(model.urdf)
+        self._data = self._pinocchio.createData()
+        joints = list(self._pinocchio.joints)[2:]
+        self._place = np.array([joint.idx_q for joint in joints], dtype=int)
+        self._turning = np.array(model.continuous, dtype=bool)
+        self._sine_place = self._place[self._turning] + 1
+        self._refuse_singular()
+
+    def acceleration(self, state: State, torque: Array) -> Array:
+        """Return the acceleration under joint torques.
+
+        Parameters
+        ----------
+        state : State
+        torque : (n,) N m, or N for a prismatic joint
+
+        Returns
+        -------
+        (6 + n,) rate of change of `State.velocity`, component by component
+
+        Raises
+        ------
+        ModelError
+            The result is not finite: the mass matrix is singular in this state, or the motion has diverged.
+        """
+        generalised = np.concatenate((np.zeros(6), torque))
+        result = pinocchio.aba(self._pinocchio, self._data, self._configuration(state), state.velocity, generalised)
+        if not math.isfinite(result.sum()):
+            message = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
+            raise ModelError(message)
+        return np.array(result)
+
+    def torque(self, state: State, joint_acceleration: Array) -> Array:
+        """Return the joint torques that give the joints an acceleration while the base floats (computed torque).
+
+        Parameters
+        ----------
+        state : State
+        joint_acceleration : (n,) rad/s^2 or m/s^2
+
+        Returns
+        -------
+        (n,) array, N m or N; internal, so the total momentum does not change
+        """
+        configuration = self._configuration(state)
+        acceleration = np.concatenate((np.zeros(6), joint_acceleration))
+        # Nothing pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
+        push = pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[:6]
+        pinocchio.crba(self._pinocchio, self._data, configuration)
+        acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+        return np.array(pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[6:])
+
+    def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
+        """Return the state one Runge-Kutta step (Butcher's, order 6) later.
+
+        The configuration moves in a chart around the step's start: positions and angles add, the orientation is the
+        start's turned by a rotation vector (Munthe-Kaas). Every stage is thus a true orientation and the order is kept.
+
+        Parameters
+        ----------
+        time : s at the start
+        state : at the start
+        acceleration : (6 + n,) at the start, as `acceleration` gives it under the law
+        length : s
+        law : joint torques as a function of time and state
+
+        Returns
+        -------
+        State
+        """
+        size = 6 + self.model.joints
+        slopes = np.empty((len(_NODES), 2 * size))
+        slopes[0] = np.concatenate((_chart_rate(state, np.zeros(3)), acceleration))
+        for stage in range(1, len(_NODES)):
+            moved = length * (_STAGES[stage] @ slopes[:stage])
+            reached = _moved(state, moved[:size], state.velocity + moved[size:])
+            torque = law(time + _NODES[stage] * length, reached)
+            slopes[stage, :size] = _chart_rate(reached, moved[3:6])
+            slopes[stage, size:] = self.acceleration(reached, torque)
+        moved = length * (_WEIGHTS @ slopes)
+        return _moved(state, moved[:size], state.velocity + moved[size:])
+
+    def _configuration(self, state: State) -> Array:
+        """Return pinocchio's configuration vector, in which a continuous joint is (cos, sin)."""
+        configuration = np.empty(self._pinocchio.nq)
+        configuration[:3] = state.base_position
+        configuration[3:7] = state.base_orientation
+        configuration[self._place] = state.joint_position
+        if self._sine_place.size:
+            angle = state.joint_position[self._turning]
+            configuration[self._sine_place - 1] = np.cos(angle)
+            configuration[self._sine_place] = np.sin(angle)
+        return configuration
+
+    def _mass_matrix(self, configuration: Array) -> Array:
+        """Return the symmetric (6 + n, 6 + n) joint-space inertia."""
+        upper = np.triu(pinocchio.crba(self._pinocchio, self._data, configuration))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    def _refuse_singular(self) -> None:
+        generator = np.random.default_rng(0)
+        joints = self.model.joints
+        for _ in range(_CONFIGURATIONS_TRIED):
+            angles = generator.uniform(-1.0, 1.0, joints)
+            upright = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), angles, np.zeros(6 + joints))
+            self._refuse_singular_mass(self._mass_matrix(self._configuration(upright)))
+
+    def _refuse_singular_mass(self, mass: Array) -> None:
+        diagonal = np.diag(mass)
+        idle = [name for name, own in zip(self.model.joint_names, diagonal[6:], strict=True) if not own > 0.0]
+        if idle:
+            message = (
+                f'nothing that has inertia moves with joints {listing(idle)}; give the links they carry <inertial>'
+            )
+            raise ModelError(message)
+        if np.all(diagonal > 0.0):
+            scale = 1.0 / np.sqrt(diagonal)
+            eigenvalues = np.linalg.eigvalsh(mass * scale * scale[:, None])
+            if eigenvalues[0] > _SMALLEST_EIGENVALUE * eigenvalues[-1]:
+                return
+        message = (
+            'the mass matrix of the robot is singular or not positive: check that it has mass, that the links at the '
+            'ends of its chains have <inertial>, and that every inertia is that of a real body'
+        )
+        raise ModelError(message)
+
+
+def _moved(state: State, chart: Array, velocity: Array) -> State:
+    """Return the state displaced by chart coordinates: (position, rotation vector in base axes, joints)."""
+    return State(
+        state.base_position + chart[:3],
+        _turned(state.base_orientation, chart[3:6]),
+        state.joint_position + chart[6:],
+        velocity,
+    )
+
+
+def _chart_rate(state: State, rotation_vector: Array) -> Array:
+    """Return the rates of the chart's coordinates in a state that is turned by a rotation vector from the start."""
+    rate = state.velocity.copy()
+    rate[:3] = _rotate(state.base_orientation, rate[:3])
+    rate[3:6] = _rotation_vector_rate(rotation_vector, rate[3:6])
+    return rate
+
+
+def _turned(quaternion: Array, rotation_vector: Array) -> Array:
+    """Return quaternion * exp(rotation vector), normalised; in floats, four times faster than numpy for one."""
+    x, y, z, w = quaternion.tolist()
+    a, b, c = rotation_vector.tolist()
+    half = 0.5 * math.sqrt(a * a + b * b + c * c)
+    factor = 0.5 * math.sin(half) / half if half > 1e-9 else 0.5
+    a, b, c, d = factor * a, factor * b, factor * c, math.cos(half)
+    product = (
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+        w * d - x * a - y * b - z * c,
+    )
+    norm = math.sqrt(sum(value * value for value in product))
+    return np.array([value / norm for value in product])
+
+
+def _rotate(quaternion: Array, vector: Array) -> Array:
+    """Return the vector turned by a unit quaternion."""
+    x, y, z, w = quaternion.tolist()
+    a, b, c = vector.tolist()
+    u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.array([a + w * u + y * t - z * v, b + w * v + z * u - x * t, c + w * t + x * v - y * u])
+
+
+def _rotation_vector_rate(rotation_vector: Array, angular_velocity: Array) -> Array:
+    """Return the rate of the rotation vector r when exp(r) turns at w, given in the turned axes."""
+    a, b, c = rotation_vector.tolist()
+    x, y, z = angular_velocity.tolist()
+    square = a * a + b * b + c * c
+    # r' = w + r x w / 2 + k r x (r x w), k = 1/12 + |r|^2/720 + ...; a step turns by far less than a radian.
+    k = 1.0 / 12.0 + square / 720.0 + square * square / 30240.0
+    u, v, t = b * z - c * y, c * x - a * z, a * y - b * x
+    return np.array(
+        [
+            x + 0.5 * u + k * (b * t - c * v),
+            y + 0.5 * v + k * (c * u - a * t),
+            z + 0.5 * t + k * (a * v - b * u),
+        ]
+    )

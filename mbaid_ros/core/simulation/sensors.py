@@ -1,0 +1,148 @@
+"""What the sensors say of the true motion: white Gaussian noise on every channel, at the rate of each sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.run import Simulation, Truth
+
+# A reading due within this of a limit (in periods) is due at it: k / rate is rounded.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """N readings of the joints.
+
+    Attributes
+    ----------
+    time : (N,) s since the start of the run
+    position, velocity, effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True)
+class BaseReadings:
+    """N readings of the base link's pose and twist.
+
+    Attributes
+    ----------
+    time : (N,) s since the start of the run
+    position : (N, 3) m, in the odometry frame
+    orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame
+    linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in base axes
+    pose_covariance : (6, 6) of position and orientation, odometry axes
+    twist_covariance : (6, 6) of linear and angular velocity, base axes
+    """
+
+    time: Array
+    position: Array
+    orientation: Array
+    linear_velocity: Array
+    angular_velocity: Array
+    pose_covariance: Array
+    twist_covariance: Array
+
+
+class Sensors:
+    """Encoders and navigation with seeded noise.
+
+    Every channel draws from a stream of its own: the noise of one depends neither on how many readings another gave,
+    nor on how the readings are cut into batches.
+
+    Parameters
+    ----------
+    noise : one standard deviation of each channel; 0 is none
+    seed : the same seed gives the same noise
+    """
+
+    def __init__(self, noise: SensorNoise, seed: int) -> None:
+        self.noise = noise
+        streams = np.random.SeedSequence(seed).spawn(6)
+        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope = (
+            np.random.default_rng(stream) for stream in streams
+        )
+
+    def joints(self, truth: Truth) -> JointReadings:
+        """Return what the encoders read of the true motion."""
+        noise = self.noise
+        return JointReadings(
+            time=truth.time,
+            position=truth.joint_position + _white(self._encoder, noise.joint_position, truth.joint_position),
+            velocity=truth.joint_velocity + _white(self._rate, noise.joint_velocity, truth.joint_velocity),
+            effort=truth.joint_effort,
+        )
+
+    def base(self, truth: Truth) -> BaseReadings:
+        """Return what the navigation reads of the true motion.
+
+        The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
+        ROS pose has it.
+        """
+        noise = self.noise
+        error = _white(self._attitude, noise.base_orientation, truth.base_position)
+        linear = truth.base_linear_velocity
+        angular = truth.base_angular_velocity
+        return BaseReadings(
+            time=truth.time,
+            position=truth.base_position + _white(self._place, noise.base_position, truth.base_position),
+            orientation=quaternions.product(quaternions.exp(error), truth.base_orientation),
+            linear_velocity=linear + _white(self._speed, noise.base_linear_velocity, linear),
+            angular_velocity=angular + _white(self._gyroscope, noise.base_angular_velocity, angular),
+            pose_covariance=noise.pose_covariance(),
+            twist_covariance=noise.twist_covariance(),
+        )
+
+
+class SensedSimulation:
+    """A simulated run as its sensors report it.
+
+    Parameters
+    ----------
+    simulation : the true motion
+    sensors : Sensors
+    joint_rate, odometry_rate : readings a second, from time 0 on
+    """
+
+    def __init__(self, simulation: Simulation, sensors: Sensors, joint_rate: float, odometry_rate: float) -> None:
+        self._simulation = simulation
+        self._sensors = sensors
+        self._rates = (joint_rate, odometry_rate)
+        self._given = [0, 0]
+
+    def read(self, until: float) -> tuple[JointReadings, BaseReadings]:
+        """Return the readings that are due up to and including a time (s) and have not been returned before.
+
+        Raises
+        ------
+        ModelError
+            The motion has diverged.
+        """
+        joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
+        instants = np.union1d(joint_time, base_time)
+        truth = self._simulation.advance(instants)
+        joints = truth[np.searchsorted(instants, joint_time)]
+        return self._sensors.joints(joints), self._sensors.base(truth[np.searchsorted(instants, base_time)])
+
+    def _due(self, sensor: int, until: float) -> Array:
+        rate = self._rates[sensor]
+        count = math.floor(until * rate + _ROUNDING) + 1
+        indices = np.arange(self._given[sensor], max(count, self._given[sensor]))
+        self._given[sensor] += len(indices)
+        # Dividing, not adding periods: readings of two sensors that are due together get the very same time.
+        return indices / rate
+
+
+def _white(generator: np.random.Generator, deviation: float, like: Array) -> Array:
+    return deviation * generator.standard_normal(like.shape)

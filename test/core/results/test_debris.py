@@ -1,0 +1,80 @@
+"""The captured body alone: exact parameters, and a covariance that a Monte Carlo confirms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array, vec
+from mbaid_ros.core.results.debris import debris
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical, standard
+
+LINK = standard(np.array([35.0, 0.2, -0.1, 0.3, 2.0, 0.1, -0.2, 3.0, 0.15, 2.5]))
+BODY = np.array([155.0, 0.9, 0.2, -0.4, 40.0, 3.0, -2.0, 55.0, 4.0, 60.0])
+
+
+def estimated(covariance: Array) -> Estimate:
+    """Return the estimate of link and body together."""
+    together = physical(standard(BODY) + LINK)
+    return Estimate(
+        'trajectory', 'converged', parameters=together, covariance=covariance, identifiable=np.ones(10, dtype=bool)
+    )
+
+
+def random_covariance(rng: np.random.Generator, size: float) -> Array:
+    root = rng.normal(size=(10, 14)) * size * np.array([10.0, *(0.1,) * 3, *(5.0,) * 6])[:, None]
+    return root @ root.T
+
+
+def test_parameters_are_exact() -> None:
+    found = debris(estimated(np.eye(10)), LINK)
+    assert found is not None
+    assert found.parameters == pytest.approx(BODY, rel=1e-12)
+
+
+def test_two_point_masses() -> None:
+    # A link of 1 kg at x = 0 and a body of 3 kg at x = 1: together 4 kg at 0.75 with m1 m2 / (m1 + m2) = 0.75 kg m^2.
+    together = np.array([4.0, 0.75, 0.0, 0.0, *vec(np.diag([0.0, 0.75, 0.75]))])
+    link = standard(np.array([1.0, *(0.0,) * 9]))
+    found = debris(replace(estimated(np.eye(10)), parameters=together), link)
+    assert found is not None
+    assert found.parameters == pytest.approx(np.array([3.0, 1.0, *(0.0,) * 8]), abs=1e-12)
+
+
+def test_a_link_without_mass_leaves_everything_as_it_is() -> None:
+    covariance = random_covariance(np.random.default_rng(0), 1e-3)
+    estimate = estimated(covariance)
+    found = debris(estimate, np.zeros(10))
+    assert found is not None
+    assert found.parameters == pytest.approx(estimate.parameters)
+    assert found.covariance == pytest.approx(covariance)
+    assert found.std == pytest.approx(estimate.std)
+
+
+def test_the_covariance_is_that_of_a_monte_carlo() -> None:
+    rng = np.random.default_rng(1)
+    covariance = random_covariance(rng, 1e-4)
+    estimate = estimated(covariance)
+    found = debris(estimate, LINK)
+    assert found is not None
+    draws = rng.multivariate_normal(estimate.parameters, covariance, size=4000)
+    alone = physical(standard(draws) - LINK)
+    error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - BODY).T)
+    # Each element of the whitened covariance of 4000 draws has a standard deviation of 0.016 (0.022 on the diagonal).
+    assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
+
+
+@pytest.mark.parametrize('missing', [0, 3, 9])
+def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
+    estimate = estimated(np.eye(10))
+    identifiable = estimate.identifiable.copy()
+    identifiable[missing] = False
+    assert debris(replace(estimate, identifiable=identifiable), LINK) is None
+
+
+def test_nothing_without_a_covariance_or_a_mass_left() -> None:
+    assert debris(estimated(np.full((10, 10), np.nan)), LINK) is None
+    assert debris(estimated(np.eye(10)), standard(BODY) + LINK) is None

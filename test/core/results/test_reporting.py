@@ -1,0 +1,187 @@
+"""From a solution to what is published: which parameters, how sure, and the status by its rules."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.reporting import Reporting, Solution, inverse
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
+from mbaid_ros.core.robot.planar import Plane
+
+BODY = np.array([120.0, 0.3, -0.2, 0.7, 28.0, -3.0, 1.3, 37.0, -1.0, 30.0])
+MOMENTUM = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
+REPORTING = Reporting(
+    scale=np.array([600.0, *(1800.0,) * 3, *(5400.0,) * 6]),
+    identifiable_std=0.5,
+    converged_std=0.01,
+    length=1.0,
+    largest_residual=2.0,
+)
+
+
+def covariance_of(deviations: Array, body: Array = BODY) -> Array:
+    """Return the (16, 16) covariance of standard parameters and momentum for deviations of the (10,) physical ones."""
+    jacobian = np.linalg.inv(physical_jacobian(standard(body)))
+    covariance = np.zeros((16, 16))
+    covariance[:10, :10] = jacobian @ np.diag(deviations**2) @ jacobian.T
+    covariance[10:, 10:] = np.diag(np.arange(1.0, 7.0))
+    return covariance
+
+
+def solution(relative: float | Array, body: Array = BODY, **changes: object) -> Solution:
+    """Return a solution whose physical parameters have relative standard deviations."""
+    covariance = covariance_of(np.abs(relative * REPORTING.sizes(body)), body)
+    made = Solution(
+        x=np.concatenate((standard(body), MOMENTUM)),
+        covariance=covariance,
+        cautious_covariance=covariance,
+        cost=600.0,
+        redundancy=600,
+        origin=np.zeros(3),
+        plane=None,
+    )
+    return replace(made, **changes)  # type: ignore[arg-type]
+
+
+def report(made: Solution) -> Estimate:
+    return REPORTING.estimate('difference', made, time=3.0, stamp=4, samples=500)
+
+
+def test_what_is_well_determined_is_published_with_its_covariance() -> None:
+    made = solution(0.002)
+    estimate = report(made)
+    assert (estimate.method, estimate.time, estimate.stamp, estimate.samples) == ('difference', 3.0, 4, 500)
+    assert estimate.parameters == pytest.approx(BODY)
+    assert estimate.std == pytest.approx(0.002 * REPORTING.sizes(BODY))
+    assert estimate.identifiable.all()
+    assert estimate.momentum == pytest.approx(MOMENTUM)
+    assert estimate.momentum_covariance == pytest.approx(made.covariance[10:, 10:])
+    assert estimate.consistency_correction == 0.0
+    assert estimate.residual == pytest.approx(1.0)
+    assert estimate.warnings == ()
+
+
+def test_sizes() -> None:
+    sizes = REPORTING.sizes(BODY)
+    assert sizes[0] == 120.0
+    assert sizes[1:4].tolist() == [1.0, 1.0, 1.0]
+    # The product of inertia I_xy is relative to sqrt(I_xx I_yy): it may itself be zero.
+    assert sizes[5] == pytest.approx(np.sqrt(28.0 * 37.0))
+    assert sizes[8] == pytest.approx(np.sqrt(37.0 * 30.0))
+    assert (REPORTING.sizes(np.zeros(10)) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ('relative', 'residual', 'redundancy', 'status'),
+    [
+        (0.009, 1.0, 600, 'converged'),
+        (0.011, 1.0, 600, 'estimating'),
+        (0.3, 1.0, 600, 'estimating'),
+        (0.6, 1.0, 600, 'not_identifiable'),
+        (0.009, 2.1, 600, 'inconsistent'),
+        (0.3, 2.1, 600, 'inconsistent'),
+        (0.6, 2.1, 600, 'not_identifiable'),
+        (0.3, 1.9, 600, 'estimating'),
+        (0.3, 2.1, 40, 'estimating'),  # too few to judge by
+    ],
+)
+def test_the_rules_of_the_status(relative: float, residual: float, redundancy: int, status: str) -> None:
+    made = solution(relative, cost=residual**2 * redundancy, redundancy=redundancy)
+    estimate = report(made)
+    assert estimate.status == status
+    assert estimate.identifiable.any() == (status != 'not_identifiable')
+
+
+def test_one_parameter_that_is_not_determined_does_not_hold_up_the_others() -> None:
+    relative = np.full(10, 0.005)
+    relative[[3, 6]] = 0.8
+    estimate = report(solution(relative))
+    assert estimate.status == 'converged'
+    assert np.flatnonzero(~estimate.identifiable).tolist() == [3, 6]
+    assert np.isnan(estimate.parameters[[3, 6]]).all()
+    assert np.isnan(estimate.covariance[[3, 6]]).all()
+    assert np.isnan(estimate.covariance[:, [3, 6]]).all()
+    assert np.isfinite(np.delete(estimate.std, [3, 6])).all()
+    assert estimate.warnings == ('not determined by the data: com_z, ixz',)
+
+
+def test_no_centre_of_mass_while_the_mass_may_be_zero() -> None:
+    """However sure the linearised quotient h / m looks: at a mass far off, its derivative is small."""
+    relative = np.full(10, 0.01)
+    relative[0] = 0.6
+    assert not report(solution(relative)).identifiable.any()
+    relative[0] = 0.4
+    assert report(solution(relative)).identifiable.all()
+
+
+def test_the_cautious_covariance_decides_what_is_determined() -> None:
+    made = solution(0.3)
+    cautious = made.covariance.copy()
+    cautious[:10, :10] *= 4.0
+    estimate = report(replace(made, cautious_covariance=cautious))
+    assert estimate.status == 'not_identifiable'
+    assert np.isnan(estimate.parameters).all()
+
+
+def test_an_impossible_body_is_moved_to_the_nearest_real_one() -> None:
+    impossible = BODY.copy()
+    impossible[9] = 80.0  # Izz > Ixx + Iyy
+    estimate = report(solution(0.05, impossible))
+    assert estimate.identifiable.all()
+    assert is_physical(standard(estimate.parameters))
+    assert estimate.consistency_correction > 3.0
+    assert any('standard deviations away from any real body' in warning for warning in estimate.warnings)
+    # What no data determine is not projected, nor complained of.
+    open_body = report(solution(0.7, impossible))
+    assert open_body.consistency_correction == 0.0
+    assert len(open_body.warnings) == 1
+
+
+def test_the_momentum_is_given_about_the_origin_of_the_odometry() -> None:
+    origin = np.array([10.0, -20.0, 30.0])
+    estimate = report(solution(0.01, origin=origin))
+    assert estimate.momentum[:3] == pytest.approx(MOMENTUM[:3])
+    assert estimate.momentum[3:] == pytest.approx(MOMENTUM[3:] + np.cross(origin, MOMENTUM[:3]))
+    # Var(L_x) = Var(L0_x) + z^2 Var(P_y) + y^2 Var(P_z)
+    assert estimate.momentum_covariance[3, 3] == pytest.approx(4.0 + 30.0**2 * 2.0 + 20.0**2 * 3.0)
+
+
+def test_warnings_say_what_is_wrong() -> None:
+    estimate = report(solution(0.01, cost=600.0 * 9.0, restarted=True))
+    assert estimate.warnings == (
+        'residuals are 3.0 times what the noise parameters explain',
+        'the motion turned out not to be planar: what was learnt before was given up',
+    )
+
+
+def test_in_a_plane_four_parameters_are_published() -> None:
+    relative = np.full(10, 1e6)
+    relative[[0, 1, 2, 9]] = 0.02
+    estimate = report(solution(relative, plane=Plane(np.array([0.0, 0.0, 1.0]), np.eye(3)[:2])))
+    assert np.flatnonzero(estimate.identifiable).tolist() == [0, 1, 2, 9]
+    assert estimate.parameters[[0, 1, 2, 9]] == pytest.approx(BODY[[0, 1, 2, 9]])
+    assert estimate.warnings[0].startswith('planar motion')
+
+
+def test_a_solution_without_mass_determines_nothing() -> None:
+    x = np.concatenate((np.zeros(10), MOMENTUM))
+    estimate = report(replace(solution(0.01), x=x))
+    assert estimate.status == 'not_identifiable'
+    assert np.isnan(estimate.parameters).all()
+
+
+def test_the_inverse_tells_directions_without_information() -> None:
+    reference = np.diag([4.0, 9.0])
+    found = inverse(reference, np.diag([2.0, -1.0]))
+    assert found[0, 0] == pytest.approx(0.5)
+    assert found[1, 1] == pytest.approx(1e12 / 9.0)
+    factor = np.random.default_rng(0).normal(size=(5, 5))
+    matrix = factor @ factor.T
+    assert inverse(matrix, matrix) == pytest.approx(np.linalg.inv(matrix), rel=1e-9)
+    assert physical(standard(BODY)) == pytest.approx(BODY)

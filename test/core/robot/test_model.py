@@ -1,0 +1,131 @@
+"""The robot as arrays, against pinocchio's own model of the same description."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+import pytest
+
+from mbaid_ros.core import geometry
+from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from random_robots import random_inertial, random_urdf
+from simulated import CONFIG, robot
+
+SEEDS = range(8)
+# Sums of at most ten bodies, each rounded a few times.
+ROUNDING = 1e-12
+
+
+def standard_of(inertia: pinocchio.Inertia) -> Array:
+    """Return (m, h, I_o) of pinocchio's inertia, which is about the centre of mass."""
+    return standard(np.concatenate(([inertia.mass], inertia.lever, geometry.vec(inertia.inertia))))
+
+
+def random_tree(seed: int, joints: int = 8) -> RobotModel:
+    return load_model(random_urdf(np.random.default_rng(seed), joints))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_bodies_are_those_of_pinocchio(seed: int) -> None:
+    model = random_tree(seed)
+    expected = [standard_of(inertia) for inertia in parse(model.urdf).inertias[1:]]
+    found = model.body_parameters()
+    assert found == pytest.approx(np.array(expected), rel=ROUNDING, abs=ROUNDING * float(np.abs(found).max()))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_joints_are_those_of_pinocchio(seed: int) -> None:
+    model = random_tree(seed)
+    peer = parse(model.urdf)
+    assert model.joint_names == tuple(peer.names)[2:]
+    for index, joint in enumerate(list(peer.joints)[2:]):
+        placement = peer.jointPlacements[joint.id]
+        assert np.array_equal(model.rotations[index], placement.rotation)
+        assert np.array_equal(model.positions[index], placement.translation)
+        assert model.parents[index] == peer.parents[joint.id] - 1
+        assert model.parents[index] <= index  # a body's number is above its parent's
+        kind = joint.shortname()
+        assert model.prismatic[index] == ('Prismatic' in kind or 'JointModelP' in kind)
+        assert model.continuous[index] == (joint.nq == 2)
+    assert np.linalg.norm(model.axes, axis=1) == pytest.approx(np.ones(model.joints), abs=1e-15)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_without_a_link_its_own_parameters_are_missing(seed: int) -> None:
+    model = random_tree(seed)
+    for link in model.links:
+        missing = model.body_parameters() - model.body_parameters(without=link.name)
+        expected = np.zeros_like(missing)
+        expected[link.body] = express(link.parameters, link.rotation, link.position)
+        assert missing == pytest.approx(expected, abs=ROUNDING * float(np.abs(model.body_parameters()).max()))
+
+
+def test_parameters_expressed_in_another_frame_and_back() -> None:
+    rng = np.random.default_rng(0)
+    parameters = random_tree(0).links[0].parameters
+    rotation, position = geometry.exp(rng.normal(size=3)), rng.normal(size=3)
+    inertia = pinocchio.Inertia(
+        parameters[0],
+        parameters[1:4] / parameters[0],
+        geometry.unvec(standard_of_com(parameters)),
+    )
+    expected = standard_of(pinocchio.SE3(rotation, position).act(inertia))
+    moved = express(parameters, rotation, position)
+    assert moved == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert express(moved, rotation.T, -rotation.T @ position) == pytest.approx(parameters, rel=1e-12, abs=1e-11)
+
+
+def standard_of_com(parameters: Array) -> Array:
+    """Return the inertia about the centre of mass of (m, h, I_o)."""
+    lever = geometry.skew(parameters[1:4] / parameters[0])
+    return np.asarray(parameters[4:] + parameters[0] * geometry.vec(lever @ lever))
+
+
+def test_an_unknown_link_is_refused_with_those_there_are() -> None:
+    model = robot('table1')
+    with pytest.raises(
+        ModelError, match=r"link 'link9' is not in the robot description; links: base_link, link1, .*4$"
+    ):
+        model.link('link9')
+
+
+def test_a_link_on_a_fixed_joint_belongs_to_the_body_that_carries_it() -> None:
+    rng = np.random.default_rng(1)
+    urdf = (
+        f'<robot name="r"><link name="base">{random_inertial(rng)}</link><link name="arm">{random_inertial(rng)}</link>'
+        f'<link name="tool"/><link name="debris">{random_inertial(rng)}</link>'
+        '<joint name="elbow" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>'
+        '<joint name="mount" type="fixed"><parent link="arm"/><child link="tool"/>'
+        '<origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.3"/></joint>'
+        '<joint name="grip" type="fixed"><parent link="tool"/><child link="debris"/>'
+        '<origin xyz="0 0 1" rpy="1 0 0"/></joint></robot>'
+    )
+    model = load_model(urdf)
+    debris, tool = model.link('debris'), model.link('tool')
+    assert (model.base_link, model.joints, debris.body, tool.body) == ('base', 1, 1, 1)
+    assert not tool.parameters.any()
+    frame = parse(urdf).frames[parse(urdf).getFrameId('debris')]
+    assert np.array_equal(debris.rotation, frame.placement.rotation)
+    assert np.array_equal(debris.position, frame.placement.translation)
+    # The arm itself stays known when the debris fixed to it is not.
+    assert model.body_parameters(without='debris')[1] == pytest.approx(model.link('arm').parameters)
+
+
+@pytest.mark.parametrize(('name', 'last'), [('table1', 'link4'), ('ets7', 'link6'), ('servicer7', 'link7')])
+def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None:
+    model = robot(name)
+    assert model.last_link == last
+    tip = f'<link name="tip"/><joint name="t" type="fixed"><parent link="{last}"/><child link="tip"/></joint></robot>'
+    urdf = (CONFIG / f'{name}.urdf').read_text(encoding='utf-8').replace('</robot>', tip)
+    assert load_model(urdf).last_link == last
+
+
+def test_a_robot_without_joints_is_a_model_too() -> None:
+    model = load_model('<robot name="r"><link name="base"/></robot>')
+    assert (model.joints, model.last_link) == (0, 'base')
+    assert model.axes.shape == model.positions.shape == (0, 3)
+    assert model.rotations.shape == (0, 3, 3)
+    assert not model.body_parameters().any()

@@ -1,0 +1,101 @@
+"""The momentum and its regressor, against pinocchio and against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core import geometry
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express, load_model
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
+from peer import Motion, Peer
+from random_robots import random_state, random_urdf
+
+SEEDS = range(8)
+COUNT = 30
+
+
+def random_bodies(seed: int) -> tuple[Array, Array]:
+    """Return parameters (N, 10), of real bodies or not: the equations are linear in them; and twists (N, 6)."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(COUNT, 10)), rng.normal(size=(COUNT, 6))
+
+
+def random_case(seed: int) -> tuple[MomentumKernel, Motion]:
+    """Return a random tree with a random link of it as the target, and random states."""
+    rng = np.random.default_rng(seed)
+    model = load_model(random_urdf(rng, joints=8))
+    target = model.links[int(rng.integers(len(model.links)))].name
+    position, velocity, rotation, twist = random_state(rng, model.joints, COUNT)
+    return MomentumKernel(model, target), Motion(rotation, position, velocity, twist)
+
+
+def size_of(values: Array) -> Array:
+    """Return the largest linear and angular momentum, as a scale for (N, 6) differences."""
+    return np.asarray(np.repeat(np.abs(values).reshape(-1, 2, 3).max(axis=(0, 2)), 3))
+
+
+def test_the_inertia_matrix_times_the_twist_is_the_momentum() -> None:
+    parameters, twist = random_bodies(0)
+    matrix = inertia_matrix(parameters)
+    assert np.array_equal(matrix, np.swapaxes(matrix, 1, 2))
+    assert (matrix @ twist[..., None])[..., 0] == pytest.approx(momentum(parameters, twist), abs=1e-14)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_regressor_times_the_parameters_is_the_momentum(seed: int) -> None:
+    parameters, twist = random_bodies(seed)
+    rng = np.random.default_rng(seed)
+    rotation, position = geometry.exp(rng.normal(size=(COUNT, 3))), 3.0 * rng.normal(size=(COUNT, 3))
+    found = (regressor(rotation, position, twist) @ parameters[..., None])[..., 0]
+    expected = momentum(express(parameters, rotation, position), twist)
+    assert (found - expected) / size_of(expected) == pytest.approx(np.zeros((COUNT, 6)), abs=1e-13)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_known_bodies_and_target_together_have_the_momentum_of_the_robot(seed: int) -> None:
+    kernel, motion = random_case(seed)
+    states = kernel.states_of(motion.base_rotation, motion.joint_position, motion.joint_velocity, motion.base_twist)
+    total = states.known_momentum + states.regressor @ kernel.target.parameters
+    peer = Peer(kernel.model)
+    expected = np.empty((COUNT, 6))
+    for index in range(COUNT):
+        peer.to(motion, index)
+        expected[index] = peer.momentum()
+    # Relative 1e-12: sums of nine bodies with levers of several metres.
+    assert (total - expected) / size_of(expected) == pytest.approx(np.zeros((COUNT, 6)), abs=1e-12)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_hinge_moves_as_its_position_changes(seed: int) -> None:
+    kernel, motion = random_case(seed)
+    states = kernel.states_of(motion.base_rotation, motion.joint_position, motion.joint_velocity, motion.base_twist)
+    step = 1e-6
+    places = []
+    for sign in (-1.0, 1.0):
+        turn = geometry.exp(sign * step * motion.base_twist[:, 3:])
+        moved = kernel.states_of(
+            turn @ motion.base_rotation,
+            motion.joint_position + sign * step * motion.joint_velocity,
+            motion.joint_velocity,
+            motion.base_twist,
+        )
+        places.append(moved.position + sign * step * motion.base_twist[:, :3])
+    # Central differences: an error of the order step^2 = 1e-12, and 1e-16 / step of rounding.
+    assert (places[1] - places[0]) / (2.0 * step) == pytest.approx(states.hinge_velocity, abs=1e-8)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_target_own_inertial_never_enters(seed: int) -> None:
+    kernel, motion = random_case(seed)
+    target = kernel.target.name
+    heavy = kernel.model.urdf.replace(f'<link name="{target}"><inertial>', f'<link name="{target}"><visual>', 1)
+    position = heavy.index('</inertial>', heavy.index(f'<link name="{target}">'))
+    without = MomentumKernel(
+        load_model(heavy[:position] + '</visual>' + heavy[position + len('</inertial>') :]), target
+    )
+    arguments = motion.base_rotation, motion.joint_position, motion.joint_velocity, motion.base_twist
+    assert not without.target.parameters.any()
+    assert np.array_equal(without.states_of(*arguments).known_momentum, kernel.states_of(*arguments).known_momentum)

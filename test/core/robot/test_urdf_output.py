@@ -1,0 +1,68 @@
+"""The identified link goes into the robot description, and nothing else changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import Inertial, read_inertials
+from mbaid_ros.core.robot.urdf_output import replace_inertial
+
+CONFIG = Path(__file__).resolve().parents[3] / 'config'
+IDENTIFIED = np.array([157.25, 0.1, -0.2, 1 / 3, 30.1, 0.5, -0.25, 40.0, 1e-3, 50.0])
+
+WRITTEN = Inertial(mass=157.25, xyz=(0.1, -0.2, 1 / 3), rpy=(0.0, 0.0, 0.0), inertia=tuple(IDENTIFIED[4:].tolist()))
+
+FRAME = '<?xml version="1.0" encoding="latin-1"?>\n<robot name="r">\n  {link}\n  <!-- ünd -->\n</robot>\n'
+
+
+@pytest.mark.parametrize('name', ['table1', 'ets7', 'servicer7'])
+def test_every_link_of_the_robots_takes_the_identified_inertia(name: str) -> None:
+    urdf = (CONFIG / f'{name}.urdf').read_text()
+    for link in load_model(urdf).links:
+        changed = replace_inertial(urdf, link.name, IDENTIFIED)
+        assert read_inertials(changed) == {**read_inertials(urdf), link.name: WRITTEN}
+
+
+def test_only_the_lines_of_the_inertial_change() -> None:
+    urdf = (CONFIG / 'table1.urdf').read_text()
+    changed = replace_inertial(urdf, 'link4', IDENTIFIED)
+    old, new = urdf.splitlines(), changed.splitlines()
+    assert len(old) == len(new)
+    different = [line for line, other in zip(old, new, strict=True) if line != other]
+    assert len(different) == 3
+    assert '      <mass value="157.25"/>' in new
+
+
+@pytest.mark.parametrize(
+    'link',
+    [
+        '<link name="tool"/>',
+        "<link name='tool' note='a > b'  />",
+        '<link name="tool"></link>',
+        '<link name="tool">\n    <visual/>\n  </link>',
+        '<link name="tool"><inertial><mass value="1"/><inertia/></inertial></link>',
+        '<link name="tool"><extension><inertial/></extension></link>',
+        '<link name="tool"><!-- <inertial> --><inertial/></link>',
+    ],
+)
+def test_any_way_to_write_a_link(link: str) -> None:
+    changed = replace_inertial(FRAME.format(link=link), 'tool', IDENTIFIED)
+    assert changed.startswith('<?xml')
+    assert '<!-- ünd -->' in changed
+    assert read_inertials(changed) == {'tool': WRITTEN}
+    assert replace_inertial(changed, 'tool', IDENTIFIED) == changed
+
+
+def test_an_unknown_link_is_refused() -> None:
+    with pytest.raises(ModelError, match="link 'arm' is not in the robot description"):
+        replace_inertial(FRAME.format(link='<link name="tool"/>'), 'arm', IDENTIFIED)
+
+
+def test_no_xml_is_refused() -> None:
+    with pytest.raises(ModelError, match='not valid XML'):
+        replace_inertial('<robot', 'tool', IDENTIFIED)

@@ -1,0 +1,168 @@
+"""The simulated run: the paper's case, conservation, the trajectory followed, and independence of the sampling."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum, without_linear_momentum
+from random_robots import random_urdf
+from simulated import relative_drift, robot, state, table1
+
+STEP = 0.02
+MINUTE = np.linspace(0.0, 60.0, 1201)
+
+
+def moving_arm(name: str, linear: float = 0.0) -> tuple[Simulation, Sinusoids]:
+    model = robot(name)
+    motion = random_sinusoids(np.full(model.joints, 0.3), 3, 2, 0.5, 10.0, 40.0)
+    start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03), linear)
+    return Simulation(model, motion, start, STEP), motion
+
+
+def largest_difference(left: Truth, right: Truth) -> float:
+    pairs = [(getattr(left, field.name), getattr(right, field.name)) for field in fields(Truth)]
+    return float(max(np.abs(a - b).max() for a, b in pairs))
+
+
+def test_the_base_velocity_without_linear_momentum() -> None:
+    model, start = table1()
+    assert start.velocity[:3] == pytest.approx([0.0624, -0.0729, 0.0], abs=5e-5)
+    total = total_momentum(model, Simulation(model, Passive(), start, STEP).advance(np.zeros(1)))[0]
+    assert total == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, 4597.634], abs=5e-4)
+
+
+def test_the_state_of_the_papers_case_after_half_a_minute() -> None:
+    model, start = table1()
+    truth = Simulation(model, Passive(), start, STEP).advance(np.array([30.0]))
+    # Two other engines agree on these to 7e-12 rad.
+    assert truth.joint_position[0] == pytest.approx([-0.27606119, -0.07030238, 0.38426191, -0.07589407], abs=6e-9)
+    assert truth.base_angular_velocity[0, 2] == pytest.approx(0.0531892573, abs=1e-10)
+
+
+def test_the_papers_case_conserves_momentum() -> None:
+    model, start = table1()
+    truth = Simulation(model, Passive(), start, STEP).advance(MINUTE)
+    assert relative_drift(total_momentum(model, truth)) < 1e-9
+    assert not truth.joint_effort.any()
+
+
+@pytest.mark.parametrize('name', ['ets7', 'servicer7'])
+def test_a_moving_arm_conserves_momentum_and_follows_its_trajectory(name: str) -> None:
+    run, motion = moving_arm(name, linear=0.1)
+    # Instants off the integrator's steps too.
+    truth = run.advance(np.linspace(0.0, 60.0, 997))
+    assert relative_drift(total_momentum(run.model, truth)) < 1e-9
+    reference = [motion.reference(time) for time in truth.time]
+    assert truth.joint_position == pytest.approx(np.array([position for position, _, _ in reference]), abs=1e-10)
+    assert truth.joint_velocity == pytest.approx(np.array([velocity for _, velocity, _ in reference]), abs=1e-10)
+    assert np.abs(truth.joint_effort).max() > 0.01
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_random_trees_conserve_momentum(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = load_model(random_urdf(rng))
+    start = state(rng.normal(size=model.joints), 0.3 * rng.normal(size=model.joints), (0.1, 0.2, -0.1), 0.2)
+    # Links of 30 kg that swing within seconds: faster than a servicer's arm, hence half the step.
+    truth = Simulation(model, Passive(), start, STEP / 2.0).advance(np.linspace(0.0, 5.0, 101))
+    assert relative_drift(total_momentum(model, truth)) < 1e-9
+
+
+def test_velocities_are_the_derivatives_of_the_positions() -> None:
+    run, _ = moving_arm('ets7')
+    step = 1e-4
+    truth = run.advance(np.arange(0.5, 0.52, step))
+    rate = (truth.base_orientation[2:] - truth.base_orientation[:-2]) / (2.0 * step)
+    x, y, z, w = truth.base_orientation[1:-1].T
+    a, b, c = truth.base_angular_velocity[1:-1].T
+    spin = 0.5 * np.stack((w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c))
+    assert rate == pytest.approx(spin.T, abs=1e-10)
+    joints = (truth.joint_position[2:] - truth.joint_position[:-2]) / (2.0 * step)
+    assert joints == pytest.approx(truth.joint_velocity[1:-1], abs=1e-9)
+
+
+def test_the_run_does_not_depend_on_the_sampling() -> None:
+    instants = np.linspace(0.0, 2.0, 173)
+    whole = moving_arm('ets7')[0].advance(instants)
+    run = moving_arm('ets7')[0]
+    cuts = [0, 1, 1, 50, 51, 120, 173]
+    parts = [run.advance(instants[first:last]) for first, last in itertools.pairwise(cuts)]
+    for field in fields(Truth):
+        assert np.array_equal(
+            np.concatenate([getattr(part, field.name) for part in parts]), getattr(whole, field.name)
+        ), field.name
+
+
+def test_a_run_far_from_the_origin_is_the_same_run() -> None:
+    near = moving_arm('ets7')[0]
+    model, start = near.model, near._states[0]
+    offset = np.array([7e6, -3e6, 1e5])
+    far = Simulation(model, near.motion, replace(start, base_position=offset), STEP)
+    instants = np.linspace(0.0, 5.0, 101)
+    here, there = near.advance(instants), far.advance(instants)
+    assert np.array_equal(here.base_linear_velocity, there.base_linear_velocity)
+    assert there.base_position - offset == pytest.approx(here.base_position, abs=1e-8)
+
+
+def test_half_the_step_gives_the_same_run() -> None:
+    run, motion = moving_arm('servicer7')
+    finer = Simulation(run.model, motion, run._states[0], STEP / 2.0)
+    instants = np.linspace(0.0, 20.0, 401)
+    assert largest_difference(run.advance(instants), finer.advance(instants)) < 1e-10
+
+
+def test_a_past_instant_is_refused() -> None:
+    run, _ = moving_arm('ets7')
+    run.advance(np.array([1.0]))
+    with pytest.raises(DataError, match='in order'):
+        run.advance(np.array([0.5]))
+    with pytest.raises(DataError, match='in order'):
+        run.advance(np.array([2.0, 1.9]))
+
+
+def test_without_linear_momentum_turns_with_the_base() -> None:
+    model = robot('servicer7')
+    turned = state(np.full(7, 0.3), np.full(7, 0.1), (0.1, -0.2, 0.3))
+    turned = replace(turned, base_orientation=np.array([0.5, -0.5, 0.5, 0.5]), base_position=np.array([1.0, 2.0, 3.0]))
+    start = without_linear_momentum(model, turned)
+    total = total_momentum(model, Simulation(model, Passive(), start, STEP).advance(np.zeros(1)))[0]
+    assert total[:3] == pytest.approx(np.zeros(3), abs=1e-12)
+    assert np.array_equal(start.velocity[3:], turned.velocity[3:])
+
+
+def test_sinusoids_are_read_joint_by_joint() -> None:
+    motion = sinusoids(
+        np.array([1.0, 2.0]), np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(0)
+    )
+    position, velocity, _ = motion.reference(0.25)
+    assert position == pytest.approx([1.0 + 0.1, 2.0 - 0.3])
+    # The cosines of the four terms: 0, -1 and 0, 1.
+    assert velocity == pytest.approx([-0.2 * 2.0 * np.pi * 2.0, 0.4 * 2.0 * np.pi * 4.0])
+
+
+@pytest.mark.parametrize(
+    ('amplitudes', 'frequencies'), [([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), ([1.0, 2.0], [1.0]), ([], [])]
+)
+def test_sinusoids_of_the_wrong_size_are_refused(amplitudes: list[float], frequencies: list[float]) -> None:
+    with pytest.raises(ParameterError, match=r'motion\.amplitudes'):
+        sinusoids(np.zeros(2), np.array(amplitudes), np.array(frequencies), np.zeros(0))
+
+
+def test_random_motion_is_that_of_its_seed_and_within_its_ranges() -> None:
+    motion = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
+    again = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
+    other = random_sinusoids(np.zeros(3), 6, 2, 0.4, 10.0, 20.0)
+    assert np.array_equal(motion.frequency, again.frequency)
+    assert np.array_equal(motion.phase, again.phase)
+    assert not np.array_equal(motion.frequency, other.frequency)
+    assert np.all((motion.frequency >= 1.0 / 20.0) & (motion.frequency <= 1.0 / 10.0))
+    assert motion.amplitude.sum(axis=1).max() <= 0.4
+    with pytest.raises(ParameterError, match='period_max 5 s'):
+        random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 5.0)
