@@ -84,7 +84,7 @@ class Folded:
         information = root.T @ self.information @ root
         information = 0.5 * (information + information.T)
         minimum = solve_symmetric(self.information, self.right_side)
-        right_side = information @ minimum
+        right_side = self.right_side - (1.0 - factor) * projector.T @ self.right_side
         least = self._constant - float(self.right_side @ minimum)
         self._constant = factor * least + float(right_side @ minimum)
         # What has been left out so far fades as a whole.

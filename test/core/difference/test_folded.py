@@ -105,7 +105,7 @@ def test_what_is_not_excited_is_kept_however_long() -> None:
     assert folded.right_side[-1] / folded.information[-1, -1] == pytest.approx(best[-1], rel=1e-3)
     # So is what noise had brought of it: else it would pass for signal.
     apart = np.append(-np.linalg.solve(information[:-1, :-1], information[:-1, -1]), 1.0)
-    assert folded.noise_information[-1, -1] == pytest.approx(quadratic(noise, apart), rel=1e-3)
+    assert folded.noise_information[-1, -1] == pytest.approx(quadratic(noise, apart), rel=2e-2)
     assert known == pytest.approx(quadratic(information, apart), rel=1e-9)
 
 
