@@ -9,6 +9,7 @@ report. Exit code: 0 if every parameter came within 1 % of the truth, else 1.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import shutil
@@ -194,7 +195,8 @@ def watch(processes: Processes, bag: Path, duration: float, speed: float) -> tup
     assigned = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
     simulator = processes.start('simulator', '--ros-args', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned)
     spectator.wait(lambda: spectator.truths, 'the simulator')
-    truth = spectator.truths[0].inertia
+    stamped = spectator.truths[0]
+    truth = stamped.inertia
     print(heading(truth), flush=True)
     due, last, printed = ROW_PERIOD, None, None
     while simulator.poll() is None or spectator.estimates:
@@ -210,7 +212,7 @@ def watch(processes: Processes, bag: Path, duration: float, speed: float) -> tup
         print(row(last, truth))
     if last is None:
         raise DataError(f'no estimate in {duration:g} s')
-    return last, truth
+    return last, stamped
 
 
 def judge(estimate: Any, truth: Any) -> str:
@@ -224,11 +226,22 @@ def judge(estimate: Any, truth: Any) -> str:
     return ', '.join(wrong)
 
 
-def replay(processes: Processes, bag: Path, report: Path) -> None:
+def write_truth(path: Path, truth: Any) -> None:
+    """Write what the simulator published as the truth, as `replay --truth` reads it."""
+    content = {
+        'target_link': truth.header.frame_id,
+        'mass': truth.inertia.m,
+        'com': [truth.inertia.com.x, truth.inertia.com.y, truth.inertia.com.z],
+        'inertia': {name: getattr(truth.inertia, name) for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
+    }
+    path.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
+
+
+def replay(processes: Processes, bag: Path, truth: Path, report: Path) -> None:
     """Make the report from the recorded bag."""
     processes.start(
         'replay', bag, '--model', CONFIG / 'table1.urdf', '--params', CONFIG / 'table1_estimator.yaml',
-        '--report', report, '--json', report.with_suffix('.json'),
+        '--truth', truth, '--report', report, '--json', report.with_suffix('.json'),
     )  # fmt: skip
     processes.wait('replay', 3 * PATIENCE)
 
@@ -275,10 +288,11 @@ def main(argv: list[str]) -> int:
             estimate, truth = watch(processes, bag, arguments.duration, arguments.speed)
             processes.stop('estimator')
             processes.stop('recorder')
-            replay(processes, bag, report)
+            write_truth(folder / 'truth.json', truth)
+            replay(processes, bag, folder / 'truth.json', report)
             try_shutdown()
         print(f'\nrecorded  {bag}\nreport    {report}')
-        wrong = judge(estimate, truth)
+        wrong = judge(estimate, truth.inertia)
     except DataError as error:
         wrong = str(error)
     if wrong:

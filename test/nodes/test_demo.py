@@ -51,7 +51,10 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
     assert rows[:3] == ['2.0', '4.0', '6.0']
     assert 'Every parameter is within 1 % of the truth' in out
     assert f'report    {tmp_path / "report.html"}' in out
-    assert (tmp_path / 'report.html').read_text().lstrip().startswith('<!')
+    report = (tmp_path / 'report.html').read_text()
+    assert report.lstrip().startswith('<!')
+    assert 'Furthest from the truth is' in report
+    assert '>truth</th>' in report
     result = json.loads((tmp_path / 'report.json').read_text())
     assert result['estimate']['mass'] == pytest.approx(934.45, rel=0.01)
     assert result['span_s'] > 9.0
