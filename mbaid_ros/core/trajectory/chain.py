@@ -37,7 +37,7 @@ class WindowModel:
     pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
-    process : (6, 6) covariance of the joint noise that accumulates on the way
+    process : (6, n) factor of the covariance of the joint noise that accumulates on the way
     length : s
     rotation, position : (3, 3), (3,) m, of the base in mid-window
     """
@@ -85,13 +85,13 @@ def window_model(
     length = len(middle) * window.spacing
     turning = (by_rate[2] - by_rate[0]) / (length - window.spacing)
     remainder = by_position[1] + _error_slope(prediction)[places[1]] @ by_rate[1] - turning
-    variance = (window.noise.joint_position * length) ** 2 / window.noise.samples
+    deviation = window.noise.joint_position * length / np.sqrt(window.noise.samples)
     return WindowModel(
         *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise),
         *_twist_measurement(errors, prediction, middle, by_rate[1], window, (parameters, slope)),
         transition=_state_rows(errors[-1]),
         drift=errors[-1][:, -1],
-        process=variance * remainder @ remainder.T,
+        process=deviation * remainder,
         length=length,
         rotation=middle.base_rotation[places[1]],
         position=middle.base_position[places[1]],

@@ -1,4 +1,9 @@
-"""The Kalman filter over windows: one update and one step on each, in scaled variables."""
+"""The Kalman filter over windows: one update and one step on each, in scaled variables.
+
+Covariances are kept as factors and moved by orthogonal transformations (square-root form, Bierman 1977, chapter 5):
+from a prior that says nothing to accurate odometry after minutes they shrink by more than double precision can hold as
+covariances, and a factor's square is never negative.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
@@ -49,11 +55,10 @@ class Coordinates:
 
     def open(self, *, force: bool = False) -> Belief:
         """Return the belief before the first measurement, with or without a force that may act."""
-        variance = self.open_variance.copy()
+        deviation = np.sqrt(self.open_variance)
         if not force:
-            variance[FORCE] = 0.0
-        gather = self.gather
-        return Belief(np.zeros(len(self.scale)), (gather * variance) @ gather.T)
+            deviation[FORCE] = 0.0
+        return Belief(np.zeros(len(self.scale)), _compressed(self.gather * deviation))
 
 
 @dataclass(frozen=True)
@@ -92,19 +97,24 @@ class Belief:
     Attributes
     ----------
     mean : (v,)
-    covariance : (v, v)
+    factor : (v, v) of the covariance, which is factor factor^T
     surprise, measured : sum of the normalised innovations squared, and how many there were
     last_surprise, last_measured : the same of the last update
     evidence : log-likelihood of all measurements, up to a constant
     """
 
     mean: Array
-    covariance: Array
+    factor: Array
     surprise: float = 0.0
     measured: int = 0
     last_surprise: float = 0.0
     last_measured: int = 0
     evidence: float = 0.0
+
+    @property
+    def covariance(self) -> Array:
+        """The (v, v) covariance."""
+        return np.asarray(self.factor @ self.factor.T)
 
 
 @dataclass(frozen=True)
@@ -115,7 +125,8 @@ class Step:
     ----------
     value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (v, v), (v,), (v, v): to the next window's first node, without force
+    transition, drift, process : (v, v), (v,), (v, n): to the next window's first node, without force; a factor of the
+        covariance of what joint noise adds on the way
     window : what it was made of
     """
 
@@ -149,37 +160,41 @@ def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
         log_noise=log_noise,
         transition=gather @ whole @ spread,
         drift=turn @ window.drift,
-        process=turn @ window.process @ turn.T,
+        process=turn @ window.process,
         window=window,
     )
 
 
 def update(belief: Belief, step: Step) -> Belief:
     """Return the belief after a window's measurements."""
-    rows = step.rows
+    rows, factor = step.rows, belief.factor
+    count = len(rows)
+    # The square of `stacked` holds the covariances of measurements and state, prior to the update; that of its
+    # triangular factor the same, ordered so that the state's last block is what the measurements leave of it.
+    stacked = np.zeros((count + len(factor), count + len(factor)))
+    stacked[: len(factor), :count] = (rows @ factor).T
+    stacked[: len(factor), count:] = factor.T
+    stacked[len(factor) :, :count] = np.eye(count)
+    triangle = np.linalg.qr(stacked, mode='r')
+    root = triangle[:count, :count]
     innovation = step.value - rows @ belief.mean
-    cross = belief.covariance @ rows.T
-    uncertainty = rows @ cross + np.eye(len(rows))
-    solved = np.linalg.solve(uncertainty, np.concatenate((cross.T, innovation[:, None]), axis=1))
-    gain = solved[:, :-1].T
-    keep = np.eye(len(belief.mean)) - gain @ rows
-    covariance = keep @ belief.covariance @ keep.T + gain @ gain.T
-    surprise = float(innovation @ solved[:, -1])
-    likelihood = surprise + step.log_noise + float(np.linalg.slogdet(uncertainty)[1])
+    normalised = solve_triangular(root, innovation, trans='T', check_finite=False)
+    surprise = float(normalised @ normalised)
+    likelihood = surprise + step.log_noise + 2.0 * float(np.sum(np.log(np.abs(np.diag(root)))))
     return Belief(
-        mean=belief.mean + gain @ innovation,
-        covariance=0.5 * (covariance + covariance.T),
+        mean=belief.mean + triangle[:count, count:].T @ normalised,
+        factor=triangle[count:, count:].T,
         surprise=belief.surprise + surprise,
-        measured=belief.measured + len(rows),
+        measured=belief.measured + count,
         last_surprise=surprise,
-        last_measured=len(rows),
+        last_measured=count,
         evidence=belief.evidence - 0.5 * likelihood,
     )
 
 
 def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
     """Return the belief at the next window's first node."""
-    transition, process = step.transition, step.process
+    transition, noise = step.transition, [step.process]
     gather, length = coordinates.gather, step.window.length
     if walk.force != 'none':
         push = length * _push(step.window, walk)
@@ -187,9 +202,9 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
     if walk.drifts:
         rates = np.zeros(len(coordinates.basis))
         rates[:3], rates[3:6], rates[_MOMENTUM] = walk.orientation, walk.position, walk.momentum
-        process = process + (gather * (rates**2 * length)) @ gather.T
-    covariance = transition @ belief.covariance @ transition.T + process
-    return replace(belief, mean=transition @ belief.mean + step.drift, covariance=0.5 * (covariance + covariance.T))
+        noise.append(gather * (rates * np.sqrt(length)))
+    factor = _compressed(np.concatenate((transition @ belief.factor, *noise), axis=1))
+    return replace(belief, mean=transition @ belief.mean + step.drift, factor=factor)
 
 
 def _push(window: WindowModel, walk: Walk) -> Array:
@@ -207,11 +222,10 @@ def _push(window: WindowModel, walk: Walk) -> Array:
 def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
     """Return the belief with a pose error about which nothing is known: the chain was broken."""
     poses = len(coordinates.measured)
-    start = coordinates.open().covariance
-    mean, covariance = belief.mean.copy(), belief.covariance.copy()
-    mean[:poses] = 0.0
-    covariance[:poses], covariance[:, :poses] = start[:poses], start[:, :poses]
-    return replace(belief, mean=mean, covariance=covariance)
+    mean, factor = belief.mean.copy(), belief.factor.copy()
+    mean[:poses] = factor[:poses] = 0.0
+    start = coordinates.open().factor[:, :poses]
+    return replace(belief, mean=mean, factor=_compressed(np.concatenate((start, factor), axis=1)))
 
 
 def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:
@@ -224,9 +238,15 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     coordinates : Coordinates
     sizes : (6,) standard deviations of the jump of (P, L)
     """
-    change = np.zeros((len(coordinates.basis), 6))
-    change[_MOMENTUM] = np.eye(6)
-    # The jump acted for half a window on average.
-    change[_POSE] = 0.5 * step.window.transition[:, _MOMENTUM]
-    moved = coordinates.gather @ (change * sizes)
-    return replace(belief, covariance=belief.covariance + moved @ moved.T)
+    change = np.zeros((len(coordinates.basis), 12))
+    change[_MOMENTUM, :6] = np.diag(sizes)
+    # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
+    change[_POSE, :6] = 0.5 * step.window.transition[:, _MOMENTUM] * sizes
+    change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
+    moved = coordinates.gather @ change
+    return replace(belief, factor=_compressed(np.concatenate((belief.factor, moved), axis=1)))
+
+
+def _compressed(columns: Array) -> Array:
+    """Return a square factor of the covariance columns columns^T."""
+    return np.asarray(np.linalg.qr(columns.T, mode='r').T)

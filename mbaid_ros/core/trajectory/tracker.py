@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -166,11 +166,14 @@ class Tracker:
         belief = update(before, step)
         jumps, jumped = track.jumps, False
         if _surprised(belief) and not track.just_jumped and belief.measured > belief.last_measured:
+            # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
+            evidence = belief.evidence + 0.5 * (belief.last_surprise - belief.last_measured) + np.log(_FALSE_ALARM)
             sizes = _JUMP * np.sqrt(variables.open_variance[_MOMENTUM])
             belief = update(jolted(before, step, variables, sizes), step)
             if _surprised(belief):
                 # More than a jump: nothing links this window to the ones before.
                 belief = update(unlinked(jolted(before, step, variables, sizes), variables), step)
+            belief = replace(belief, evidence=float(evidence))
             jumps, jumped = (*jumps, Jump(window.start, variables.spread[_MOMENTUM] @ before.mean)), True
         belief = advance(belief, step, variables, track.walk)
         return Track(track.walk, belief, jumps, just_jumped=jumped)

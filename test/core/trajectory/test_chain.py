@@ -206,5 +206,5 @@ def test_what_accumulates_of_the_joints_noise(robot: MomentumKernel, exact: Samp
         columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
     remainder = np.stack(columns, axis=1)
     claimed = window_model(robot, window, point).process
-    expected = (JOINT * LENGTH) ** 2 / window.noise.samples * remainder @ remainder.T
+    expected = JOINT * LENGTH / np.sqrt(window.noise.samples) * remainder
     assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
