@@ -3,8 +3,9 @@
     P_0 - P_k = m v + [w]x R h
     L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)
 
-The unknowns are x = (m, h, I_o, P_0, L_0): ten standard parameters of the target link and the total momentum about a
-fixed origin near the base. The equations are written about the base link's origin at p, where L is L_0 - p x P_0.
+The unknowns are x = (m, h, I_o, P_0, L_0): ten standard parameters of the target link (of each unknown link, where
+there are several) and the total momentum about a fixed origin near the base. The equations are written about the base
+link's origin at p, where L is L_0 - p x P_0.
 The rows are averaged, not the states: they are linear in x, and a state fitted over a window would be biased.
 """
 
@@ -36,19 +37,18 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
 
     Returns
     -------
-    Blocks of K windows, 6 equations, 16 unknowns, 2 n + 12 error sources
+    Blocks of K windows, 6 equations, 10 unknowns a link and 6, 2 n + 12 error sources
     """
     samples = Samples.concatenate(windows)
     counts = np.array([len(window) for window in windows])
     starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
     states = kernel.states(samples)
     position = samples.base_position - origin
-    rows = np.zeros((len(windows), 6, UNKNOWNS))
-    rows[..., BODY] = _mean(states.regressor, starts, counts)
-    rows[..., 10:] = -_transport(_mean(position, starts, counts))
+    rows = [_mean(states.regressor_of(link), starts, counts) for link in kernel.unknown]
+    rows.append(-_transport(_mean(position, starts, counts)))
     middle = starts + counts // 2
     known, target = _noise(kernel, states[middle], windows, noise)
-    return Blocks(rows, _mean(states.known_momentum, starts, counts), known, target)
+    return Blocks(np.concatenate(rows, axis=2), _mean(states.known_momentum, starts, counts), known, target)
 
 
 def _transport(position: Array) -> Array:
@@ -62,19 +62,20 @@ def _transport(position: Array) -> Array:
 def _noise(
     kernel: MomentumKernel, states: BodyStates, windows: list[Samples], noise: SensorNoise
 ) -> tuple[Array, Array]:
-    """Return G0 (K, 6, z) and G1 (K, 6, z, 16): derivatives at mid-window by unit errors of the window's means."""
+    """Return G0 (K, 6, z) and G1 (K, 6, z, u): derivatives at mid-window by unit errors of the window's means."""
     derivative = sensitivity(kernel, states)
     joints = kernel.model.joints
     count = len(windows)
     sources = 2 * joints + 12
+    bodies = derivative.target.shape[-1]
     # Order of the errors: joint positions, joint velocities, base position, orientation, linear, angular velocity.
     place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
     known = np.zeros((count, 6, sources))
-    target = np.zeros((count, 6, sources, UNKNOWNS))
+    target = np.zeros((count, 6, sources, bodies + 6))
     known[..., place] = derivative.known
-    target[:, :, place, BODY] = derivative.target
+    target[:, :, place, :bodies] = derivative.target
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
-    target[:, 3:, 2 * joints : 2 * joints + 3, LINEAR] = np.swapaxes(skew(np.eye(3)), 0, 1)
+    target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     factor = _error_factors(windows, joints, noise)
     return known @ factor, np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
-from mbaid_ros.core.robot.model import RobotModel, express
+from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum, regressor
 from mbaid_ros.core.samples import Samples
 
@@ -48,6 +48,11 @@ class BodyStates:
         """Y of the target link, (N, 6, 10): its momentum is Y (m, h, I_o)."""
         return regressor(self.rotation, self.position, self.twist)
 
+    def regressor_of(self, link: Link) -> Array:
+        """Return Y of any link, (N, 6, 10)."""
+        rotation, position = self.configuration.link(link)
+        return regressor(rotation, position, self.body_twist[:, link.body])
+
     @property
     def hinge_velocity(self) -> Array:
         """Velocity v of the target link's origin, (N, 3) m/s."""
@@ -55,29 +60,34 @@ class BodyStates:
 
 
 class MomentumKernel:
-    """The momentum of a robot with one unknown link, for batches of samples.
+    """The momentum of a robot with one unknown link, or several, for batches of samples.
 
     Parameters
     ----------
     model : RobotModel
     target : str
         Name of the unknown link. Its inertial entry in the URDF never enters.
+    others : str
+        Names of further unknown links (theta_u and theta_k in the paper's eqs. 6 to 14: any partition of the bodies).
 
     Attributes
     ----------
+    target : the first of the unknown links
+    unknown : all of them
     known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
 
     Raises
     ------
     ModelError
-        The target is not a link of the model.
+        An unknown link is not one of the model.
     """
 
-    def __init__(self, model: RobotModel, target: str) -> None:
+    def __init__(self, model: RobotModel, target: str, *others: str) -> None:
         self.model = model
         self.target = model.link(target)
+        self.unknown = (self.target, *map(model.link, others))
         self.kinematics = Kinematics(model)
-        self.known = model.body_parameters(without=target)
+        self.known = model.body_parameters(without=(target, *others))
 
     def corrected(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,21 +95,22 @@ class RobotModel:
                 return link
         raise ModelError(f"link '{name}' is not in the robot description; links: {listing(x.name for x in self.links)}")
 
-    def body_parameters(self, without: str | None = None) -> Array:
+    def body_parameters(self, without: str | Collection[str] = ()) -> Array:
         """Return the standard parameters of the moving bodies, each in its own frame.
 
         Parameters
         ----------
-        without : str, optional
-            A link to leave out: the unknown one, whose URDF entry must not enter an estimate.
+        without : str or collection of str
+            Links to leave out: the unknown ones, whose URDF entries must not enter an estimate.
 
         Returns
         -------
         (n + 1, 10) array
         """
+        omitted = {without} if isinstance(without, str) else set(without)
         parameters = np.zeros((self.joints + 1, 10))
         for link in self.links:
-            if link.name != without:
+            if link.name not in omitted:
                 parameters[link.body] += express(link.parameters, link.rotation, link.position)
         return parameters
 

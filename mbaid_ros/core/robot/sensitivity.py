@@ -1,4 +1,4 @@
-"""How the momentum changes with each measured quantity: exact derivatives, linear in the target's parameters.
+"""How the momentum changes with each measured quantity: exact derivatives, linear in the unknown parameters.
 
 With twists and momenta at one common point, moving a subtree by the unit twist S changes its momentum h by S x* h, and
 the twists of its bodies by S x V, less what is held fixed.
@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.momentum import momentum, regressor
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives of the momentum (P, L_b) by the measured quantities z, at N states: d h / dz = known + target . phi.
+    """Derivatives of the momentum (P, L_b) by the measured quantities z, at N states: d h / dz = known + target phi.
 
     The order of z is: joint positions (n), joint velocities (n), base orientation (3, odometry axes), base linear and
     angular velocity (3 + 3, base axes). About the base's origin the momentum does not depend on the base's position.
@@ -25,7 +25,7 @@ class Sensitivity:
     Attributes
     ----------
     known : (N, 6, 2 n + 9)
-    target : (N, 6, 2 n + 9, 10), to be multiplied by the target's standard parameters
+    target : (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
     """
 
     known: Array
@@ -43,42 +43,44 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
     kinematics = kernel.kinematics
     ancestors = kinematics.ancestors  # (bodies, joints)
     joint_twist = states.configuration.joint_twist
-    count, joints = joint_twist.shape[:2]
+    joints = joint_twist.shape[1]
     # Composite bodies: everything that joint j moves, and (last) the whole robot.
     members = np.concatenate((ancestors.T, np.ones((1, joints + 1))))
-    composite = members @ states.known
-    composite_momentum = members @ momentum(states.known, states.body_twist)
-    moves_target = members[:, kernel.target.body, None, None]  # (n + 1, 1, 1)
-    target_momentum = states.regressor  # (N, 6, 10)
-
-    unit = _base_twists(states.configuration.rotation[:, 0])
     # q_j turns its subtree, but the carrier's velocity is held: S_j x* h - I (S_j x V_j), V_j of the child.
     carried = motion_cross(joint_twist, states.body_twist[:, 1:])
+    unit = _base_twists(states.configuration.rotation[:, 0])
     twists = np.concatenate((carried, joint_twist, unit), axis=1)  # (N, 2 n + 6, 6)
     owner = np.concatenate((np.arange(joints), np.arange(joints), np.full(6, joints)))
-    known_part = momentum(composite[:, owner], twists)
-    target_part = regressor(states.rotation[:, None], states.position[:, None], twists) * moves_target[owner]
 
-    known = np.empty((count, 6, 2 * joints + 9))
-    target = np.empty((count, 6, 2 * joints + 9, 10))
-    known[..., :joints] = np.swapaxes(
-        force_cross(joint_twist, composite_momentum[:, :joints]) - known_part[:, :joints], 1, 2
-    )
-    turned = force_cross(joint_twist[:, :, None], np.swapaxes(target_momentum, 1, 2)[:, None])  # (N, n, 10, 6)
-    turned = np.swapaxes(turned, 2, 3) * moves_target[:joints]
-    target[:, :, :joints] = np.swapaxes(turned - target_part[:, :joints], 1, 2)
-    rates = slice(joints, 2 * joints)
-    known[..., rates] = np.swapaxes(known_part[:, rates], 1, 2)
-    target[:, :, rates] = np.swapaxes(target_part[:, rates], 1, 2)
+    composite = members @ states.known
+    momenta = members @ momentum(states.known, states.body_twist)  # of what the joints move, and of the whole
+    known = _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
+    parts = []
+    for link in kernel.unknown:
+        moves = members[:, link.body]  # 1 where the joint moves the link
+        rotation, position = states.configuration.link(link)
+        part = regressor(rotation[:, None], position[:, None], twists) * moves[owner, None, None]
+        own = np.swapaxes(states.regressor_of(link), 1, 2)[:, :, None] * moves[:, None]  # (N, 10, n + 1, 6)
+        parts.append(_assembled(joint_twist, np.moveaxis(part, -1, 1), own))
+    return Sensitivity(known, np.concatenate(parts, axis=-1))
+
+
+def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:
+    """Return the derivatives of c momenta, (N, 6, 2 n + 9, c), in the order of `Sensitivity`.
+
+    Parameters
+    ----------
+    joint_twist : (N, n, 6) S_j
+    moved : (N, c, 2 n + 6, 6) momentum of what moves at the twists S_j x V_j, S_j and the base's unit twists
+    momenta : (N, c, n + 1, 6) momentum of what joint j moves, and (last) of everything
+    """
+    joints = joint_twist.shape[1]
+    positions = force_cross(joint_twist[:, None], momenta[:, :, :joints]) - moved[:, :, :joints]
     # The base's orientation turns everything: S x* h of the whole robot.
     turn = np.concatenate((np.zeros((3, 3)), np.eye(3)), axis=1)
-    angles = slice(2 * joints, 2 * joints + 3)
-    known[..., angles] = np.swapaxes(force_cross(turn, composite_momentum[:, joints, None]), 1, 2)
-    target[:, :, angles] = np.moveaxis(force_cross(turn[:, None], np.swapaxes(target_momentum, 1, 2)[:, None]), -1, 1)
-    velocities = slice(2 * joints + 3, None)
-    known[..., velocities] = np.swapaxes(known_part[:, 2 * joints :], 1, 2)
-    target[:, :, velocities] = np.swapaxes(target_part[:, 2 * joints :], 1, 2)
-    return Sensitivity(known, target)
+    orientation = force_cross(turn, momenta[:, :, joints, None])
+    rates, velocities = moved[:, :, joints : 2 * joints], moved[:, :, 2 * joints :]
+    return np.moveaxis(np.concatenate((positions, rates, orientation, velocities), axis=2), 1, -1).swapaxes(1, 2)
 
 
 def motion_cross(left: Array, right: Array) -> Array:

@@ -25,7 +25,9 @@ class Measured:
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
         model = load_model(random_urdf(rng, joints=7))
-        self.kernel = MomentumKernel(model, model.links[int(rng.integers(len(model.links)))].name)
+        # One unknown link, two or three.
+        unknown = rng.choice(len(model.links), size=1 + seed % 3, replace=False)
+        self.kernel = MomentumKernel(model, *(model.links[index].name for index in unknown))
         self.joints = model.joints
         position, velocity, rotation, twist = random_state(rng, model.joints, 1)
         self.position, self.velocity, self.rotation = position[0], velocity[0], rotation[0]
@@ -61,12 +63,16 @@ def test_the_known_bodies(seed: int) -> None:
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_the_target(seed: int) -> None:
+def test_the_unknown_links(seed: int) -> None:
     measured = Measured(seed)
     zero = np.zeros(measured.sources)
     found = sensitivity(measured.kernel, measured.states(zero)).target[0]
-    expected = central_difference(lambda error: measured.states(error).regressor[0], zero, STEP)
-    expected = np.swapaxes(expected, 1, 2)  # (6, z, 10)
+
+    def regressors(error: Array) -> Array:
+        states = measured.states(error)
+        return np.concatenate([states.regressor_of(link)[0] for link in measured.kernel.unknown], axis=-1)
+
+    expected = np.swapaxes(central_difference(regressors, zero, STEP), 1, 2)  # (6, z, 10 k)
     assert found == pytest.approx(expected, abs=TOLERANCE * np.abs(expected).max())
 
 
