@@ -132,6 +132,7 @@ def test_a_momentum_that_is_not_determined_has_no_number() -> None:
 
 def test_events_are_marked_and_listed() -> None:
     text = html([run(estimate(events=(event(),)))])
+    assert 'The momentum was changed from outside: 5 s.' in text
     assert 'a push from outside' in text
     assert '(1, 0, \N{EN DASH})' in text
     assert text.count('>step<') >= 3

@@ -32,7 +32,7 @@ SERIES = ((FIRST, '-'), (SECOND, '--'), (THIRD, '-.'))  # told apart by the line
 BAND = 1.96  # standard deviations either side that hold 95 %
 WIDTH = 9.6  # inches
 _TITLE, _SMALL = 10, 8
-_LEFT, _RIGHT, _ABOVE, _BELOW = 0.78, 0.12, 0.24, 0.36  # inches around axes
+_LEFT, _RIGHT, _ABOVE, _BELOW = 0.78, 0.12, 0.28, 0.40  # inches around axes
 
 
 def new_axes(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Sequence[Axes]]:
@@ -74,8 +74,10 @@ def entitle(axis: Axes, title: str, below: str = '') -> None:
 
 
 def legend(axis: Axes, columns: int = 1) -> None:
-    """Name the curves."""
-    shown = axis.legend(fontsize=_SMALL, ncols=columns, labelcolor=INK, frameon=False, loc='best')
+    """Name the curves, beside the title: within the axes the names would cover some of them."""
+    shown = axis.legend(
+        fontsize=_SMALL, ncols=columns, labelcolor=INK, frameon=False, loc='lower right', bbox_to_anchor=(1.0, 0.97)
+    )
     for entry in shown.get_texts():
         entry.set_parse_math(False)
 

@@ -59,7 +59,9 @@ def convergence(run: Run, truth: Truth | None, name: str) -> str:
         _mark_events(axis, run)
         axis.set_xlim(0.0, max(time[-1], _SHORTEST))
         axis.tick_params(labelbottom=True)
-        entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]', _TIME)
+        entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]')
+    for axis in axes[: len(shown)][-2:]:  # the lowest of each column
+        axis.set_xlabel(_TIME, color=INK, fontsize=8)
     for axis in axes[len(shown) :]:
         axis.remove()
     return svg(figure, f'{name} convergence', 'Course of each parameter with its 95 % band')
@@ -150,7 +152,7 @@ def identifiability(run: Run, name: str) -> str:
     axis.set_ylim(rows + 0.6, -0.6)
     axis.set_xlim(0.0, max(float(edges[-1]), _SHORTEST))
     axis.grid(visible=False)
-    _mark_events(axis, run)
+    _mark_events(axis, run, named=False)  # the name would lie on the bars
     entitle(axis, '', _TIME)
     return svg(figure, f'{name} identifiability', 'When the data determined which parameter')
 
@@ -185,14 +187,15 @@ def _short(name: str) -> str:
     return f' {safe}'  # matplotlib hides a label that begins with an underscore
 
 
-def _mark_events(axis: Axes, run: Run) -> None:
+def _mark_events(axis: Axes, run: Run, *, named: bool = True) -> None:
     """Draw a line where the momentum changed."""
     for event in events(run):
-        _mark(axis, event)
+        axis.axvline(float(event['t']), color=SECOND, linestyle='-.', linewidth=1.2)
+        if named:
+            _name(axis, event)
 
 
-def _mark(axis: Axes, event: dict[str, Any]) -> None:
-    axis.axvline(float(event['t']), color=SECOND, linestyle='-.', linewidth=1.2)
+def _name(axis: Axes, event: dict[str, Any]) -> None:
     axis.annotate(
         str(event['kind']), (float(event['t']), 1.0), xycoords=('data', 'axes fraction'), xytext=(3, -9),
         textcoords='offset points', fontsize=7, color=SECOND,

@@ -58,7 +58,8 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
     parts = [
         f'<h2><code>{text(run.bag)}</code></h2>',
         paragraph(
-            f'{sentence[0].upper()}{sentence[1:]}.{_accuracy(run, matching)}', f'verdict {"good" if good else "bad"}'
+            f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
+            f'verdict {"good" if good else "bad"}',
         ),
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
@@ -73,6 +74,12 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         _settings(run),
     ]
     return '\n'.join(part for part in parts if part)
+
+
+def _disturbed(run: Run) -> str:
+    """Return when something changed the momentum."""
+    times = ', '.join(f'{event.time:.4g} s' for event in run.final.events)
+    return f' The momentum was changed from outside: {times}.' if times else ''
 
 
 def _accuracy(run: Run, truth: Truth | None) -> str:
@@ -138,9 +145,9 @@ def _courses(run: Run, truth: Truth | None, name: str) -> list[str]:
         parts += ['<h3>Convergence</h3>', figure(figures.convergence(run, truth, name), caption)]
     momentum = figures.momentum(run, truth, name)
     if momentum:
-        caption = 'In the odometry frame, angular about its origin. Shaded: 95 % band.'
+        caption = 'In the odometry frame, angular about its origin. Shaded: 95 % band.' if run.reached else ''
         parts += [
-            '<h3>Total momentum and residual</h3>',
+            f'<h3>{"Total momentum and residual" if run.reached else "Residual"}</h3>',
             figure(momentum, caption),
             _momentum(run) if run.reached else '',
             _events(run),
