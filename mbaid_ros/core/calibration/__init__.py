@@ -1,0 +1,1 @@
+"""Any set of unknown bodies at once, from motions of a free-floating robot, with CAD values as a prior."""

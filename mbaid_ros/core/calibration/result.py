@@ -1,0 +1,138 @@
+"""What a calibration leads to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.calibration.prior import Prior
+from mbaid_ros.core.calibration.structure import Structure
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+
+# Part of a prior variance that the data have to take away for a value to count as theirs.
+_MOVED = 0.5
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How well the common factor of all masses is known, and by what.
+
+    Attributes
+    ----------
+    relative_std : of the unknown links' total mass
+    fixed_by : (name, part of the information), the largest first
+    """
+
+    relative_std: float
+    fixed_by: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class LinkResult:
+    """One link before and after.
+
+    Attributes
+    ----------
+    name : of the link
+    cad : (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
+    parameters, covariance : (10,), (10, 10) the same, calibrated
+    prior_std : (10,) before the data; infinite where nothing was known
+    consistency_correction : size of the projection on a body that can exist, in standard deviations; 0 is none
+    """
+
+    name: str
+    cad: Array
+    parameters: Array
+    covariance: Array
+    prior_std: Array
+    consistency_correction: float
+
+    @property
+    def std(self) -> Array:
+        """One standard deviation of each parameter after the data, (10,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def learnt(self) -> Array:
+        """Part of each parameter's prior variance that the data took away, (10,): 0 nothing, 1 all of it."""
+        return np.clip(1.0 - (self.std / self.prior_std) ** 2, 0.0, 1.0)
+
+    @property
+    def moved(self) -> Array:
+        """How far the data moved each parameter, in standard deviations of the prior, (10,); NaN without a prior."""
+        with np.errstate(invalid='ignore'):
+            return np.where(np.isfinite(self.prior_std), (self.parameters - self.cad) / self.prior_std, np.nan)
+
+    @property
+    def stayed(self) -> Flags:
+        """(10,) True where the data say little, so that the value is that of the robot description."""
+        return np.asarray(self.learnt < _MOVED)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The unknown links after the data.
+
+    Attributes
+    ----------
+    prior : what was known before
+    theta, covariance : (10 k,), (10 k, 10 k) standard parameters (m, h, I_o) of the links, each in its own frame
+    corrections : (k,) sizes of the projections on bodies that can exist
+    momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
+    structure : what momentum can tell at all
+    gains : (10 k,) information of the data in units of the prior's along its principal directions, the largest first
+    scale : how well the common factor is known
+    residual : root mean square of the normalised residuals: 1 is as the noise says
+    redundancy : number of equations less that of unknowns
+    samples : number used
+    span : s, length of all motions
+    planar : whether only what shows in a plane was used
+    still : names of the joints that do not move
+    """
+
+    prior: Prior
+    theta: Array
+    covariance: Array
+    corrections: Array
+    momentum: Array
+    momentum_covariance: Array
+    structure: Structure
+    gains: Array
+    scale: Scale
+    residual: float
+    redundancy: int
+    samples: int
+    span: float
+    planar: bool
+    still: tuple[str, ...]
+
+    @property
+    def determined(self) -> int:
+        """Number of directions of theta of which the data say more than the prior."""
+        return int(np.sum(self.gains > 1.0))
+
+    @cached_property
+    def links(self) -> tuple[LinkResult, ...]:
+        """Each link before and after."""
+        return tuple(self._link(index) for index in range(len(self.prior.links)))
+
+    def _link(self, index: int) -> LinkResult:
+        link = self.prior.links[index]
+        place = slice(10 * index, 10 * index + 10)
+        jacobian = physical_jacobian(self.theta[place])
+        prior_std: Array = np.full(10, np.inf)
+        if link.parameters[0] > 0.0:
+            before = physical_jacobian(link.parameters)
+            variance = np.diag(before @ self.prior.covariance[place, place] @ before.T)
+            prior_std = np.where(self.prior.given[index], np.sqrt(variance), np.inf)
+        return LinkResult(
+            name=link.name,
+            cad=physical(link.parameters),
+            parameters=physical(self.theta[place]),
+            covariance=jacobian @ self.covariance[place, place] @ jacobian.T,
+            prior_std=prior_std,
+            consistency_correction=float(self.corrections[index]),
+        )

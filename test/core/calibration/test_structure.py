@@ -1,0 +1,173 @@
+"""What momentum can tell of all bodies: rank and null space against theory, base parameters, and their words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.calibration.structure import Mechanism, Structure, structure
+from mbaid_ros.core.calibration.words import base_parameter, exchanges, formula
+from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.motion import random_sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from observed import MID, drifting, observe, windows
+from random_robots import random_state, random_urdf
+from simulated import robot
+
+NORMAL = {'table1': np.array([0.0, 0.0, 1.0]), 'servicer7': None, 'ets7': None}
+
+
+def all_unknown(model: RobotModel) -> MomentumKernel:
+    return MomentumKernel(model, *(link.name for link in model.links))
+
+
+def mechanism(model: RobotModel, normal: Array | None = None, resting: tuple[int, ...] = ()) -> Mechanism:
+    moving = np.ones(model.joints, dtype=bool)
+    moving[list(resting)] = False
+    return Mechanism(all_unknown(model), moving, np.linspace(-0.4, 0.9, model.joints), normal)
+
+
+def theory(model: RobotModel, *, planar: bool) -> int:
+    """Return the rank of the momentum of an n-joint serial chain of revolute joints that are not parallel."""
+    joints = model.joints
+    # In space three exchanges a joint: mass, first moment and a rod's inertia on the axis. In a plane mass alone.
+    return 4 * (joints + 1) - joints if planar else 10 * (joints + 1) - 3 * joints
+
+
+@pytest.mark.parametrize('name', NORMAL)
+def test_the_rank_is_that_of_the_theory(name: str) -> None:
+    model = robot(name)
+    assert structure(mechanism(model, NORMAL[name])).rank == theory(model, planar=name == 'table1')
+
+
+def turning(name: str, spin: float) -> Truth:
+    """Return 15 s of a robot that moves all its joints, started at rest or turning about z (rad/s)."""
+    model = robot(name)
+    motion = random_sinusoids(np.full(model.joints, 0.3), 5, 2, 0.8, 6.0, 15.0)
+    rates = motion.reference(0.0)[1]
+    # At rest means without momentum: what the joints' start alone would give is taken off the base.
+    still = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.concatenate((np.zeros(6), rates)))
+    total, inertia = _momentum_and_inertia(model, still)
+    velocity = np.concatenate((np.linalg.solve(inertia, -total), rates)) + spin * np.eye(6 + model.joints)[5]
+    start = State(still.base_position, still.base_orientation, motion.start, velocity)
+    return Simulation(model, motion, start, 0.05).advance(np.arange(150) / 10.0)
+
+
+def _momentum_and_inertia(model: RobotModel, state: State) -> tuple[Array, Array]:
+    """Return the (6,) momentum at zero base twist and the (6, 6) momentum of unit base twists."""
+    kernel = all_unknown(model)
+    theta = np.concatenate([link.parameters for link in kernel.unknown])
+
+    def momentum(twist: Array, rates: Array) -> Array:
+        states = kernel.states_of(np.eye(3)[None], state.joint_position[None], rates[None], twist[None])
+        return np.asarray(np.concatenate([states.regressor_of(each) for each in kernel.unknown], axis=2)[0] @ theta)
+
+    rates = state.velocity[6:]
+    return momentum(np.zeros(6), rates), np.array([momentum(twist, 0.0 * rates) for twist in np.eye(6)]).T
+
+
+def ranks(name: str, truth: Truth) -> tuple[int, int, Array]:
+    """Return the rank of the rows with the momentum known and unknown, and the singular value behind the latter."""
+    model = robot(name)
+    kernel = all_unknown(model)
+    blocks = window_rows(kernel, windows(observe(truth, MID), 0.2), MID, truth.base_position[0])
+    scale = structure(mechanism(model)).scale
+    equations = np.eye(6) if NORMAL[name] is None else np.eye(6)[[0, 1, 5]]
+    bodies = (equations @ blocks.rows[..., : len(scale)]).reshape(-1, len(scale)) * scale
+    momentum = (equations @ blocks.rows[..., len(scale) :]).reshape(len(bodies), 6) * scale[0]
+    found = []
+    for matrix in (bodies, np.column_stack((bodies, momentum))):
+        values = np.linalg.svd(matrix, compute_uv=False)
+        # The integrator holds momentum to 1e-10; what motions tell is above 1e-6 in typical sizes.
+        found.append(int(np.sum(values > 1e-8 * values[0])))
+    return found[0], found[1], blocks.rows
+
+
+@pytest.mark.parametrize('name', ['table1', 'servicer7'])
+def test_the_rank_of_motions_with_known_unknown_and_zero_momentum(name: str) -> None:
+    model = robot(name)
+    planar = name == 'table1'
+    of_momentum = 3 if planar else 6
+    full = theory(model, planar=planar)
+    # The momentum drifts and turns, so that none of it is zero.
+    known, unknown, _ = ranks(name, drifting(turning(name, 0.05), np.array([0.05, -0.03, 0.0 if planar else 0.02])))
+    assert known == full
+    # All of theta and h_0 but the common factor.
+    assert unknown == full - 1 + of_momentum
+    zero, zero_unknown, rows = ranks(name, turning(name, 0.0))
+    assert zero == full - 1
+    assert zero_unknown == full - 1 + of_momentum
+    # That one direction is theta itself.
+    theta = np.concatenate([link.parameters for link in model.links])
+    bodies = rows[..., : len(theta)]
+    assert np.abs(bodies @ theta).max() < 1e-8 * (np.abs(bodies) @ np.abs(theta)).max()
+
+
+@pytest.mark.parametrize('name', NORMAL)
+def test_base_parameters_hold_all_that_momentum_tells(name: str) -> None:
+    model = robot(name)
+    found = structure(mechanism(model, NORMAL[name]))
+    parameters = found.base_parameters()
+    assert len(parameters) == found.rank
+    theta = np.random.default_rng(1).normal(size=found.unknowns)
+    values = [parameter.factors @ theta / found.scale[parameter.leading] for parameter in parameters]
+    leading = found.regressor[:, [parameter.leading for parameter in parameters]]
+    whole = found.regressor @ (theta / found.scale)
+    assert leading @ values == pytest.approx(whole, abs=1e-5 * float(np.abs(whole).max()))
+
+
+def momentum_of(kernel: MomentumKernel, direction: Array, resting: tuple[int, ...], posture: Array) -> Array:
+    """Return the momentum of a direction of theta at states of the test's own."""
+    rng = np.random.default_rng(77)
+    position, velocity, rotation, twist = random_state(rng, kernel.model.joints, 30)
+    position[:, list(resting)] = posture[list(resting)]
+    velocity[:, list(resting)] = 0.0
+    states = kernel.states_of(rotation, position, velocity, twist)
+    return np.asarray(np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2) @ direction)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_exchanges_span_the_null_space_of_any_tree(seed: int) -> None:
+    """Random trees with sliding and fixed joints, some of them braked."""
+    model = load_model(random_urdf(np.random.default_rng(seed), joints=6))
+    resting = (1,) if seed % 2 and model.joints > 1 else ()
+    what = mechanism(model, resting=resting)
+    found = structure(what)
+    exchanged = exchanges(what, found)
+    directions = np.column_stack([each.directions for each in exchanged])
+    scaled = directions / found.scale[:, None]
+    assert np.linalg.matrix_rank(scaled / np.linalg.norm(scaled, axis=0), tol=1e-6) == found.unknowns - found.rank
+    size = np.abs(found.regressor).max() * np.linalg.norm(scaled, axis=0).max()
+    assert np.abs(momentum_of(what.kernel, directions, resting, what.posture)).max() < 1e-6 * size
+    assert all('a combination' not in each.words for each in exchanged)
+
+
+def test_words_an_engineer_reads() -> None:
+    what = mechanism(robot('table1'), NORMAL['table1'])
+    found = structure(what)
+    assert [each.words for each in exchanges(what, found)] == [
+        'mass between base_link and link1: on the axis of joint1',
+        'mass between link1 and link2: on the axis of joint2',
+        'mass between link2 and link3: on the axis of joint3',
+        'mass between link3 and link4: on the axis of joint4',
+        'everything out of the plane of motion, of every body',
+    ]
+    told = {base_parameter(what.kernel.unknown, each): each for each in found.base_parameters()}
+    total = told['mass of base_link, with mass of link1, link2, link3, link4']
+    assert total.factors[::10] == pytest.approx(np.ones(5), abs=1e-9)
+    # The bodies beyond hang at the next hinge, 4 m away.
+    augmented = told['first moment along x of link3, with mass of link4']
+    assert formula(what.kernel.unknown, augmented.factors) == 'link3.hx + 4 link4.m'
+    assert isinstance(found, Structure)
+
+
+def test_a_braked_joint_makes_two_bodies_one() -> None:
+    model = robot('servicer7')
+    found = structure(mechanism(model, resting=(2,)))
+    assert found.rank == theory(model, planar=False) - 7
+    words = [each.words for each in exchanges(mechanism(model, resting=(2,)), found)]
+    assert 'anything between link2 and link3: joint3 does not move' in words
