@@ -52,6 +52,20 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
     return _joined(document, place.content, text, place.content)
 
 
+def inertial_text(urdf: str, link: str) -> tuple[int, str]:
+    """Return where in a URDF a link's <inertial> begins, and its text; empty where the link has none.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such link.
+    """
+    document = urdf.encode()
+    place = _find(document, link)
+    text = document[place.inertial_start : place.inertial_end].decode() if place.inertial_end else ''
+    return len(document[: place.inertial_start].decode()), text
+
+
 def _joined(document: bytes, start: int, text: str, end: int) -> str:
     return (document[:start] + text.encode() + document[end:]).decode()
 

@@ -1,0 +1,77 @@
+"""New numbers in a link's <inertial>, everything else of it as it was written."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.core.geometry import Array, unvec, vec
+from mbaid_ros.core.robot.urdf_output import inertial_text, replace_inertial
+
+_COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
+_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Parts of a value's size that count as no change: what was written stays.
+_SAME = 1e-12
+
+
+def change_inertial(urdf: str, link: str, parameters: Array) -> str:
+    """Return a URDF in which one link has the given inertia, written into the attributes that were there.
+
+    Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is written anew.
+
+    Parameters
+    ----------
+    urdf : str
+        A robot description that `load_model` accepts.
+    link : str
+        Name of the link.
+    parameters : (10,) array
+        Mass, centre of mass in the link's frame, inertia about it in the link's axes: kg, m, kg m^2.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such link.
+    """
+    start, old = inertial_text(urdf, link)
+    new = _with_values(old, parameters)
+    return urdf[:start] + new + urdf[start + len(old) :] if new else replace_inertial(urdf, link, parameters)
+
+
+def _with_values(text: str, parameters: Array) -> str:
+    """Return an <inertial> with other values; empty where it lacks one."""
+    rpy = _value(text, 'origin', 'rpy')
+    values = [float(each) for each in rpy[2].split()] if rpy else [0.0, 0.0, 0.0]
+    rotation = pinocchio.rpy.rpyToMatrix(*values)
+    # In the axes that the <origin> turns to.
+    inertia = vec(rotation.T @ unvec(parameters[4:]) @ rotation)
+    size = float(np.sum(np.abs(inertia)))
+    changes = [('mass', 'value', parameters[:1], float(parameters[0])), ('origin', 'xyz', parameters[1:4], 1.0)]
+    changes += [('inertia', name, inertia[k : k + 1], size) for k, name in enumerate(_INERTIA)]
+    for tag, attribute, numbers, unit in changes:
+        place = _value(text, tag, attribute)
+        if place is None:
+            return ''
+        begin, end, old = place
+        text = text[:begin] + _written(numbers, old, unit) + text[end:]
+    return text
+
+
+def _value(text: str, tag: str, attribute: str) -> tuple[int, int, str] | None:
+    """Return where an attribute's value begins and ends, and the value; None where no such attribute is."""
+    bare = _COMMENT.sub(lambda found: ' ' * len(found[0]), text)
+    found = re.search(rf'<{tag}\s(?:[^>]*\s)?{attribute}\s*=\s*(["\'])(.*?)\1', bare, re.DOTALL)
+    return (found.start(2), found.end(2), found[2]) if found else None
+
+
+def _written(numbers: Array, old: str, size: float) -> str:
+    """Return an attribute's value with other numbers; those that are the same stay as they were written."""
+    new = iter(numbers.tolist())
+
+    def number(found: re.Match[str]) -> str:
+        value = next(new)
+        return found[0] if abs(value - float(found[0])) <= _SAME * size else f'{value:.10g}'
+
+    return re.sub(r'\S+', number, old)
