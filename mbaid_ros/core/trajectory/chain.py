@@ -17,7 +17,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise, midpoints
+from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise
 from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
 
 LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
@@ -59,32 +59,52 @@ class WindowModel:
 def window_model(
     kernel: MomentumKernel, window: Window, parameters: Array, uncertain: Sequence[int] = ()
 ) -> WindowModel:
-    """Return one window's model, linearised at parameters.
+    """Return one window's model (see `window_models`)."""
+    return window_models(kernel, [window], parameters, uncertain)[0]
+
+
+def window_models(
+    kernel: MomentumKernel, windows: Sequence[Window], parameters: Array, uncertain: Sequence[int] = ()
+) -> list[WindowModel]:
+    """Return the models of some windows, linearised at the same parameters.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    window : Window
+    windows : their motion is predicted in one call
     parameters : (u,) (P, L, phi, errors of the uncertain bodies)
     uncertain : indices of those bodies
     """
-    middle = midpoints(window.nodes, window.spacing)
+    middle = Midpoints.concatenate([window.middle for window in windows])
     prediction = predict(kernel, middle, parameters, uncertain)
-    slope = np.gradient(prediction.twist, window.spacing, axis=0)
-    integral = _integral(prediction.twist, slope, window.spacing)[window.inside]
+    ends = np.cumsum([len(window.middle) for window in windows])
+    parts = [slice(int(end) - len(window.middle), int(end)) for window, end in zip(windows, ends, strict=True)]
+    # The joints' noise is followed at a window's first, middle and last interval.
+    places = [part.start + window.places for window, part in zip(windows, parts, strict=True)]
+    chosen = np.concatenate(places)
+    exact = with_errors(kernel, parameters[16:], uncertain)
+    by_joints = joint_gains(exact, middle[chosen], prediction.twist[chosen], parameters[6:16])
+    by_rate, by_position = (gain[:, _ANGULAR_FIRST].reshape(len(windows), 3, 6, -1) for gain in by_joints)
+    return [
+        _model(window, prediction[part], (by_rate[k], by_position[k]), parameters)
+        for k, (window, part) in enumerate(zip(windows, parts, strict=True))
+    ]
+
+
+def _model(window: Window, predicted: Prediction, gains: tuple[Array, Array], parameters: Array) -> WindowModel:
+    """Return one window's model from its prediction and the gains (3, 6, n) of joint rates and positions."""
+    slope = np.gradient(predicted.twist, window.spacing, axis=0)
+    integral = _integral(predicted.twist, slope, window.spacing)[window.inside]
     slope = slope[window.inside]
-    middle, prediction = middle[window.inside], prediction[window.inside]
+    middle, prediction = window.middle[window.inside], predicted[window.inside]
     errors = _compose(*_chain_steps(prediction, integral, middle, window.spacing))
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
-    places = [0, len(middle) // 2, len(middle) - 1]
-    exact = with_errors(kernel, parameters[16:], uncertain)
-    by_rate, by_position = joint_gains(exact, middle[places], prediction.twist[places], parameters[6:16])
-    by_rate, by_position = by_rate[:, _ANGULAR_FIRST], by_position[:, _ANGULAR_FIRST]
+    by_rate, by_position = gains
     # What joint noise leaves behind at position level: the turn of its own gain A, and what F makes of A dq.
-    length = len(middle) * window.spacing
+    length, centre = len(middle) * window.spacing, len(middle) // 2
     turning = (by_rate[2] - by_rate[0]) / (length - window.spacing)
-    remainder = by_position[1] + _error_slope(prediction)[places[1]] @ by_rate[1] - turning
+    remainder = by_position[1] + _error_slope(prediction)[centre] @ by_rate[1] - turning
     deviation = window.noise.joint_position * length / np.sqrt(window.noise.samples)
     return WindowModel(
         *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise),
@@ -93,8 +113,8 @@ def window_model(
         drift=errors[-1][:, -1],
         process=deviation * remainder,
         length=length,
-        rotation=middle.base_rotation[places[1]],
-        position=middle.base_position[places[1]],
+        rotation=middle.base_rotation[centre],
+        position=middle.base_position[centre],
     )
 
 

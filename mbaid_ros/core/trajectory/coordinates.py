@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.scale import body_sizes, unknown_scale
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.filter import Coordinates
 
@@ -49,17 +48,6 @@ def coordinates(
     if delay_std <= 0.0:
         basis = basis[:, :DELAY]
     return Coordinates(basis, np.sqrt((basis**2).T @ sizes**2), measured, deviation**2)
-
-
-def body_sizes(parameters: Array) -> Array:
-    """Return what relative errors of a body's (10,) standard parameters are relative to.
-
-    The mass; the mass times distance of the CoM and radius of gyration together; the mean moment of inertia.
-    """
-    mass, com = parameters[0], physical(parameters)[1:4]
-    mean = float(parameters[[4, 7, 9]].sum()) / 3.0
-    gyration = np.sqrt(max(mean, 0.0) / mass)
-    return np.concatenate(([mass], np.full(3, mass * max(float(np.linalg.norm(com)), gyration)), np.full(6, mean)))
 
 
 def _planar(kernel: MomentumKernel, detector: PlaneDetector, uncertain: tuple[int, ...]) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average
-from mbaid_ros.core.trajectory.tracker import Track, Tracker
+from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Track, Tracker
 
 _NODE = 0.05  # s, wanted spacing of nodes
 _FEWEST_NODES = 5
@@ -24,9 +24,7 @@ _FEWEST_NODES = 5
 _MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
-# Mean normalised innovation squared, and number of jumps, from which the model is wrong rather than the run unlucky.
-_LARGEST_SURPRISE = 1.5
-_MOST_JUMPS = 3
+_MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
 @dataclass(frozen=True)
@@ -157,6 +155,9 @@ class TrajectoryEstimator:
         if not tracker.started:
             warning = f'collecting the first {self._settings.start} windows'
             return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
+        if not tracker.settled:
+            warning = 'the motion so far leads to no solution that stays: more of it is needed'
+            return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
         track = tracker.best
         mean, covariance = tracker.state()
         order = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
@@ -187,7 +188,7 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
     warnings = list(estimate.warnings)
     if track.walk.disturbed:
         warnings.append(f'{track.walk.name}; estimated along, which widens the intervals')
-    wrong = surprise > _LARGEST_SURPRISE or len(track.jumps) > _MOST_JUMPS
+    wrong = surprise > LARGEST_SURPRISE or len(track.jumps) > _MOST_JUMPS
     if wrong:
         warnings.append(
             f'the model does not explain the data: innovations {np.sqrt(surprise):.1f} times the noise, '

@@ -175,7 +175,7 @@ def update(belief: Belief, step: Step) -> Belief:
     stacked[: len(factor), :count] = (rows @ factor).T
     stacked[: len(factor), count:] = factor.T
     stacked[len(factor) :, :count] = np.eye(count)
-    triangle = np.linalg.qr(stacked, mode='r')
+    triangle = np.asarray(np.linalg.qr(stacked, mode='r'))
     root = triangle[:count, :count]
     innovation = step.value - rows @ belief.mean
     normalised = solve_triangular(root, innovation, trans='T', check_finite=False)
@@ -249,4 +249,4 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
 
 def _compressed(columns: Array) -> Array:
     """Return a square factor of the covariance columns columns^T."""
-    return np.asarray(np.linalg.qr(columns.T, mode='r').T)
+    return np.asarray(np.linalg.qr(columns.T, mode='r')).T

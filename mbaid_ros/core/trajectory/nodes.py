@@ -9,11 +9,15 @@ differences of the same nodes as the joint angles, so that joint noise telescope
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, cross, exp, log
 from mbaid_ros.core.samples import Samples
+
+Integers = npt.NDArray[np.int64]
 
 # Nodes that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
@@ -78,9 +82,16 @@ class Midpoints:
         """Return the number of intervals."""
         return len(self.turn)
 
-    def __getitem__(self, index: slice | list[int]) -> Midpoints:
+    def __getitem__(self, index: slice | Integers) -> Midpoints:
         """Return some of the intervals."""
         return Midpoints(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @staticmethod
+    def concatenate(parts: list[Midpoints]) -> Midpoints:
+        """Return the parts' intervals, joined in order."""
+        return Midpoints(
+            *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Midpoints))
+        )
 
 
 @dataclass(frozen=True)
@@ -121,6 +132,18 @@ class Window:
     noise: WindowNoise
     start: float
     fresh: bool
+
+    @cached_property
+    def middle(self) -> Midpoints:
+        """The motion midway between all nodes: it does not depend on where the window is linearised."""
+        return midpoints(self.nodes, self.spacing)
+
+    @property
+    def places(self) -> Integers:
+        """Its own first, middle and last interval, (3,) indices."""
+        first, _, _ = self.inside.indices(len(self.middle))
+        count = len(range(*self.inside.indices(len(self.middle))))
+        return first + np.array([0, count // 2, count - 1])
 
 
 def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Nodes | None:
