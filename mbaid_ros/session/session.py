@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.identifier import Identifier
+from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
@@ -24,6 +25,7 @@ from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.methods import make_estimator
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
+MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
 STOPPED = 'after the stop by a jump of the stamps'
 
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
@@ -38,6 +40,8 @@ class Session:
     config : EstimatorConfig
     urdf : str
         Text of the robot description.
+    make : callable, optional
+        What makes the method of a run, and again after a restart; the one that the parameters name where not given.
 
     Attributes
     ----------
@@ -51,8 +55,9 @@ class Session:
         The robot, the target link or a combination of parameters cannot be used.
     """
 
-    def __init__(self, config: EstimatorConfig, urdf: str) -> None:
+    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator = make_estimator) -> None:
         self.config = config
+        self._make = make
         self.model = load_model(urdf)
         self.target_link = config.target_link or self.model.last_link
         self._kernel = MomentumKernel(self.model, self.target_link)
@@ -131,7 +136,7 @@ class Session:
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._identifier = Identifier(
-            make_estimator(config, self._kernel), config.window, config.maximum_gap, config.twist_frame
+            self._make(config, self._kernel), config.window, config.maximum_gap, config.twist_frame
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
