@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 
 
@@ -70,6 +71,20 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
         span=types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds),
         warnings=[*estimate.warnings, *warnings],
     )
+
+
+def debris_message(alone: Debris, estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
+    """Return the captured body alone as a mbaid_msgs/InertiaEstimate in its own frame.
+
+    Parameters
+    ----------
+    alone : the captured body
+    estimate : that it was taken from
+    types : MessageTypes
+    frames : of the estimate
+    """
+    body = replace(estimate, parameters=alone.parameters, covariance=alone.covariance)
+    return estimate_message(body, types, replace(frames, target_link=alone.frame.name))
 
 
 def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:

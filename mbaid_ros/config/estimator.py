@@ -157,6 +157,11 @@ class DebrisConfig:
         default=False,
         description="Also report the captured body alone: what is identified less the target link's <inertial>.",
     )
+    frame: str = parameter(
+        '',
+        'Frame it is given in: a link fixed to the target link, or principal for its own principal axes through its '
+        "centre of mass; empty is the target link's.",
+    )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate
@@ -63,7 +63,7 @@ class EstimatorNode(Node):
         self._restarted = 0  # how often the session had started again when that was last told
         self._logged: set[str] = set()
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
-        self._outlets = Outlets(self)
+        self._outlets = Outlets(self, with_debris=self._config.debris.report)
         self._display = Display(self, with_frames=self._config.publish_tf)
         self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
         description_topic = self._use_description()
@@ -86,7 +86,7 @@ class EstimatorNode(Node):
         if path:
             self._state.session = Session(self._config, read_robot_description(path))
             return ''
-        Session(replace(self._config, target_link=''), _ANY_ROBOT)
+        Session(replace(self._config, target_link='', debris=DebrisConfig()), _ANY_ROBOT)
         late = SubscriptionEventCallbacks(
             incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
         )
@@ -159,7 +159,8 @@ class EstimatorNode(Node):
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._follow_restart(session)
             self._state.estimate = estimate
-            self._outlets.publish(estimate, self._frames(session), session.model.urdf)
+            alone = session.debris(estimate)
+            self._outlets.publish(estimate, self._frames(session), session.model.urdf, alone)
             self._display.show(estimate, session.target_link)
         if session.restarted != self._restarted:
             self._follow_restart(session)

@@ -14,10 +14,11 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
+from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
-from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
 
@@ -33,15 +34,19 @@ TYPES = MessageTypes(find=message_class, flags=lambda flags: flags.tolist())
 
 
 class Outlets:
-    """The latched topics of the estimate: ~/estimate, ~/inertia and ~/robot_description.
+    """The latched topics of the estimate: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris.
 
     Parameters
     ----------
     node : Node
+    with_debris : whether the captured body is published on its own, too
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, *, with_debris: bool = False) -> None:
         self._node = node
+        self._topics = {'~/estimate': InertiaEstimate, '~/inertia': InertiaStamped, '~/robot_description': String}
+        if with_debris:
+            self._topics['~/debris'] = InertiaEstimate
         self._publishers: dict[str, Publisher] = {}
         self.clear()
 
@@ -51,14 +56,10 @@ class Outlets:
             self._node.destroy_publisher(publisher)
         self._publishers = {
             topic: quiet_publisher(self._node, message_type, topic, LATCHED)
-            for topic, message_type in (
-                ('~/estimate', InertiaEstimate),
-                ('~/inertia', InertiaStamped),
-                ('~/robot_description', String),
-            )
+            for topic, message_type in self._topics.items()
         }
 
-    def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
+    def publish(self, estimate: Estimate, frames: Frames, urdf: str, alone: Debris | None = None) -> None:
         """Publish an estimate in the forms it is good for.
 
         Parameters
@@ -67,6 +68,8 @@ class Outlets:
         frames : Frames
         urdf : str
             The robot description that it belongs to.
+        alone : Debris, optional
+            The captured body on its own.
         """
         self._publish('~/estimate', estimate_message(estimate, TYPES, frames))
         if is_usable(estimate):
@@ -74,6 +77,8 @@ class Outlets:
         if is_complete(estimate):
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
             self._publish('~/robot_description', String(data=text))
+        if alone is not None:
+            self._publish('~/debris', debris_message(alone, estimate, TYPES, frames))
 
     def _publish(self, topic: str, message: Any) -> None:
         # A latched topic keeps one message, and would forget it for the next when several windows close at once: that

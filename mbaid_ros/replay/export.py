@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _export(argv: list[str]) -> int:
     arguments = _parser().parse(argv)
     _check(arguments)
-    body = read_identified(arguments.input, arguments.result)
+    body = read_identified(arguments.input, arguments.result, alone=arguments.debris)
     urdf = read_robot_description(arguments.model) if arguments.model else ''
     if arguments.fill:
         body = _filled(body, urdf)
@@ -66,6 +66,7 @@ def _parser() -> ArgumentParser:
     add('--output', metavar='FILE', help='default: standard output')
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
     add('--result', type=_count, default=1, metavar='N', help='which result of a JSON of several bags (default: 1)')
+    add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')
     add('--equivalent', choices=(formats.BOX, formats.ELLIPSOID), help='add the uniform body of the same inertia')
     add('--fill', action='store_true', help='take what the data do not determine from the link in --model')
@@ -83,6 +84,10 @@ def _check(arguments: argparse.Namespace) -> None:
     form, shape = arguments.format, arguments.equivalent
     if (form == 'urdf' or arguments.fill) and not arguments.model:
         raise ParameterError(f'{"--fill" if arguments.fill else "--format urdf"} needs --model URDF')
+    if arguments.debris and (form == 'urdf' or arguments.fill):
+        raise ParameterError(
+            f'--debris is not for {"--fill" if arguments.fill else "--format urdf"}: the captured body is no link of it'
+        )
     if arguments.principal and form not in _PRINCIPAL:
         raise ParameterError(f'--principal is not for --format {form}; accepted: {listing(_PRINCIPAL)}')
     if shape and shape not in _SHAPES.get(form, ()):

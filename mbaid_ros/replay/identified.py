@@ -16,6 +16,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+_DEBRIS = '/debris'  # end of the name of the topic with the captured body alone
+_TOLD = 'accepted: results of a run with debris.report: true that determined all ten parameters'
 _ACCEPTED = 'accepted: what replay --json writes, or a bag that holds estimates'
 
 
@@ -42,13 +44,14 @@ class Identified:
         return [name for name, value in zip(PARAMETERS, self.parameters, strict=True) if math.isnan(value)]
 
 
-def read_identified(path: str, result: int = 1) -> Identified:
+def read_identified(path: str, result: int = 1, *, alone: bool = False) -> Identified:
     """Return the body in a file.
 
     Parameters
     ----------
     path : JSON of `replay`, or a bag
     result : which one, counted from 1, of a file with several
+    alone : the captured body without the link that holds it
 
     Raises
     ------
@@ -56,7 +59,7 @@ def read_identified(path: str, result: int = 1) -> Identified:
         The file cannot be read or holds no such body.
     """
     if Path(path).suffix.lower() != '.json':
-        return _from_bag(path)
+        return _from_bag(path, alone=alone)
     try:
         content = json.loads(Path(path).read_text(encoding='utf-8'))
     except OSError as error:
@@ -67,15 +70,28 @@ def read_identified(path: str, result: int = 1) -> Identified:
     if not 1 <= result <= len(results):
         raise DataError(f"'{path}' holds {len(results)} results; result {result} is not among them")
     try:
+        if alone:
+            return _debris_from_json(results[result - 1], path)
         return _from_json(results[result - 1])
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"'{path}' cannot be used ({type(error).__name__}: {error}); {_ACCEPTED}") from error
 
 
+def _debris_from_json(content: Any, path: str) -> Identified:
+    found = content['debris']
+    if found is None:
+        raise DataError(f"'{path}' holds no captured body alone; {_TOLD}")
+    covariance = _covariance(found.get('covariance'), found.get('std'))
+    return Identified(str(found['frame']['name']), str(content['status']), _ten(found), covariance)
+
+
 def _from_json(content: Any) -> Identified:
-    values = _ten(content['estimate'])
-    covariance = content.get('covariance')
-    std = content.get('std')
+    covariance = _covariance(content.get('covariance'), content.get('std'))
+    return Identified(str(content['target_link']), str(content['status']), _ten(content['estimate']), covariance)
+
+
+def _covariance(covariance: Any, std: Any) -> Array:
+    """Return the (10, 10) covariance, of standard deviations alone where there is no more."""
     if covariance is not None:
         matrix = np.array([[_number(value) for value in row] for row in covariance])
     elif std is not None:
@@ -84,7 +100,7 @@ def _from_json(content: Any) -> Identified:
         matrix = np.full((10, 10), np.nan)
     if matrix.shape != (10, 10):
         raise ValueError(f'covariance has the shape {matrix.shape}')
-    return Identified(str(content['target_link']), str(content['status']), values, matrix)
+    return matrix
 
 
 def _ten(shaped: Any) -> Array:
@@ -99,9 +115,12 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def _from_bag(path: str) -> Identified:
+def _from_bag(path: str, *, alone: bool) -> Identified:
     with BagReader(path) as bag:
-        names = [name for name, topic in bag.topics.items() if topic.type == ESTIMATE_TYPE]
+        estimates = [name for name, topic in bag.topics.items() if topic.type == ESTIMATE_TYPE]
+        names = [name for name in estimates if name.endswith(_DEBRIS) == alone]
+        if alone and estimates and not names:
+            raise DataError(f"bag '{path}' holds no captured body alone; {_TOLD}")
         if not names:
             raise DataError(
                 f"bag '{path}' holds no estimates ({ESTIMATE_TYPE}); topics: {listing(bag.topics)}; "

@@ -38,7 +38,7 @@ def _replay(argv: list[str]) -> int:
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
     inputs = Inputs(arguments.joint_states, arguments.odom)
-    with _estimate_writer(arguments.output) as writer:
+    with _estimate_writer(arguments.output, with_debris=config.debris.report) as writer:
         runs = [_replay_one(bag, config, urdf, inputs, writer) for bag in arguments.bags]
     _write_results(runs, arguments, truths)
     return 0 if all(result.reached for result in runs) else NOT_DETERMINED
@@ -98,12 +98,12 @@ def _config(arguments: argparse.Namespace) -> EstimatorConfig:
 
 
 @contextmanager
-def _estimate_writer(path: str | None) -> Iterator[EstimateWriter | None]:
+def _estimate_writer(path: str | None, *, with_debris: bool) -> Iterator[EstimateWriter | None]:
     if path is None:
         yield None
         return
     with BagWriter(path) as bag:
-        yield EstimateWriter(bag)
+        yield EstimateWriter(bag, with_debris=with_debris)
 
 
 def _replay_one(bag: str, config: EstimatorConfig, urdf: str, inputs: Inputs, writer: EstimateWriter | None) -> Run:

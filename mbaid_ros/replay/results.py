@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 
@@ -145,7 +145,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'status': final.status,
         'estimate': _shaped(_numbers(final.parameters)),
         'std': _std(final),
-        'covariance': _covariance(final),
+        'covariance': _covariance(final.covariance),
         'identifiable': _shaped([bool(flag) for flag in final.identifiable]),
         'momentum': _momentum(final),
         'time_offset': None
@@ -153,9 +153,7 @@ def as_json(run: Run) -> dict[str, Any]:
         else {'value': final.time_offset, 'std': _number(final.time_offset_std)},
         'events': events(run),
         'capture': None,
-        'debris': None
-        if run.debris is None
-        else {**_shaped(_numbers(run.debris.parameters)), 'std': _shaped(_numbers(run.debris.std))},
+        'debris': None if run.debris is None else _debris(run.debris),
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
@@ -223,10 +221,23 @@ def _std(estimate: Estimate) -> dict[str, Any] | None:
     return None if np.all(np.isnan(std)) else _shaped(_numbers(std))
 
 
-def _covariance(estimate: Estimate) -> list[list[float | None]] | None:
-    if np.all(np.isnan(estimate.covariance)):
-        return None
-    return [_numbers(row) for row in estimate.covariance]
+def _covariance(covariance: Array) -> list[list[float | None]] | None:
+    return None if np.all(np.isnan(covariance)) else [_numbers(row) for row in covariance]
+
+
+def _debris(alone: Debris) -> dict[str, Any]:
+    """Return the captured body with its frame, which is given in the target link's."""
+    frame = alone.frame
+    return {
+        **_shaped(_numbers(alone.parameters)),
+        'std': _shaped(_numbers(alone.std)),
+        'covariance': _covariance(alone.covariance),
+        'frame': {
+            'name': frame.name,
+            'position': _numbers(frame.position),
+            'orientation': _numbers(quaternion_from_rotation(frame.rotation)),
+        },
+    }
 
 
 def _momentum(estimate: Estimate) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Flags
+from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
@@ -20,6 +21,7 @@ from mbaid_ros.session import Session, intake_warnings
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 ESTIMATE_TOPIC = '/estimator/estimate'
+DEBRIS_TOPIC = '/estimator/debris'
 INERTIA_TOPIC = '/estimator/inertia'
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
@@ -46,19 +48,23 @@ class EstimateWriter:
     Parameters
     ----------
     bag : an open bag
+    with_debris : whether the captured body on its own is written, too
     """
 
-    def __init__(self, bag: BagWriter) -> None:
+    def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
         self._bag = bag
-        bag.add_topic(ESTIMATE_TOPIC, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
+        for topic in (ESTIMATE_TOPIC, DEBRIS_TOPIC) if with_debris else (ESTIMATE_TOPIC,):
+            bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
         bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
         self._types = MessageTypes(find=message_class, flags=_as_it_is)
 
-    def write(self, estimate: Estimate, frames: Frames) -> None:
+    def write(self, estimate: Estimate, frames: Frames, alone: Debris | None = None) -> None:
         """Write an estimate at the stamp of the last sample it uses."""
         time = max(0, estimate.stamp)
         self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, self._types, frames), time)
         self._bag.write(INERTIA_TOPIC, inertia_message(estimate, self._types, frames), time)
+        if alone is not None:
+            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, self._types, frames), time)
 
 
 def replay_bag(
@@ -118,7 +124,7 @@ def replay_bag(
         urdf=urdf,
         pose=intake.pose(),
         settings=values_of(config),
-        debris=session.debris(history.last) if history.last and config.debris.report else None,
+        debris=session.debris(history.last) if history.last else None,
     )
 
 
@@ -165,7 +171,7 @@ def _take(estimates: Sequence[Estimate], session: Session, history: History, wri
     for estimate in estimates:
         history.add(estimate)
         if writer:
-            writer.write(estimate, frames)
+            writer.write(estimate, frames, session.debris(estimate))
 
 
 def _as_it_is(flags: Flags) -> Flags:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
@@ -22,13 +21,13 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
+from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.methods import make_estimator
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
 STOPPED = 'after the stop by a jump of the stamps'
 
-_UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
 _RESTARTS_KEPT = 20
 
 
@@ -61,7 +60,8 @@ class Session:
         self.model = load_model(urdf)
         self.target_link = config.target_link or self.model.last_link
         self._kernel = MomentumKernel(self.model, self.target_link)
-        self._marker = _marker(config)
+        self._marker = marker_frame(config)
+        self._debris_frame = debris_frame(config.debris.frame, self.model, self._kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
@@ -124,8 +124,11 @@ class Session:
         return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
 
     def debris(self, estimate: Estimate) -> Debris | None:
-        """Return the captured body alone: the estimate less the target link's own inertia from the URDF."""
-        return debris(estimate, self._kernel.target.parameters)
+        """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
+        if not self.config.debris.report:
+            return None
+        principal = self.config.debris.frame == PRINCIPAL
+        return debris(estimate, self._kernel.target.parameters, self._debris_frame, in_principal_axes=principal)
 
     def _begin(self) -> None:
         """Make anew what a run works with."""
@@ -194,22 +197,3 @@ class Session:
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
         return self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped
-
-
-def _marker(config: EstimatorConfig) -> AttachedFrame | None:
-    """Return the frame that the parameters place on the base.
-
-    Raises
-    ------
-    ParameterError
-        The orientation is no unit quaternion.
-    """
-    quaternion = np.array(config.marker.orientation)
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > _UNIT:
-        raise ParameterError(
-            f"parameter 'marker.orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
-        )
-    if not config.marker.position:
-        return None
-    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))

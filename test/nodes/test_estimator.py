@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from captured import with_bare_link
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
@@ -22,7 +24,8 @@ from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.estimator import last_of_each_window
 from mbaid_ros.nodes.outlets import TYPES, is_complete, is_usable
 from mbaid_ros.nodes.qos import LATCHED, qos
-from mbaid_ros.outgoing import Frames, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
+from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import CONFIG
 from streams import EPOCH, every_bit, offline, run, urdf
@@ -100,6 +103,24 @@ def test_a_fully_identified_link_is_put_into_the_robot_description(graph: Graph)
     text = replace_inertial(urdf('servicer7'), 'link7', expected.parameters)
     graph.wait(lambda: descriptions and descriptions[-1].data == text, 'the robot description')
     assert load_model(text).link('link7').parameters[0] == pytest.approx(162.0, rel=0.05)
+
+
+def test_the_captured_body_alone_is_published_on_request(graph: Graph, tmp_path: Path) -> None:
+    messages = run('servicer7', 25.0, rate=50.0)
+    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    parameters = ('debris.report:=true', 'debris.frame:=grasp')
+    start(graph, f'robot_description_file:={tmp_path / "robot.urdf"}', *parameters, robot='servicer7')
+    found = graph.collect('/estimator/debris', InertiaEstimate)
+    publish(graph, messages)
+    config = build(EstimatorConfig, {'debris.report': True, 'debris.frame': 'grasp'})
+    session = Session(config, with_bare_link())
+    expected = offline(EstimatorConfig(), 'servicer7', messages)[0][-1]
+    alone = session.debris(expected)
+    assert alone is not None
+    last = every_bit(debris_message(alone, expected, TYPES, Frames('link7', 'odom')), ESTIMATE)
+    graph.wait(lambda: found and every_bit(found[-1], ESTIMATE) == last, 'the captured body')
+    assert found[-1].header.frame_id == 'grasp'
+    assert found[-1].inertia.m == pytest.approx(155.0, rel=0.05)
 
 
 def test_reset_forgets_everything(graph: Graph) -> None:

@@ -9,18 +9,37 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.principal import principal
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame fixed to the target link.
+
+    Attributes
+    ----------
+    name : of the link it belongs to, or what it is called
+    rotation, position : (3, 3), (3,) m, its axes and origin in the target link's frame
+    """
+
+    name: str
+    rotation: Array
+    position: Array
 
 
 @dataclass(frozen=True)
 class Debris:
-    """Mass properties of the captured body, in the target link's frame.
+    """Mass properties of the captured body.
 
     Attributes
     ----------
-    parameters : (10,) mass, CoM, inertia about it, in link axes
-    covariance : (10, 10)
+    frame : that they are given in
+    parameters : (10,) mass, CoM, inertia about it, in that frame and its axes
+    covariance : (10, 10) of them; the frame itself counts as known
     """
 
+    frame: Frame
     parameters: Array
     covariance: Array
 
@@ -30,7 +49,7 @@ class Debris:
         return np.sqrt(np.diag(self.covariance))
 
 
-def debris(estimate: Estimate, link: Array) -> Debris | None:
+def debris(estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: bool = False) -> Debris | None:
     """Return the captured body, None where not all ten parameters are determined or nothing is left.
 
     Standard parameters add up, so those of the link are subtracted; known exactly, they leave the covariance as it is.
@@ -39,6 +58,8 @@ def debris(estimate: Estimate, link: Array) -> Debris | None:
     ----------
     estimate : of link and captured body together
     link : (10,) standard parameters (m, h, I_o) of the link itself
+    frame : to give it in
+    in_principal_axes : in the body's own principal axes through its centre of mass, instead; the frame gives the name
     """
     if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
         return None
@@ -46,6 +67,18 @@ def debris(estimate: Estimate, link: Array) -> Debris | None:
     alone = together - link
     if alone[0] <= 0.0:
         return None
+    if in_principal_axes:
+        own = physical(alone)
+        frame = Frame(frame.name, principal(own).axes, own[1:4])
+    to_frame = _change(frame)
+    seen = to_frame @ alone
     # Covariance of (m, h, I_o) from that of (m, r_c, I_c), then on to the captured body's own (m, r_c, I_c).
-    change = np.linalg.solve(physical_jacobian(together).T, physical_jacobian(alone).T).T
-    return Debris(physical(alone), change @ estimate.covariance @ change.T)
+    onward = physical_jacobian(seen) @ to_frame
+    change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
+    return Debris(frame, physical(seen), change @ estimate.covariance @ change.T)
+
+
+def _change(frame: Frame) -> Array:
+    """Return the (10, 10) matrix that takes standard parameters from the target link's frame to another."""
+    back = frame.rotation.T
+    return express(np.eye(10), back, -back @ frame.position).T

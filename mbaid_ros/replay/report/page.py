@@ -130,7 +130,10 @@ def _debris(run: Run) -> str:
             PARAMETERS, figures.SHOWN_UNITS, run.debris.parameters, run.debris.std, strict=True
         )
     ]
-    note = 'The target link without what its robot description says of it: the captured body alone, in the same frame.'
+    note = (
+        f"The captured body alone, in frame '{run.debris.frame.name}': what is identified, less what the robot "
+        f"description says of link '{run.target_link}' itself."
+    )
     return (
         '<h3>Captured body</h3>' + table(('parameter', 'estimate', _PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')
     )

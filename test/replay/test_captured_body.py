@@ -1,0 +1,110 @@
+"""The captured body alone: from a bag with known truth to JSON, bag, report and exports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from captured import BARE, GRASP, alone_in_grasp, with_bare_link
+from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.replay.export import main as export
+from mbaid_ros.replay.replay import main as replay
+from simulated import CONFIG
+
+BAG = CONFIG.parent / 'bags' / 'servicer7_mid'
+
+
+@pytest.fixture(scope='module', name='folder')
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what a replay writes."""
+    folder = tmp_path_factory.mktemp('captured')
+    (folder / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    parameters = (CONFIG / 'servicer7_estimator.yaml').read_text(encoding='utf-8')
+    (folder / 'estimator.yaml').write_text(f'{parameters}    debris: {{report: true, frame: grasp}}\n')
+    outputs = (('--json', 'result.json'), ('--report', 'report.html'), ('--output', 'estimates'))
+    arguments = [str(BAG), '--model', str(folder / 'robot.urdf'), '--params', str(folder / 'estimator.yaml')]
+    assert replay([*arguments, *(word for option, name in outputs for word in (option, str(folder / name)))]) == 0
+    return folder
+
+
+def test_the_body_is_found_in_the_grasp_frame(folder: Path) -> None:
+    result = json.loads((folder / 'result.json').read_text())
+    found = result['debris']
+    assert found['frame']['name'] == 'grasp'
+    assert found['frame']['position'] == pytest.approx(GRASP.position)
+    assert rotation_from_quaternion(np.array(found['frame']['orientation'])) == pytest.approx(GRASP.rotation)
+    values = np.array([found['mass'], *found['com'], *found['inertia'].values()])
+    covariance = np.array(found['covariance'])
+    error = values - alone_in_grasp()
+    assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 10)
+    assert found['mass'] == pytest.approx(result['estimate']['mass'] - BARE[0])
+    std = [found['std']['mass'], *found['std']['com'], *found['std']['inertia'].values()]
+    assert std == pytest.approx(np.sqrt(np.diag(covariance)))
+
+
+def test_the_report_names_body_and_frame(folder: Path) -> None:
+    text = (folder / 'report.html').read_text()
+    assert 'Captured body' in text
+    assert 'in frame &#x27;grasp&#x27;' in text
+
+
+def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
+    assert export(list(arguments)) == code
+    captured = capsys.readouterr()
+    return captured.err if code else captured.out
+
+
+def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    from_json, from_bag = (
+        json.loads(exported(capsys, str(folder / name), '--debris', '--format', 'json'))
+        for name in ('result.json', 'estimates')
+    )
+    assert from_json == from_bag
+    assert from_json['target_link'] == 'grasp'
+    together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
+    assert together['target_link'] == 'link7'
+    assert together['mass'] - from_json['mass'] == pytest.approx(BARE[0])
+
+
+@pytest.mark.parametrize(
+    ('options', 'text'),
+    [
+        (['--format', 'urdf', '--model', 'robot.urdf'], '--debris is not for --format urdf'),
+        (['--fill', '--model', 'robot.urdf'], '--debris is not for --fill'),
+    ],
+)
+def test_a_captured_body_is_no_link(
+    capsys: pytest.CaptureFixture[str], folder: Path, options: list[str], text: str
+) -> None:
+    assert text in exported(capsys, str(folder / 'result.json'), '--debris', *options, code=2)
+
+
+def test_a_result_without_it_says_what_is_needed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    without: dict[str, Any] = {'debris': None, 'status': 'converged'}
+    (tmp_path / 'result.json').write_text(json.dumps(without))
+    told = exported(capsys, str(tmp_path / 'result.json'), '--debris', code=2)
+    assert 'holds no captured body alone' in told
+    assert 'debris.report' in told
+
+
+@pytest.mark.parametrize(
+    ('frame', 'text'),
+    [
+        ('gras', "link 'gras' is not in the robot description; accepted: link7, grasp, or principal"),
+        ('link5', "link 'link5' moves against the target link 'link7'; accepted: link7, grasp, or principal"),
+    ],
+)
+def test_a_frame_that_cannot_be_is_one_line(
+    capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path, frame: str, text: str
+) -> None:
+    parameters = tmp_path / 'estimator.yaml'
+    parameters.write_text(f'estimator: {{ros__parameters: {{debris.frame: {frame}}}}}')
+    assert replay([str(BAG), '--model', str(folder / 'robot.urdf'), '--params', str(parameters)]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert text in error
