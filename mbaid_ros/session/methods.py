@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
+from mbaid_ros.core.difference.problem import Beside
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -49,10 +50,15 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             kernel,
             DifferenceSettings(
                 noise=noise,
-                linear_momentum_std=config.momentum.linear_prior_std,
                 kept_windows=config.difference.kept_windows,
                 forgetting_time=config.difference.forgetting_time,
                 window=config.window,
+                beside=Beside(
+                    linear_momentum_std=config.momentum.linear_prior_std,
+                    constant='none',
+                    known_std=(0.0,) * len(kernel.known),
+                    known_mode='consider',
+                ),
             ),
             reporting,
         )

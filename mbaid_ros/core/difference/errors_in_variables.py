@@ -44,6 +44,14 @@ class Blocks:
         """Return a slice of the blocks."""
         return Blocks(*(getattr(self, field.name)[index] for field in fields(self)))
 
+    def widened(self, columns: Array) -> Blocks:
+        """Return the same equations with (K, r, w) exact coefficients of w more unknowns."""
+        if not columns.shape[-1]:
+            return self
+        none = np.zeros((*self.noise.shape, columns.shape[-1]))
+        rows, noise_rows = (np.concatenate(pair, axis=-1) for pair in ((self.rows, columns), (self.noise_rows, none)))
+        return Blocks(rows, self.offset, self.noise, noise_rows)
+
     @staticmethod
     def concatenate(parts: list[Blocks]) -> Blocks:
         """Return the parts' blocks, joined in order."""
@@ -84,6 +92,22 @@ class Linearisation:
     equations: int
 
 
+@dataclass(frozen=True)
+class White:
+    """K blocks at one x in units of their noise.
+
+    Attributes
+    ----------
+    residual : (K, r)
+    rows : (K, r, u) corrected for the noise in them
+    factor : (K, r, r) L with L L^T the covariance of the residuals
+    """
+
+    residual: Array
+    rows: Array
+    factor: Array
+
+
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
     residual = blocks.rows @ x + blocks.offset
@@ -95,8 +119,8 @@ def cost(blocks: Blocks, x: Array) -> float:
     return float(np.sum(whitened**2))
 
 
-def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
-    """Return the likelihood's gradient and Gauss-Newton information at x.
+def whitened(blocks: Blocks, x: Array) -> White:
+    """Return residuals and corrected rows at x in units of their noise.
 
     Raises
     ------
@@ -106,12 +130,24 @@ def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
     residual = blocks.rows @ x + blocks.offset
     noise = blocks.noise + blocks.noise_rows @ x
     factor = _factor_or_raise(noise)
-    whitened = np.linalg.solve(factor, np.concatenate((residual[..., None], noise), axis=-1))
-    white_residual, white_noise = whitened[..., 0], whitened[..., 1:]
+    solved = np.linalg.solve(factor, np.concatenate((residual[..., None], noise), axis=-1))
+    white_residual, white_noise = solved[..., 0], solved[..., 1:]
     adjustment = -(np.swapaxes(white_noise, 1, 2) @ white_residual[..., None])  # u, (K, z, 1)
     corrected = blocks.rows + (np.swapaxes(blocks.noise_rows, 2, 3) @ adjustment[:, None])[..., 0]
-    white_rows = np.linalg.solve(factor, corrected).reshape(-1, corrected.shape[-1])
-    white_residual = white_residual.reshape(-1)
+    return White(white_residual, np.linalg.solve(factor, corrected), factor)
+
+
+def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
+    """Return the likelihood's gradient and Gauss-Newton information at x.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite at this x.
+    """
+    white = whitened(blocks, x)
+    white_rows = white.rows.reshape(-1, white.rows.shape[-1])
+    white_residual = white.residual.reshape(-1)
     return Linearisation(
         cost=float(white_residual @ white_residual),
         gradient=white_rows.T @ white_residual,
@@ -171,6 +207,21 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
         information=_weighted_square(weight, blocks.rows[:, :, None]) - own,
         equations=blocks.offset.size,
     ), own
+
+
+def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
+    """Return residuals at x = 0 and rows as they are, with the weights of `compensated`.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance of a block is not positive definite.
+    """
+    noise = blocks.noise + blocks.noise_rows @ x
+    uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
+    factor = _factor_or_raise(np.concatenate((noise, uncertain), axis=2))
+    solved = np.linalg.solve(factor, np.concatenate((blocks.offset[..., None], blocks.rows), axis=-1))
+    return White(solved[..., 0], solved[..., 1:], factor)
 
 
 def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:

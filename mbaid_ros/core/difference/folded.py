@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric
@@ -62,7 +63,7 @@ class Folded:
         """Return half the derivative of the cost at x."""
         return self.information @ x - self.right_side
 
-    def forget(self, factor: float, recent: Array, idle: Array) -> None:
+    def forget(self, factor: float, recent: Array, idle: Array) -> Array:
         """Discount the past by a factor, in the directions that recent data excite.
 
         A direction that the recent windows say nothing about keeps what is known of it: otherwise its information would
@@ -73,6 +74,10 @@ class Folded:
         factor : weight of the past, 0 < factor < 1
         recent : (u, u) information of recent windows
         idle : (u, u) positive definite, the information that they would bring of what is not excited
+
+        Returns
+        -------
+        (u, u) matrix R, with which N has become R^T N R
         """
         excited = _beyond(recent, idle)[0]
         # Pi = S (S^T N S)^-1 S^T N projects on the excited directions S, along what the past knows of the others apart
@@ -93,6 +98,48 @@ class Folded:
         self.noise_information = root.T @ self.noise_information @ root
         self.equations = round(self.equations * factor)
         self._settle()
+        return np.asarray(root)
+
+    def substitute(self, basis: Array, floor: Array) -> None:
+        """Go over to (w,) unknowns x' with x = basis x'.
+
+        Parameters
+        ----------
+        basis : (u, w)
+        floor : (w, w) that of the new unknowns
+        """
+        self._floor = floor
+        self._sum, self._sum_right = basis.T @ self._sum @ basis, basis.T @ self._sum_right
+        self.noise_information = basis.T @ self.noise_information @ basis
+        self._settle()
+
+    def eliminate(self, prior: Array, keep: Places, gone: Places, floor: Array) -> tuple[Array, Array]:
+        """Minimise over some unknowns, which no other window than those folded depends on.
+
+        Parameters
+        ----------
+        prior : (u, u) information about zero, which counts from now on as folded
+        keep, gone : indices of unknowns
+        floor : (k, k) that of the kept ones
+
+        Returns
+        -------
+        (u, u) information and (u,) right side that were minimised over
+        """
+        information, right_side = self._sum + prior, self._sum_right
+        solved = np.linalg.solve(
+            information[np.ix_(gone, gone)], np.column_stack((information[np.ix_(gone, keep)], right_side[gone]))
+        )
+        lift = np.zeros((len(right_side), len(keep)))
+        lift[keep, np.arange(len(keep))], lift[gone] = 1.0, -solved[:, :-1]
+        self._floor = floor
+        self._sum = lift.T @ information @ lift
+        self._sum = 0.5 * (self._sum + self._sum.T)
+        self._sum_right = right_side[keep] - information[np.ix_(keep, gone)] @ solved[:, -1]
+        self._constant -= float(right_side[gone] @ solved[:, -1])
+        self.noise_information = lift.T @ self.noise_information @ lift
+        self._settle()
+        return information, right_side
 
     def _settle(self) -> None:
         """Work out what is known beyond the noise."""

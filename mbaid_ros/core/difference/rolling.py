@@ -9,12 +9,14 @@ quadratic as it is, and its weights allow for the uncertainty.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric
@@ -40,9 +42,17 @@ class RollingLikelihood:
     kept : number of blocks solved again at each update
     forgetting : weight of the past from one block to the next, 0 < forgetting <= 1
     typical : (u,) typical sizes of the unknowns
+    effects : number e of effects that are looked at, but not solved for
+
+    Attributes
+    ----------
+    x : (u,) the solution
+    noise_information : (u, u) what noise alone has brought
+    information : (u, u) of the quadratic form that was solved
+    coupling : of the folded windows with the effects
     """
 
-    def __init__(self, prior: Array, kept: int, forgetting: float, typical: Array) -> None:
+    def __init__(self, prior: Array, kept: int, forgetting: float, typical: Array, effects: int = 0) -> None:
         self._prior = prior
         self._kept = kept
         self._forgetting = forgetting
@@ -53,17 +63,35 @@ class RollingLikelihood:
         self._sure = False  # whether the latest fold was made at a solution that is known well enough
         self.x: Array = np.zeros(len(prior))
         self.noise_information: Array = np.zeros_like(prior)
+        self.information: Array = prior
+        self.coupling = Coupling.nothing(len(prior), effects)
+        self._columns: list[Array] = []
+
+    def __len__(self) -> int:
+        """Return the number of windows that are solved again."""
+        return len(self._blocks)
 
     @property
     def folded(self) -> bool:
         """Whether some windows are no longer solved again."""
         return len(self._folded) > 0
 
-    def add(self, block: Blocks) -> Linearisation:
-        """Take one block, solve again and return the likelihood's quadratic form at the solution `x`."""
+    def add(self, block: Blocks, columns: Array | None = None) -> Linearisation:
+        """Take one block, solve again and return the likelihood's quadratic form at the solution `x`.
+
+        Parameters
+        ----------
+        block : Blocks
+        columns : (1, r, e) how its equations depend on the effects
+        """
         self._blocks.append(block)
+        self._columns.append(np.zeros((*block.offset.shape, 0)) if columns is None else columns)
         if len(self._blocks) > self._kept:
             self._fold()
+        return self.solve()
+
+    def solve(self) -> Linearisation:
+        """Solve again and return the likelihood's quadratic form at the solution `x`."""
         blocks = Blocks.concatenate(self._blocks)
         iterations = _ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START
         if not self._sure:
@@ -75,22 +103,85 @@ class RollingLikelihood:
         own = eiv.noise_information(blocks, self.x)
         self.noise_information = self._folded.noise_information + own
         self._signal = linear.information - _CERTAIN * own - self._prior
+        self.information = linear.information
         return replace(linear, information=linear.information + self._folded.noise_information)
+
+    @property
+    def columns(self) -> Array:
+        """How the equations that are solved again depend on the effects, (K, r, e)."""
+        return np.concatenate(self._columns)
+
+    def whitened(self) -> tuple[White, Coupling]:
+        """Return the windows that are solved again, at the solution, and how all windows depend on the effects."""
+        white = eiv.whitened(Blocks.concatenate(self._blocks), self.x)
+        return white, self.coupling + Coupling.of(white, self.columns, self.x)
+
+    def certain(self, block: Blocks) -> bool:
+        """Return whether the uncertainty of the solution hardly matters for the noise of a block's equations."""
+        return eiv.uncertain_share(block, *self._plausible()) < _LARGEST_SHARE
+
+    def drop(self, first: int, last: int) -> None:
+        """Give up windows first, ..., last - 1 of those that are solved again."""
+        del self._blocks[first:last], self._columns[first:last]
+
+    def substitute(self, bases: Sequence[Array], earlier: Array, prior: Array) -> None:
+        """Go over to more unknowns x', with x = basis x'; those that are new come last and begin at zero.
+
+        Parameters
+        ----------
+        bases : (u, w) of each window that is solved again
+        earlier : (u, w) of the windows before, and of what was known beforehand
+        prior : (w - u,) information of the new ones about zero
+        """
+        old = len(self.x)
+        self._blocks = [
+            block.restrict(np.eye(block.offset.shape[1]), basis)
+            for block, basis in zip(self._blocks, bases, strict=True)
+        ]
+        self._prior = earlier.T @ self._prior @ earlier
+        self._prior[old:, old:] += np.diag(prior)
+        self._folded.substitute(earlier, self._prior)
+        self.coupling = self.coupling.substitute(earlier)
+        self._signal = earlier.T @ self._signal @ earlier
+        self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
+        self.x = np.concatenate((self.x, np.zeros(len(prior))))
+
+    def eliminate(self, gone: Places, prior: Array) -> None:
+        """Minimise over unknowns that only folded windows depend on.
+
+        Parameters
+        ----------
+        gone : indices
+        prior : (k, k) information about zero of the others, from now on
+        """
+        keep = np.setdiff1d(np.arange(len(self.x)), gone)
+        information, right_side = self._folded.eliminate(self._prior, keep, gone, prior)
+        self.coupling = self.coupling.eliminate(information, right_side, keep, gone)
+        self._blocks = [
+            block.restrict(np.eye(block.offset.shape[1]), np.eye(len(self.x))[:, keep]) for block in self._blocks
+        ]
+        self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
+        self._signal = self._signal[np.ix_(keep, keep)]
 
     def _fold(self) -> None:
         oldest, self._blocks = self._blocks[0], self._blocks[1:]
+        columns, self._columns = self._columns[0], self._columns[1:]
         if self._forgetting < 1.0 and self.folded:
             kept = Blocks.concatenate(self._blocks)
             recent = eiv.maximum_likelihood(kept, self.x).information
             idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
-            self._folded.forget(self._forgetting, recent, idle)
+            root = self._folded.forget(self._forgetting, recent, idle)
+            self.coupling = self.coupling.forget(root, self._forgetting)
         plausible, spread = self._plausible()
         self._sure = eiv.uncertain_share(oldest, plausible, spread) < _LARGEST_SHARE
         if self._sure:
             linear, own = eiv.maximum_likelihood(oldest, self.x), eiv.noise_information(oldest, self.x)
             self._folded.add(replace(linear, information=linear.information - own), own, self.x)
+            self.coupling += Coupling.of(eiv.whitened(oldest, self.x), columns, self.x)
         else:
-            self._folded.add(*eiv.compensated(oldest, plausible, spread), np.zeros(len(self.x)))
+            zero = np.zeros(len(self.x))
+            self._folded.add(*eiv.compensated(oldest, plausible, spread), zero)
+            self.coupling += Coupling.of(eiv.whitened_at_zero(oldest, plausible, spread), columns, zero)
 
     def _plausible(self) -> tuple[Array, Array]:
         """Return the solution and a factor of its covariance, both held within the typical sizes.

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import BODY, UNKNOWNS
+from mbaid_ros.core.difference.window_rows import UNKNOWNS
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import Plane, PlaneDetector
@@ -20,7 +21,7 @@ class Subspace:
     Attributes
     ----------
     rows : (k, 6) E, the equations used are E f
-    basis : (16, v) orthonormal B, the unknowns are x = B x'
+    basis : (u, v) orthonormal B, the unknowns are x = B x'
     plane : in the target link's frame; None in space
     """
 
@@ -38,29 +39,34 @@ class Subspace:
         return blocks.restrict(self.rows, self.basis) if self.planar else blocks
 
     def lift(self, covariance: Array, open_variance: Array) -> Array:
-        """Return the (16, 16) covariance of all unknowns, with a given variance where nothing is known.
+        """Return the (u, u) covariance of all unknowns, with a given variance where nothing is known.
 
         Parameters
         ----------
         covariance : (v, v) of x'
-        open_variance : (16,)
+        open_variance : (u,)
         """
         if not self.planar:
             return covariance
-        outside = np.eye(UNKNOWNS) - self.basis @ self.basis.T
+        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
         return np.asarray(self.basis @ covariance @ self.basis.T + (outside * open_variance) @ outside.T)
 
 
-def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
+def subspace(detector: PlaneDetector, kernel: MomentumKernel, forces: int = 0, others: int = 0) -> Subspace:
     """Return the subspace that the motion seen so far allows.
 
     In a plane: mass, first moment in the plane, moment of inertia about its normal, linear momentum in the plane and
-    angular momentum about its normal.
+    angular momentum about its normal, and the same of forces and torques.
+
+    Parameters
+    ----------
+    detector : PlaneDetector
+    kernel : MomentumKernel
+    forces : number of pairs of force and torque among the unknowns, after the momentum
+    others : number of unknowns after them, that stay as they are
     """
     rows, plane = detector.rows(), detector.plane(kernel.target)
     if plane is None:
-        return Subspace(rows, np.eye(UNKNOWNS), None)
-    basis = np.zeros((UNKNOWNS, 4 + len(rows)))
-    basis[BODY, :4] = plane.basis
-    basis[BODY.stop :, 4:] = rows.T
-    return Subspace(rows, basis, plane)
+        return Subspace(rows, np.eye(UNKNOWNS + 6 * forces + others), None)
+    parts = [plane.basis, *[rows.T] * (1 + forces), np.eye(others)]
+    return Subspace(rows, np.asarray(block_diag(*parts)), plane)

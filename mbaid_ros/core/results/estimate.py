@@ -38,6 +38,13 @@ class Event:
     angular: Array
     cause: str
 
+    def __str__(self) -> str:
+        """Return it as a warning."""
+        linear, angular = (', '.join(f'{value:.3g}' for value in vector) for vector in (self.linear, self.angular))
+        if self.kind == 'ramp':
+            return f'momentum changes since {self.time:.1f} s, by ({linear}) N, ({angular}) N m: {self.cause}'
+        return f'momentum jumped at {self.time:.1f} s, by ({linear}) N s, ({angular}) N m s: {self.cause}'
+
 
 @dataclass(frozen=True)
 class Estimate:

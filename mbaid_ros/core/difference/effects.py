@@ -1,0 +1,91 @@
+"""What may act on the robot or be wrong with it beside its unknown body, as columns of the momentum equations.
+
+A constant force F and torque T on the base link's origin change the momentum about the run's origin by C (F, T), with
+
+    C = [[ integral of A dt,        0                ],
+         [ integral of [p]x A dt,   integral of A dt ]]
+
+where A is the unit matrix for a force that is constant in inertial axes, the base's rotation for one in base axes.
+An error of a known body's standard parameters adds its own regressor to the equations.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.samples import Samples
+
+Axes = Literal['inertial', 'body']
+AXES: tuple[Axes, ...] = ('inertial', 'body')
+
+
+class ConstantForce:
+    """Adds up what a constant force and torque on the base do to the momentum, from the measured poses.
+
+    Their noise averages out in the integrals.
+
+    Parameters
+    ----------
+    axes : that the force is constant in
+    origin : (3,) m, about which the angular momentum is taken, odometry frame
+
+    Attributes
+    ----------
+    gain : (6, 6) C at the end of the last window
+    """
+
+    def __init__(self, axes: Axes, origin: Array) -> None:
+        self._axes = axes
+        self._origin = origin
+        self._last: tuple[float, Array] | None = None  # time, (A; [p]x A), (2, 3, 3)
+        self._integral: Array = np.zeros((2, 3, 3))
+
+    @property
+    def gain(self) -> Array:
+        """C at the end of the last window, (6, 6)."""
+        return _gain(self._integral)
+
+    def columns(self, window: Samples) -> Array:
+        """Take the next window and return its (6, 6) mean of -T C, where T refers (P, L) to the base's origin."""
+        position = skew(window.base_position - self._origin)
+        turn = window.base_rotation if self._axes == 'body' else np.broadcast_to(np.eye(3), position.shape)
+        rate = np.stack((turn, position @ turn), axis=1)
+        time, before = self._last or (float(window.time[0]), rate[0])
+        step = np.diff(window.time, prepend=time)[:, None, None, None]
+        mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))
+        integral = self._integral + np.cumsum(step * mean, axis=0)
+        self._last, self._integral = (float(window.time[-1]), rate[-1]), integral[-1]
+        gain = _gain(integral)
+        gain[:, 3:, :3] -= position @ integral[:, 0]
+        return np.asarray(-np.mean(gain, axis=0))
+
+
+def _gain(integral: Array) -> Array:
+    """Return the (..., 6, 6) matrix of (..., 2, 3, 3) integrals."""
+    gain = np.zeros((*integral.shape[:-3], 6, 6))
+    gain[..., :3, :3] = gain[..., 3:, 3:] = integral[..., 0, :, :]
+    gain[..., 3:, :3] = integral[..., 1, :, :]
+    return gain
+
+
+def body_columns(kernel: MomentumKernel, window: Samples, bodies: tuple[int, ...]) -> Array:
+    """Return the window's mean momentum by the standard parameters of known bodies, (6, 10 b).
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    window : Samples
+    bodies : indices of b bodies
+    """
+    if not bodies:
+        return np.zeros((6, 0))
+    states = kernel.states(window)
+    chosen = list(bodies)
+    place = states.configuration
+    rows = regressor(place.rotation[:, chosen], place.position[:, chosen], states.body_twist[:, chosen])
+    return np.concatenate(np.mean(rows, axis=0), axis=1)

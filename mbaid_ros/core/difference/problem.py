@@ -1,0 +1,123 @@
+"""Which unknowns there are beside the body and the momentum, and what is only watched, or known to be uncertain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, body_columns
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.steps import Uncertain
+from mbaid_ros.core.difference.subspace import subspace
+from mbaid_ros.core.difference.window_rows import LINEAR
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.scale import body_sizes, unknown_scale
+from mbaid_ros.core.samples import Samples
+
+# Standard deviation of the start in typical sizes: far too much to be a prior, and enough to keep every step finite.
+NO_PRIOR = 100.0
+_FORCE_TIME = 100.0  # s, in which a force of typical size makes a momentum of typical size
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What is there beside the body and the momentum.
+
+    Attributes
+    ----------
+    linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
+    constant : axes of a constant external force and torque among the unknowns
+    known_std : (n + 1,) relative standard deviation of the parameters of each known body; 0 is exact
+    known_mode : whether these are estimated along, or only widen the covariance
+    """
+
+    linear_momentum_std: float
+    constant: Axes | Literal['none']
+    known_std: tuple[float, ...]
+    known_mode: Literal['consider', 'estimate']
+
+
+class Problem:
+    """The unknowns of a run, x = (m, h, I_o, P_0, L_0, F, T, errors of known bodies), the last two where asked for.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    beside : Beside
+    plane : of the motion so far
+    origin : (3,) m, about which L_0 is taken
+
+    Attributes
+    ----------
+    space : which equations hold, in which unknowns
+    prior : (v, v) information about zero in these
+    open_prior : (v, v) the same where nothing is known of the momentum
+    typical : (v,) sizes
+    open_variance : (u,) of x where nothing is known
+    momentum : places of the momentum among the unknowns of the subspace
+    bodies : indices of the known bodies whose errors are unknowns or effects
+    uncertain : which of the effects are errors of these bodies
+    watched : places of the constant forces among the effects, by their axes
+    """
+
+    def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
+        self._kernel = kernel
+        known_std = np.array(beside.known_std)
+        self.bodies = tuple(int(body) for body in np.flatnonzero((kernel.known[:, 0] > 0.0) & (known_std > 0.0)))
+        errors = np.concatenate([np.zeros(0), *(known_std[x] * body_sizes(kernel.known[x]) for x in self.bodies)])
+        self._estimated = beside.known_mode == 'estimate'
+        self._acting = () if beside.constant == 'none' else (ConstantForce(beside.constant, origin),)
+        self._watched = tuple(ConstantForce(axes, origin) for axes in AXES) if beside.constant == 'none' else ()
+        solved = errors if self._estimated else errors[:0]
+        self.space = subspace(plane, kernel, len(self._acting), len(solved))
+        scale = unknown_scale(kernel)
+        sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * len(self._acting), solved))
+        deviation = NO_PRIOR * sizes
+        deviation[len(sizes) - len(solved) :] = solved
+        self.open_variance = deviation**2
+        basis = self.space.basis
+        self.open_prior = np.asarray((basis.T * (1.0 / deviation**2)) @ basis)
+        if beside.linear_momentum_std > 0.0:
+            deviation[LINEAR] = beside.linear_momentum_std
+        self.prior = np.asarray((basis.T * (1.0 / deviation**2)) @ basis)
+        self.typical = np.abs(basis.T) @ sizes
+        wrench, body = len(self.space.rows), 4 if self.space.planar else 10
+        self.momentum = slice(body, body + wrench)
+        self.watched = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
+        considered = errors[len(solved) :]
+        self.uncertain = Uncertain(len(self._watched) * wrench + np.arange(len(considered)), considered**2)
+
+    @property
+    def effects(self) -> int:
+        """Number of effects that are not solved for."""
+        return len(self._watched) * len(self.space.rows) + len(self.uncertain.places)
+
+    def of(self, window: Samples, rows: Blocks) -> tuple[Blocks, Array]:
+        """Return a window's equations in the unknowns, and how they depend on the effects, (1, r, e).
+
+        Parameters
+        ----------
+        window : Samples
+        rows : of this window, in (m, h, I_o, P_0, L_0)
+        """
+        bodies = body_columns(self._kernel, window, self.bodies)
+        acting = [force.columns(window) for force in self._acting]
+        if self._estimated:
+            acting.append(bodies)
+            bodies = bodies[:, :0]
+        block = self.space.of(rows.widened(np.concatenate(acting, axis=1)[None])) if acting else self.space.of(rows)
+        selection = self.space.rows
+        watched = [force.columns(window) @ selection.T for force in self._watched]
+        return block, (selection @ np.concatenate((*watched, bodies), axis=1))[None]
+
+    def gain(self) -> Array:
+        """Return the (6, u - 10) matrix from (P_0, L_0, F, T, ...) to the momentum at the end of the last window."""
+        matrix = np.zeros((6, len(self.space.basis) - 10))
+        matrix[:, :6] = np.eye(6)
+        if self._acting:
+            matrix[:, 6:12] = self._acting[0].gain
+        return matrix
