@@ -41,7 +41,7 @@ _MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 _FALSE_ALARM = 1e-8
 _JUMP = 0.01  # standard deviation of a jump, in typical sizes of the momentum
 # How much better (log-likelihood) the data must be explained with a random walk than without.
-_MARGIN = 6.0
+_MARGIN = 10.0
 
 
 @dataclass(frozen=True)
@@ -198,11 +198,14 @@ class Tracker:
         self.settled = self._certain(start) and not any(self._rivals(start, other) for other in starts)
         self._tracks = self._pass(windows, start.point, self._walks)
         best = _best(self._tracks)
-        if best.walk is not self._walks[0]:
-            # At another hypothesis's own solution it must still be the better one.
-            other = self._repeat(windows, start.point, (best.walk,))
-            if self._certain(other) and _merit(other) > (start.settled, start.track.belief.evidence + _MARGIN):
-                self.settled, self._tracks = True, self._pass(windows, other.point, self._walks)
+        if best.walk is self._walks[0]:
+            return
+        # At another hypothesis's own solution it must still be the better one; else its lead was the linearisation's.
+        other = self._repeat(windows, start.point, (best.walk,))
+        if self._certain(other) and _merit(other) > (start.settled, start.track.belief.evidence + _MARGIN):
+            self.settled, self._tracks = True, self._pass(windows, other.point, self._walks)
+        else:
+            self._tracks = tuple(_levelled(track, self._tracks[0]) for track in self._tracks)
 
     def _certain(self, start: _Start) -> bool:
         """Tell whether a start has settled, on a mass far enough from zero for what is linear to be near the truth."""
@@ -282,6 +285,12 @@ def _best(tracks: tuple[Track, ...]) -> Track:
     first = tracks[0]
     other = max(tracks, key=lambda track: track.belief.evidence)
     return other if other.belief.evidence > first.belief.evidence + _MARGIN else first
+
+
+def _levelled(track: Track, first: Track) -> Track:
+    """Return a track without a lead over the first."""
+    evidence = min(track.belief.evidence, first.belief.evidence)
+    return replace(track, belief=replace(track.belief, evidence=evidence))
 
 
 def _surprised(belief: Belief) -> bool:
