@@ -40,6 +40,7 @@ setup(
             'watch = mbaid_ros.nodes.watch:main',
             'simulate = mbaid_ros.replay.simulate:main',
             'replay = mbaid_ros.replay.replay:main',
+            'calibrate = mbaid_ros.replay.calibrate:main',
             'export = mbaid_ros.replay.export:main',
         ],
     },

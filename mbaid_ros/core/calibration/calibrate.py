@@ -97,6 +97,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
+        mechanism=data.mechanism,
         structure=structure(data.mechanism),
         gains=np.linalg.eigvalsh(cautious.marginal)[::-1],
         scale=_scale(x[:bodies], covariance[:bodies, :bodies], prior, known, likelihood.root),

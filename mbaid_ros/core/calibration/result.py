@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.calibration.prior import Prior
-from mbaid_ros.core.calibration.structure import Structure
+from mbaid_ros.core.calibration.structure import Mechanism, Structure
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 
@@ -82,6 +82,7 @@ class Calibration:
     theta, covariance : (10 k,), (10 k, 10 k) standard parameters (m, h, I_o) of the links, each in its own frame
     corrections : (k,) sizes of the projections on bodies that can exist
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
+    mechanism : what moves
     structure : what momentum can tell at all
     gains : (10 k,) information of the data in units of the prior's along its principal directions, the largest first
     scale : how well the common factor is known
@@ -99,6 +100,7 @@ class Calibration:
     corrections: Array
     momentum: Array
     momentum_covariance: Array
+    mechanism: Mechanism
     structure: Structure
     gains: Array
     scale: Scale

@@ -1,0 +1,180 @@
+"""The executable `calibrate`: any set of a robot's bodies from recorded motions, with CAD values as a prior."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from tqdm import tqdm
+
+from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.core.calibration.prior import LinkPrior
+from mbaid_ros.core.errors import ModelError, ParameterError, listing
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
+from mbaid_ros.replay.motions import BagMotions, read_motions
+from mbaid_ros.replay.run import Inputs
+
+NOT_DETERMINED = 3
+STDOUT = '-'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable: 0 if there is a calibration, 3 if the data do not determine one, 2 after a user's error."""
+    return run(_calibrate, argv)
+
+
+def _calibrate(argv: list[str]) -> int:
+    arguments = _parser().parse(argv)
+    _check_outputs(arguments)
+    parameters = _parameters(arguments)
+    urdf = read_robot_description(arguments.model)
+    kernel = make_kernel(load_model(urdf), parameters)
+    settings = make_settings(kernel, parameters)
+    inputs = Inputs(arguments.joint_states, arguments.odom)
+    motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
+    calibration = calibrate(kernel, [windows for each in motions for windows in each.runs], settings)
+    result = Calibrated(calibration, tuple(motions), kernel, parameters)
+    reason = why_not(result)
+    if reason:
+        print(f'mbaid_ros calibrate: {one_line(reason)}', file=sys.stderr)
+        return NOT_DETERMINED
+    _write_results(result, urdf, arguments)
+    return 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'calibrate',
+        'Identify any set of bodies of a free-floating robot from recorded motions, before it captures anything. The\n'
+        'values in the URDF are where it starts from; the parameters prior.* say how well they are known.\n'
+        'Exit code: 0 calibrated, 3 the data and the prior do not determine the bodies, 2 bad input.',
+        'calibrate before_capture --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
+    )
+    add = parser.add_argument
+    add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
+    add('--model', required=True, metavar='URDF', help='the robot description, with the CAD values')
+    add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
+    add('--params', metavar='YAML', help=f"parameter file with a section for '{NODE}': prior.*, and the estimator's")
+    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--json', metavar='FILE', help='write the result with its covariance as JSON; - for standard output')
+    add('--report', metavar='HTML', help='write a report')
+    add('--output', metavar='URDF', help='write the robot description with the calibrated values')
+    return parser
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse before the long work what could not be written after it."""
+    for option in ('json', 'report', 'output'):
+        path = getattr(arguments, option)
+        if path is None or (option == 'json' and path == STDOUT):
+            continue
+        if not path or not Path(path).parent.is_dir() or Path(path).is_dir():
+            raise ParameterError(f"--{option} '{path}' cannot be written; accepted: a file in a folder that exists")
+    model, output = Path(arguments.model), arguments.output
+    if output and model.is_file() and Path(output).is_file() and model.samefile(output):
+        raise ParameterError(f"--output '{output}' is the model itself; accepted: another file")
+
+
+def _parameters(arguments: argparse.Namespace) -> CalibrationParameters:
+    """Return the parameters of the file, those of the command line over them."""
+    values = load_parameter_file(arguments.params, NODE) if arguments.params else {}
+    if arguments.unknown is not None:
+        values['unknown_links'] = arguments.unknown
+    return calibration_parameters(values)
+
+
+def make_kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
+    """Return the momentum of a robot with the unknown links that the parameters name.
+
+    Raises
+    ------
+    ModelError
+        There is no link to calibrate, or not the one that is named.
+    ParameterError
+        A link is named twice.
+    """
+    names = parameters.calibration.unknown_links
+    if not names:
+        names = tuple(link.name for link in model.links if link.parameters[0] > 0.0)
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
+    if not names:
+        raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
+    return MomentumKernel(model, *names)
+
+
+def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
+    """Return what the calibration is told of noise and priors.
+
+    Raises
+    ------
+    ModelError
+        A prior is about a link that the robot does not have.
+    ParameterError
+        A prior is about a link that is not calibrated.
+    """
+    names = [link.name for link in kernel.unknown]
+    for link in parameters.links:
+        if kernel.model.link(link).name not in names:
+            raise ParameterError(
+                f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
+            )
+    priors = [parameters.prior(name) for name in names]
+    return CalibrationSettings(
+        noise=SensorNoise(**vars(parameters.estimator.noise)),
+        priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
+        linear_momentum_std=parameters.estimator.momentum.linear_prior_std,
+    )
+
+
+def _motions(bag: str, parameters: CalibrationParameters, urdf: str, inputs: Inputs) -> BagMotions:
+    with _progress(bag) as progress:
+        return read_motions(bag, parameters.estimator, urdf, inputs, progress)
+
+
+@contextmanager
+def _progress(bag: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on a terminal, nothing when piped."""
+    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
+
+
+def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace) -> None:
+    text = json.dumps(as_json(result), allow_nan=False, ensure_ascii=False) + '\n'
+    if arguments.output:
+        for link in result.calibration.links:
+            urdf = change_inertial(urdf, link.name, link.parameters)
+        Path(arguments.output).write_text(urdf, encoding='utf-8')
+    if arguments.json and arguments.json != STDOUT:
+        Path(arguments.json).write_text(text, encoding='utf-8')
+    if arguments.report:
+        from mbaid_ros.replay.report.calibration import html  # noqa: PLC0415 - only a report needs what it imports
+
+        Path(arguments.report).write_text(html(result), encoding='utf-8')
+    if arguments.json == STDOUT:
+        sys.stdout.write(text)
+    else:
+        print(summary(result))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,263 @@
+"""What a calibration of bags leads to: its verdicts, its JSON form, which scripts rely on, and its text."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.cli import one_line
+from mbaid_ros.config.calibration import CalibrationParameters
+from mbaid_ros.core.calibration.result import Calibration, LinkResult
+from mbaid_ros.core.calibration.structure import BaseParameter
+from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges, formula, parameter
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.replay.motions import BagMotions
+
+_INERTIA = PARAMETERS[4:]
+_FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
+# What a user should look at: a scale known worse, values further off than the prior makes likely, bent estimates.
+_LOOSE_SCALE = 0.02
+_UNLIKELY = 4.0
+_LARGE_CORRECTION = 3.0
+_PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration and where it comes from.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    motions : of each bag
+    kernel : with the unknown links
+    parameters : what `calibrate` was told
+    """
+
+    calibration: Calibration
+    motions: tuple[BagMotions, ...]
+    kernel: MomentumKernel
+    parameters: CalibrationParameters
+
+    @cached_property
+    def exchanges(self) -> tuple[Exchange, ...]:
+        """What cannot be told apart."""
+        return exchanges(self.calibration.mechanism, self.calibration.structure)
+
+    @cached_property
+    def base_parameters(self) -> tuple[BaseParameter, ...]:
+        """What momentum determines."""
+        return self.calibration.structure.base_parameters()
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, one line each."""
+        told = [warning for motion in self.motions for warning in motion.warnings]
+        return tuple(dict.fromkeys((*_about_motion(self), *_about_values(self), *told)))
+
+
+def why_not(result: Calibrated) -> str:
+    """Return why there is no calibration, and what to add; empty if there is one."""
+    calibration = result.calibration
+    convergence = result.parameters.estimator.convergence
+    left_open: dict[str, list[str]] = {}
+    for link in calibration.links:
+        size = np.concatenate(
+            (
+                np.abs(link.parameters[:1]),
+                np.full(3, convergence.length),
+                np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND])),
+            )
+        )
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < convergence.identifiable_std * size)):
+            left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
+    if left_open:
+        names = listing((name for group in left_open.values() for name in group), limit=6)
+        return (
+            f'the data leave {names} open, and no prior speaks of them; add {listing(left_open)}, or move more joints'
+        )
+    if calibration.determined == 0:
+        return (
+            'the data say nothing that the prior does not: move the joints, all of them, while the base floats freely'
+        )
+    return ''
+
+
+def _about_motion(result: Calibrated) -> list[str]:
+    calibration = result.calibration
+    model = result.kernel.model
+    moving = [name for name in model.joint_names if name not in calibration.still]
+    told = []
+    if calibration.still:
+        only = f'only {listing(moving)} moves' if len(moving) == 1 else f'{listing(calibration.still)} did not move'
+        told.append(f'{only}: bodies on both sides of a joint at rest count as one; move every joint')
+    if calibration.planar:
+        told.append('planar motion: CoM across the plane and all inertia but the moment about its normal stay at CAD')
+    return told
+
+
+def _about_values(result: Calibrated) -> list[str]:
+    calibration = result.calibration
+    told = []
+    limit = result.parameters.estimator.convergence.largest_residual
+    if calibration.residual > limit:
+        told.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
+    if calibration.scale.relative_std > _LOOSE_SCALE:
+        told.append(
+            f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
+            'be off by one factor; add prior.links.<link>.mass_relative_std of a body that was weighed'
+        )
+    for link in calibration.links:
+        far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]
+        if far:
+            told.append(f'{link.name}: {listing(far)} moved further than the prior makes likely; look at CAD and prior')
+        if link.consistency_correction > _LARGE_CORRECTION:
+            told.append(
+                f'{link.name} was {link.consistency_correction:.1f} standard deviations away from any real body'
+            )
+    return told
+
+
+def as_json(result: Calibrated) -> dict[str, Any]:
+    """Return the result as scripts read it; what is not known is None."""
+    calibration = result.calibration
+    links = result.kernel.unknown
+    bags = [motion.bag for motion in result.motions for _ in motion.runs]
+    return {
+        'bags': [motion.bag for motion in result.motions],
+        'links': {link.name: _link(link) for link in calibration.links},
+        'covariance': {
+            'order': [parameter(links, index) for index in range(len(calibration.theta))],
+            'values': calibration.theta.tolist(),
+            'matrix': calibration.covariance.tolist(),
+        },
+        'identifiability': {
+            'unknowns': calibration.structure.unknowns,
+            'rank': calibration.structure.rank,
+            'determined': calibration.determined,
+            'cannot_be_told_apart': [
+                {'words': each.words, 'directions': each.directions.shape[1]} for each in result.exchanges
+            ],
+            'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
+        },
+        'scale': {
+            'relative_std': calibration.scale.relative_std,
+            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
+        },
+        'momentum': [
+            _momentum(*each) for each in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)
+        ],
+        'residual': calibration.residual,
+        'samples': calibration.samples,
+        'span_s': calibration.span,
+        'planar': calibration.planar,
+        'joints_at_rest': list(calibration.still),
+        'warnings': list(result.warnings),
+    }
+
+
+def _link(link: LinkResult) -> dict[str, Any]:
+    return {
+        'cad': shaped(link.cad),
+        'estimate': shaped(link.parameters),
+        'std': shaped(link.std),
+        'prior_std': shaped(link.prior_std),
+        'learnt': shaped(link.learnt),
+        'moved': shaped(link.moved),
+        'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
+        'consistency_correction': link.consistency_correction,
+    }
+
+
+def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
+    calibration, links = result.calibration, result.kernel.unknown
+    factors = combination.factors
+    return {
+        'words': base_parameter(links, combination),
+        'formula': formula(links, factors),
+        'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
+        'cad': float(factors @ calibration.prior.mean),
+        'value': float(factors @ calibration.theta),
+        'std': float(np.sqrt(factors @ calibration.covariance @ factors)),
+        'prior_std': float(np.sqrt(factors @ calibration.prior.covariance @ factors)),
+    }
+
+
+def _momentum(bag: str, value: Array, covariance: Array) -> dict[str, Any]:
+    std = np.sqrt(np.diag(covariance)).tolist()
+    numbers = value.tolist()
+    return {
+        'bag': bag,
+        'linear': numbers[:3],
+        'angular': numbers[3:],
+        'linear_std': std[:3],
+        'angular_std': std[3:],
+    }
+
+
+def shaped(values: Array) -> dict[str, Any]:
+    """Return ten values in the order of PARAMETERS as mass, com and inertia; None where there is no number."""
+    numbers = [float(value) if math.isfinite(value) else None for value in values]
+    return {'mass': numbers[0], 'com': numbers[1:4], 'inertia': dict(zip(_INERTIA, numbers[4:], strict=True))}
+
+
+def headline(result: Calibrated) -> str:
+    """Return the result in one sentence."""
+    calibration = result.calibration
+    count = len(calibration.links)
+    return (
+        f'{count} {"body" if count == 1 else "bodies"} calibrated from {calibration.samples} samples, '
+        f'{calibration.span:.3g} s; residual {calibration.residual:.2f}'
+    )
+
+
+def told(result: Calibrated) -> list[str]:
+    """Return what is determined and what fixes the scale, a sentence each."""
+    calibration = result.calibration
+    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
+    structure = calibration.structure
+    determined = (
+        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
+        f'{calibration.determined} the data say more than the prior'
+    )
+    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
+    return [determined, f'scale: total mass known to {std}, fixed by {shares or "nothing"}']
+
+
+def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
+    """Return a line a body: name, mass, shift of the CoM, change of the inertia, what stayed at CAD."""
+    return [_row(link) for link in result.calibration.links]
+
+
+def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
+    com = 1e3 * (link.parameters - link.cad)[1:4]
+    trace = (
+        100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0) if link.cad[0] > 0 else np.nan
+    )
+    stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
+    return (
+        one_line(link.name),
+        f'{link.cad[0]:.6g} -> {link.parameters[0]:.6g} ± {link.std[0]:.2g}',
+        '-' if math.isnan(com[0]) else ' '.join(f'{each:+.1f}' for each in com),
+        '-' if math.isnan(trace) else f'{trace:+.1f}',
+        'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing',
+    )
+
+
+HEAD = ('body', 'mass, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
+
+
+def summary(result: Calibrated) -> str:
+    """Return the result as a table for a terminal."""
+    table = [HEAD, *rows(result)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(HEAD))]
+    lines = [headline(result), *(f'  {each}' for each in told(result)), '']
+    lines += ['  ' + '  '.join(f'{cell:{w}}' for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]
+    return '\n'.join([*lines, *(f'  warning: {one_line(each)}' for each in result.warnings)])

@@ -1,0 +1,105 @@
+"""The motions in a bag, as the windows that a calibration takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.replay.run import JOINT_STATE_TYPE, ODOMETRY_TYPE, Inputs
+from mbaid_ros.session import Session, intake_warnings
+
+_MESSAGES_AT_ONCE = 2_000
+
+
+@dataclass(frozen=True)
+class BagMotions:
+    """What a bag holds.
+
+    Attributes
+    ----------
+    bag : path as the user gave it
+    runs : motions, each as windows; stamps that jump back begin another one
+    warnings : of bag, intake and data, one line each
+    """
+
+    bag: str
+    runs: tuple[list[Samples], ...]
+    warnings: tuple[str, ...]
+
+
+class _Collector:
+    """A method that keeps the windows, and says nothing of any body."""
+
+    method = 'calibration'
+    needs_rates = True
+
+    def __init__(self) -> None:
+        self.windows: list[Samples] = []
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows; the estimates without numbers are there to carry the notes on the data."""
+        self.windows += windows
+        last = float(windows[-1].time[-1])
+        return [Estimate(self.method, 'estimating', time=last, stamp=origin + round(last * 1e9))]
+
+
+def read_motions(
+    path: str,
+    config: EstimatorConfig,
+    urdf: str,
+    inputs: Inputs,
+    progress: Callable[[int, int], None],
+) -> BagMotions:
+    """Return the motions in a bag, through the same intake as an estimator's.
+
+    Parameters
+    ----------
+    path : the bag
+    config : the estimator's parameters
+    urdf : text of the robot description
+    inputs : the topics to read
+    progress : called now and then with the number of messages read and that of all
+
+    Raises
+    ------
+    DataError
+        The bag cannot be read, or lacks a topic.
+    ModelError, ParameterError
+        The robot or the parameters cannot be used.
+    """
+    collectors: list[_Collector] = []
+
+    def collect(_config: EstimatorConfig, _kernel: MomentumKernel) -> Estimator:
+        collectors.append(_Collector())
+        return collectors[-1]
+
+    session = Session(config, urdf, collect)
+    notes: tuple[str, ...] = ()
+    with BagReader(path) as bag:
+        bag.require(inputs.joint_states, JOINT_STATE_TYPE)
+        bag.require(inputs.odometry, ODOMETRY_TYPE)
+        topics = (inputs.joint_states, inputs.odometry)
+        total = sum(bag.topics[topic].count for topic in topics)
+        for count, (topic, message, _) in enumerate(bag.read(topics), start=1):
+            if topic == inputs.joint_states:
+                session.add_joint_state(message)
+            else:
+                session.add_odometry(message)
+            if count % _MESSAGES_AT_ONCE == 0:
+                notes = _noted(session.process(), notes)
+                progress(count, total)
+        notes = _noted(session.process(), notes)
+        progress(total, total)
+        warnings = (*bag.warnings, *notes, *intake_warnings(session))
+    runs = tuple(collector.windows for collector in collectors if collector.windows)
+    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)))
+
+
+def _noted(estimates: list[Estimate], notes: tuple[str, ...]) -> tuple[str, ...]:
+    return estimates[-1].warnings if estimates else notes
