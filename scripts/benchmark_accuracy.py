@@ -1,7 +1,7 @@
 """Monte Carlo over sensor noise: the methods' errors beside the Cramér-Rao bound, and whether their intervals hold.
 
 usage: benchmark_accuracy.py [--seeds N] [--quick] [--robots R ...] [--levels L ...] [--methods M ...]
-       [--store FOLDER] [--output FOLDER]
+       [--sections S ...] [--store FOLDER] [--output FOLDER]
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from benchmarks.data import LEVELS, ROBOTS, Case, kernel, motion, moved
 from benchmarks.methods import METHODS
 from benchmarks.runs import Job, Outcome, monte_carlo
 from benchmarks.summary import summarise
+from benchmarks.trajectory_bound import trajectory_bound
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 
@@ -26,6 +27,8 @@ _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (10.0, 20.0, 60.0)
 _DRIFTS = (0.01, 0.1)  # m/s
 _OFFSETS = (1e5, 7e6)  # m
+_WANDER = 1e-3  # m / sqrt(s)
+_SECTIONS = ('frames', 'sensors')
 _FIGURE = 'accuracy.svg'
 
 
@@ -40,15 +43,25 @@ def main() -> int:
         for level in arguments.levels
     }
     if not arguments.quick:
-        plan |= {frame: Job(job.times, (seeds + 1) // 2) for case, job in plan.items() for frame in _frames(case)}
+        others = {'frames': _frames, 'sensors': _sensors}
+        for section in arguments.sections:
+            plan |= {
+                other: Job(job.times, (seeds + 1) // 2) for case, job in plan.items() for other in others[section](case)
+            }
     truths = {robot: physical(kernel(robot).target.parameters) for robot in robots}
-    bounds = {case: bound(case, moved(motion(case.robot), case), job.times) for case, job in plan.items()}
     outcomes = monte_carlo(plan, truths, methods, arguments.processes, arguments.store)
+    motions = {case: moved(motion(case.robot), case) for case in plan}
+    bounds = {case: bound(_measured(case), motions[case], job.times) for case, job in plan.items()}
+    linked = {
+        case: trajectory_bound(case, motions[case], job.times)
+        for case, job in plan.items()
+        if not case.drift and not case.offset
+    }
     results = {
         case: {method: summarise(outcome, truths[case.robot], bounds[case]) for method, outcome in by_method.items()}
         for case, by_method in outcomes.items()
     }
-    report = accuracy_page.Report(plan, results, _still(outcomes, truths, bounds), bounds, truths, methods)
+    report = accuracy_page.Report(plan, results, _still(outcomes, truths, bounds), bounds, linked, truths, methods)
     for line in accuracy_page.lines(report):
         print(line)
     if arguments.output:
@@ -60,9 +73,19 @@ def main() -> int:
     return 0
 
 
+def _measured(case: Case) -> Case:
+    """Return the case whose bound of the per-sample model a case is compared with: the same with all sensors."""
+    return replace(case, sensors='all', wander=0.0)
+
+
+def _sensors(case: Case) -> list[Case]:
+    """Return a plain case with fewer sensors, and with odometry that wanders."""
+    return [replace(case, sensors='poses'), replace(case, wander=_WANDER)] if case.plain else []
+
+
 def _frames(case: Case) -> list[Case]:
     """Return a case of mid noise seen from other frames."""
-    if case.level != 'mid' or case.drift or case.offset:
+    if case.level != 'mid' or not case.plain:
         return []
     drifting = [replace(case, drift=drift) for drift in _DRIFTS]
     return drifting + [replace(case, offset=offset) for offset in _OFFSETS]
@@ -89,6 +112,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument('--robots', nargs='+', choices=list(ROBOTS), default=list(ROBOTS))
     parser.add_argument('--levels', nargs='+', choices=list(LEVELS), default=list(LEVELS), help='encoder noise')
     parser.add_argument('--methods', nargs='+', choices=list(METHODS), default=list(METHODS))
+    parser.add_argument('--sections', nargs='*', choices=_SECTIONS, default=_SECTIONS, help='besides the plain cases')
     parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
     parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished cases there, and go on from them')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write accuracy.md and its figure there')

@@ -27,7 +27,8 @@ class Report:
     plan : what was run of each case
     results : statistics
     still : the same of the cases that drifting and distant ones compare with, over as few runs
-    bounds : (T, 10) for each case
+    bounds : (T, 10) for each case, of the per-sample model with all sensors
+    linked : the same of the whole trajectory with the case's own sensors
     truths : (10,) physical parameters of each robot
     methods : their names
     """
@@ -36,12 +37,13 @@ class Report:
     results: Results
     still: Results
     bounds: dict[Case, Array]
+    linked: dict[Case, Array]
     truths: dict[str, Array]
     methods: tuple[str, ...]
 
     def plain(self, robot: str) -> list[Case]:
         """Return a robot's cases near the origin of a frame in which it does not drift."""
-        return [case for case in self.plan if case.robot == robot and not case.drift and not case.offset]
+        return [case for case in self.plan if case.robot == robot and case.plain]
 
     def robots(self) -> list[str]:
         """Return the robots that were run."""
@@ -59,6 +61,10 @@ def page(report: Report, command: str, figure: str) -> str:
         _UNITS,
         _units(report),
     ]
+    if 'trajectory' in report.methods:
+        parts += [_LINKED, _linked(report)]
+    if any(_poor(case) for case in report.plan):
+        parts += [_SENSORS, _sensors(report)]
     if any(case.drift or case.offset for case in report.plan):
         parts += [_FRAMES.format(seeds=_fewest(report)), _frames(report)]
     return '\n'.join(parts) + '\n'
@@ -68,7 +74,7 @@ def lines(report: Report) -> Iterator[str]:
     """Yield one line of text for each case, method and time."""
     for case, job in report.plan.items():
         for method in report.methods:
-            for time, summary in zip(job.times, report.results[case][method], strict=True):
+            for time, summary in zip(job.times, report.results[case].get(method, ()), strict=False):
                 intervals = ''
                 if summary.reports_std:
                     intervals = (
@@ -137,6 +143,51 @@ def _last_errors(report: Report, case: Case) -> Iterator[tuple[str, Array]]:
         yield method, report.results[case][method][-1].rmse
 
 
+def _poor(case: Case) -> bool:
+    return case.sensors == 'poses' or case.wander > 0.0
+
+
+def _linked(report: Report) -> str:
+    rows = []
+    for case in report.linked:
+        summaries = report.results[case]['trajectory']
+        limits = report.linked[case]
+        over = [summary.rmse / limit for summary, limit in zip(summaries, limits, strict=True)]
+        rows.append(
+            [
+                case.name,
+                *(f'{number(float(np.nanmedian(x)))} ({number(float(np.nanmax(x)))})' for x in over),
+                *(number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)),
+            ]
+        )
+    by_length: dict[int, list[list[str]]] = {}
+    for row in rows:
+        by_length.setdefault(len(row) // 2, []).append(row)
+    tables = []
+    for count, group in by_length.items():
+        times = [f'{time:.0f} s' for time in (10.0, 20.0, 60.0)[-count:]]
+        tables.append(table(['robot, encoders', *times, *(f'limits at {time}' for time in times)], group))
+    return '\n\n'.join(tables) + '\n'
+
+
+def _sensors(report: Report) -> str:
+    rows = [
+        [
+            case.name,
+            method,
+            f'{time:.0f} s',
+            _ratio(summary),
+            percent(float(np.nanmean(summary.coverage))),
+            number(summary.nees),
+        ]
+        for case in report.plan
+        if _poor(case)
+        for method in report.methods
+        for time, summary in zip(report.plan[case].times, report.results[case].get(method, ()), strict=False)
+    ]
+    return table(['robot, encoders, what differs', 'method', 'after', 'RMSE / bound', 'coverage', 'NEES'], rows) + '\n'
+
+
 def _in_units(errors: Array, truth: Array) -> tuple[float, float, float]:
     """Return mass in %, the CoM's largest coordinate in mm, and inertia in %, the largest I_ij over sqrt(I_ii I_jj)."""
     size = np.sqrt(truth[[4, 4, 4, 7, 7, 9]] * truth[[4, 7, 9, 7, 9, 9]])
@@ -184,9 +235,8 @@ are reported hold what they promise. {provenance}
 
 The data: the robots of `config/`, moving as their `*_simulator.yaml` says; joints and odometry at 100 Hz with white
 noise, fresh for every robot, level and seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the
-encoders 1e-5 rad
-and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each run is one pass of
-60 s; what it says after 10, 20 and 60 s is compared.
+encoders 1e-5 rad and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each
+run is one pass of 60 s; what it says after 10, 20 and 60 s is compared.
 
 The bound is the Cramér-Rao bound of the model that takes each sample by itself: the momentum equations of every sample,
 the noise of its sensors in all of their terms, unknown body and unknown total momentum (in the plane: four unknowns of
@@ -217,6 +267,22 @@ _UNITS = """\
 
 RMSE at the end of the runs: mass, the CoM's worst coordinate, the inertia's worst element (relative to
 sqrt(I_ii I_jj)).
+"""
+
+_LINKED = """\
+## Over the bound of the whole trajectory
+
+What any method could reach that links all samples is less than the per-sample bound above: RMSE of `trajectory` over
+that limit, median (worst), and the limits themselves over the per-sample bound. They are computed from the information
+of all sensors about body, momentum, first pose and the paths of the joints, cubic splines with a knot each second
+(`scripts/benchmarks/trajectory_bound.py`).
+"""
+
+_SENSORS = """\
+## Fewer sensors, wandering odometry
+
+*Poses alone*: joint positions and base poses without any velocity. *Wander*: the odometry's position walks randomly by
+1 mm a square root of a second. RMSE is over the per-sample bound with all sensors, median (worst).
 """
 
 _FRAMES = """\

@@ -6,6 +6,7 @@ import zlib
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -62,12 +63,16 @@ class Case:
     level : quality of the encoders
     drift : m/s, velocity of the whole system's centre of mass in the odometry frame
     offset : m, distance of the base from the odometry origin
+    sensors : 'all', or 'poses': joint positions and poses alone, no velocities
+    wander : m / sqrt(s), random walk of the odometry's position
     """
 
     robot: str
     level: str
     drift: float = 0.0
     offset: float = 0.0
+    sensors: Literal['all', 'poses'] = 'all'
+    wander: float = 0.0
 
     @property
     def noise(self) -> SensorNoise:
@@ -78,7 +83,14 @@ class Case:
     def name(self) -> str:
         """Short, for people and files."""
         drift = f' drift {1e3 * self.drift:g} mm/s' if self.drift else ''
-        return f'{self.robot} {self.level}{drift}{f" {self.offset:.0e} m away" if self.offset else ""}'
+        away = f' {self.offset:.0e} m away' if self.offset else ''
+        wander = f' wander {1e3 * self.wander:g} mm' if self.wander else ''
+        return f'{self.robot} {self.level}{drift}{away}{wander}{" poses alone" if self.sensors == "poses" else ""}'
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is special but robot and noise."""
+        return self == Case(self.robot, self.level)
 
     def draw(self, seed: int) -> int:
         """Return the seed of the sensors' noise.
@@ -156,6 +168,27 @@ def readings(truth: Truth, noise: SensorNoise, seed: int | None) -> tuple[JointS
     seed : of the noise
     """
     return sensed(truth, Sensors(_SILENT, 0) if seed is None else Sensors(noise, seed), noise)
+
+
+def observed(truth: Truth, case: Case, seed: int) -> tuple[JointStream, BaseStream]:
+    """Return what a case's sensors say of a motion.
+
+    Parameters
+    ----------
+    truth : the motion, as `moved` has it
+    case : Case
+    seed : of the noise, before `Case.draw`
+    """
+    joints, base = readings(truth, case.noise, case.draw(seed))
+    if case.wander:
+        step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))
+        walk = step[:, None] * np.random.default_rng([seed, 1]).normal(size=base.position.shape)
+        base = replace(base, position=base.position + np.cumsum(walk, axis=0))
+    if case.sensors == 'poses':
+        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
+        nothing = np.full_like(base.linear_velocity, np.nan)
+        base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
+    return joints, base
 
 
 def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStream, BaseStream]:

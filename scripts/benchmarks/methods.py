@@ -24,18 +24,22 @@ class Method:
     ----------
     settings : what it is told besides the noise; the true total angular momentum it gets if it has to be told one
     every : it runs for every so many seeds: to tell factors of a hundred apart takes fewer
+    papers : whether it is the paper's: it takes every velocity as it comes, and reports no uncertainty
     """
 
     settings: Mapping[str, object]
     every: int = 1
+    papers: bool = False
 
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
     'trajectory': Method({'method': 'trajectory'}),
-    'paper_main': Method({'method': 'paper_main'}, every=5),
-    'paper_difference previous': Method({'method': 'paper_difference', 'paper.reference': 'previous'}, every=5),
-    'paper_difference first': Method({'method': 'paper_difference', 'paper.reference': 'first'}, every=5),
+    'paper_main': Method({'method': 'paper_main'}, every=5, papers=True),
+    'paper_difference previous': Method(
+        {'method': 'paper_difference', 'paper.reference': 'previous'}, every=5, papers=True
+    ),
+    'paper_difference first': Method({'method': 'paper_difference', 'paper.reference': 'first'}, every=5, papers=True),
 }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.data import Case, kernel, momentum_of, motion, moved, readings
+from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed
 from benchmarks.methods import METHODS, Identification
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
@@ -92,6 +92,7 @@ def monte_carlo(
         ]
         for case, job in plan.items()
         for method in methods
+        if case.plain or case.drift or case.offset or not METHODS[method].papers
     }
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
     total = sum(len(runs) for runs in wanted.values())
@@ -138,7 +139,7 @@ def _outcome(run: _Run) -> Outcome:
     truth = moved(motion(run.case.robot), run.case)
     last = int(np.searchsorted(truth.time, max(run.times) + 1e-9))
     truth = truth[:last]
-    streams = readings(truth, run.case.noise, run.case.draw(run.seed))
+    streams = observed(truth, run.case, run.seed)
     task = Identification(kernel(run.case.robot), run.case.noise, momentum_of(run.case.robot, truth))
     return _read_off(task.estimates(run.method, *streams), run)
 

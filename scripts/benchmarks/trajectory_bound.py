@@ -1,0 +1,129 @@
+"""The Cramér-Rao bound of the whole trajectory: what an unbiased estimator could reach that links all samples.
+
+The base moves as conservation says. Unknown are the body, the total momentum, the first pose, and the path of every
+joint: a cubic spline with a knot each second. Measured are poses, twists and encoders of all samples. Errors are
+followed to first order, from node to node:
+
+    xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): the pose's, dx: of body and momentum, dq: of the path
+
+The information of all measurements about all unknowns is one matrix; what its inverse has for the body is the bound.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from benchmarks.data import Case, exact_samples, kernel, momentum_of
+from mbaid_ros.core.difference.subspace import subspace
+from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.trajectory.nodes import Midpoints
+from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+
+_STRIDE = 4  # samples from node to node
+_KNOT = 1.0  # s
+_ORDER = 3
+_ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
+
+
+def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
+    """Return the smallest standard deviation of the ten physical parameters after each of some times.
+
+    Parameters
+    ----------
+    case : robot, noise, and which sensors there are
+    truth : its motion
+    times : s
+
+    Returns
+    -------
+    (len(times), 10) array; NaN for what the motion leaves open
+    """
+    robot = kernel(case.robot)
+    samples = exact_samples(truth, case.noise)
+    detector = PlaneDetector(robot.model)
+    detector.update(samples)
+    space = subspace(detector, robot)
+    bodies = int(np.sum(np.any(space.basis[:10] != 0.0, axis=0)))
+    momentum = momentum_of(case.robot, truth)
+    momentum[3:] -= cross(truth.base_position[0], momentum[:3])
+    full = physical_jacobian(robot.target.parameters)
+    jacobian = full @ space.basis[:10, :bodies]
+    known = np.all(np.abs(full - jacobian @ space.basis[:10, :bodies].T) < 1e-9, axis=1)
+    result = np.full((len(times), 10), np.nan)
+    for row, time in enumerate(times):
+        end = int(np.searchsorted(samples.time, time - 1e-9))
+        information = _information(case, samples[:end], momentum, space.basis)
+        size = 1.0 / np.sqrt(np.diag(information))
+        inverse = np.linalg.inv(information * size * size[:, None]) * size * size[:, None]
+        body = slice(len(inverse) - space.basis.shape[1], len(inverse) - space.basis.shape[1] + bodies)
+        variance = np.diag(jacobian @ inverse[body, body] @ jacobian.T)
+        result[row] = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+    return result
+
+
+def _information(case: Case, samples: Samples, momentum: Array, basis: Array) -> Array:
+    """Return the information about (paths of the joints, first pose, body and momentum in a basis)."""
+    robot, noise = kernel(case.robot), case.noise
+    at, between = slice(0, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE)
+    step = float(samples.time[_STRIDE] - samples.time[0])
+    count = len(samples.time[between])
+    middle = _midpoints(samples[between], step)
+    prediction = predict(robot, middle, np.concatenate((momentum, robot.target.parameters)))
+    by_rate, by_position = joint_gains(robot, middle, prediction.twist, robot.target.parameters)
+    value, rate = _splines(samples.time[between], float(samples.time[-1]))
+    # A spline's own columns: the k-th spline of the j-th joint is column k n + j.
+    path = np.einsum('tk,tij->tikj', rate, by_rate) + np.einsum('tk,tij->tikj', value, by_position)
+    path = path.reshape(count, 6, -1)
+    parameters = np.concatenate((prediction.by_parameters[..., 6:], prediction.by_parameters[..., :6]), axis=-1) @ basis
+    forced = np.concatenate((path, np.zeros((count, 6, 6)), parameters), axis=-1)
+    slope = prediction.by_pose_error[:, _ANGULAR_FIRST]
+    turned = slope.copy()
+    turned[:, 3:, :3] -= skew(prediction.twist[:, :3])
+    xi = np.zeros((count + 1, *forced.shape[1:]))
+    xi[0, :, path.shape[-1] : path.shape[-1] + 6] = np.eye(6)
+    for k in range(count):
+        half = 0.5 * step * turned[k]
+        right = (np.eye(6) + half) @ xi[k] + step * forced[k, _ANGULAR_FIRST]
+        xi[k + 1] = np.linalg.solve(np.eye(6) - half, right)
+    pose = np.repeat([noise.base_orientation, noise.base_position], 3) / np.sqrt(_STRIDE)
+    rows = [(xi / pose[:, None]).reshape(-1, xi.shape[-1])]
+    if case.sensors == 'all':
+        twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) / np.sqrt(_STRIDE)
+        change = slope @ (0.5 * (xi[1:] + xi[:-1])) + forced[:, _ANGULAR_FIRST]
+        rows.append((change / twist[:, None]).reshape(-1, xi.shape[-1]))
+    information = sum((part.T @ part for part in rows), np.zeros((xi.shape[-1],) * 2))
+    value, rate = _splines(samples.time[at], float(samples.time[-1]))
+    seen = _STRIDE * value.T @ value / noise.joint_position**2
+    if case.sensors == 'all':
+        seen += _STRIDE * rate.T @ rate / noise.joint_velocity**2
+    joints = path.shape[-1]
+    information[:joints, :joints] += np.kron(seen, np.eye(robot.model.joints))
+    return np.asarray(information)
+
+
+def _midpoints(samples: Samples, step: float) -> Midpoints:
+    """Return exact samples as the motion midway between nodes."""
+    origin = samples.base_position[0]
+    twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
+    return Midpoints(
+        joint_position=samples.joint_position,
+        joint_velocity=samples.joint_velocity,
+        base_rotation=samples.base_rotation,
+        base_position=samples.base_position - origin,
+        base_twist=twist,
+        turn=step * twist[:, 3:],
+        step=step * twist[:, :3],
+    )
+
+
+def _splines(time: Array, end: float) -> tuple[Array, Array]:
+    """Return values and rates (T, K) of the cubic splines of a run."""
+    inner = np.linspace(0.0, end, max(round(end / _KNOT), 1) + 1)
+    knots = np.concatenate((np.full(_ORDER, inner[0]), inner, np.full(_ORDER, inner[-1])))
+    basis = BSpline(knots, np.eye(len(inner) + _ORDER - 1), _ORDER)
+    return basis(time), basis.derivative()(time)
