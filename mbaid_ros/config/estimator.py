@@ -9,6 +9,8 @@ from mbaid_ros.config.parameters import parameter
 METHODS = ('difference', 'trajectory', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
+CONSTANT_FORCES = ('none', 'inertial', 'body')
+KNOWN_LINKS_MODES = ('consider', 'estimate')
 TIME_JUMPS = ('reset', 'error', 'ignore')
 
 
@@ -165,15 +167,38 @@ class DebrisConfig:
 
 
 @dataclass(frozen=True)
+class DisturbanceConfig:
+    """What acts on the robot from outside."""
+
+    constant: str = parameter(
+        'none',
+        'Axes of a constant external force and torque on the base link that are estimated along; none looks for one '
+        '(trajectory: with trajectory.adapt) and estimates it where the data ask for it.',
+        choices=CONSTANT_FORCES,
+    )
+
+
+@dataclass(frozen=True)
 class KnownLinksConfig:
     """How well the known bodies are known."""
 
     relative_std: float = parameter(
         0.0,
-        'Relative standard deviation of the inertial parameters of every known body, estimated along with the target '
-        '(trajectory); 0 takes the URDF as exact.',
+        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
         minimum=0.0,
         maximum=1.0,
+    )
+    names: tuple[str, ...] = parameter(
+        (), 'Links with a relative standard deviation of their own (difference), in the order of known_links.stds.'
+    )
+    stds: tuple[float, ...] = parameter(
+        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
+    )
+    mode: str = parameter(
+        'consider',
+        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
+        'target. trajectory always estimates them.',
+        choices=KNOWN_LINKS_MODES,
     )
 
 
@@ -295,6 +320,7 @@ class EstimatorConfig:
     difference: DifferenceConfig = field(default_factory=DifferenceConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from mbaid_ros.config.estimator import EstimatorConfig
+from typing import Literal
+
+from mbaid_ros.config.estimator import EstimatorConfig, KnownLinksConfig
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.difference.problem import Beside
+from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -42,6 +45,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                 time_offset_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
                 adapt=config.trajectory.adapt,
                 known_std=config.known_links.relative_std,
+                constant=_axes(config.disturbance.constant),
             ),
             reporting,
         )
@@ -55,9 +59,9 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                 window=config.window,
                 beside=Beside(
                     linear_momentum_std=config.momentum.linear_prior_std,
-                    constant='none',
-                    known_std=(0.0,) * len(kernel.known),
-                    known_mode='consider',
+                    constant=_axes(config.disturbance.constant),
+                    known_std=_known_std(config.known_links, kernel),
+                    known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
                 ),
             ),
             reporting,
@@ -76,3 +80,30 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             length=convergence.length,
         ),
     )
+
+
+def _axes(name: str) -> Literal['none', 'inertial', 'body']:
+    """Return the axes of a constant force that a parameter names."""
+    return 'inertial' if name == 'inertial' else 'body' if name == 'body' else 'none'
+
+
+def _known_std(config: KnownLinksConfig, kernel: MomentumKernel) -> tuple[float, ...]:
+    """Return the relative standard deviation of each known body's parameters.
+
+    Raises
+    ------
+    ParameterError
+        Names and standard deviations differ in number, or a name is not that of a link.
+    """
+    if len(config.names) != len(config.stds):
+        raise ParameterError(
+            f"parameter 'known_links.stds' has {len(config.stds)} numbers; accepted: {len(config.names)}, one for each "
+            "of 'known_links.names'"
+        )
+    stds = [config.relative_std] * len(kernel.known)
+    bodies = {link.name: link.body for link in kernel.model.links}
+    for name, std in zip(config.names, config.stds, strict=True):
+        if name not in bodies:
+            raise ParameterError(f"parameter 'known_links.names' has '{name[:60]}'; accepted: {listing(bodies)}")
+        stds[bodies[name]] = std
+    return tuple(stds)

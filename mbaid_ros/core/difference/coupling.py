@@ -65,6 +65,17 @@ class Coupling:
         """Return the same in unknowns x' with x = basis x'."""
         return Coupling(basis.T @ self.cross, self.own, self.offset)
 
+    def part(self, effects: slice) -> Coupling:
+        """Return the same for some of the effects alone."""
+        return Coupling(self.cross[:, effects], self.own[effects, effects], self.offset[effects])
+
+    def solve_for(self, effects: slice) -> Coupling:
+        """Return the same once some effects are unknowns, after the others: as effects they are there no more."""
+        cross = np.concatenate((self.cross, self.own[effects]))
+        own, offset = self.own.copy(), self.offset.copy()
+        cross[:, effects] = own[effects] = own[:, effects] = offset[effects] = 0.0
+        return Coupling(cross, own, offset)
+
     def forget(self, root: Array, factor: float) -> Coupling:
         """Return the past discounted like an information N that becomes root^T N root, by up to a factor."""
         return Coupling(np.sqrt(factor) * root.T @ self.cross, factor * self.own, factor * self.offset)

@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem
@@ -24,7 +26,10 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 
-_MOST_TOLD = 5  # jumps in the warnings
+_MOST_TOLD = 5  # events in the warnings
+_LONG = 1.5  # s, from which a jump of the momentum is no pulse
+# Chance of an estimate to be as large if there was nothing, from which on a jump is none, and a force is one.
+_NOTHING, _CERTAIN = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ class _Run:
     origin: Array
     problem: Problem
     likelihood: SteppedLikelihood
+    started: float  # s since the first sample
     restarted: bool = False
 
 
@@ -85,7 +91,7 @@ class DifferenceEstimator:
 
     def _window(self, window: Samples, rows: Blocks, start: Array, origin: int) -> Estimate:
         self._plane.update(window)
-        run = self._run = self._running(start)
+        run = self._run = self._running(start, float(window.time[0]))
         time = float(window.time[-1])
         block, columns = run.problem.of(window, rows)
         linear = run.likelihood.add(block, columns, (float(window.time[0]), time))
@@ -97,29 +103,30 @@ class DifferenceEstimator:
 
     def _judged(self, estimate: Estimate, run: _Run) -> Estimate:
         """Return the estimate with what has disturbed its run."""
-        events = tuple(_event(jump, run) for jump in run.likelihood.jumps)
+        events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
         warnings = [*estimate.warnings, *map(str, events[-_MOST_TOLD:])]
         if run.likelihood.too_many:
             warnings.append('the momentum keeps changing: something acts all the time, or the model is wrong')
         return replace(estimate, events=events, warnings=tuple(warnings))
 
     def _solution(self, run: _Run, linear: Linearisation) -> Solution:
-        space, likelihood = run.problem.space, run.likelihood.likelihood
-        own = slice(0, space.basis.shape[1])  # without jumps
+        problem, likelihood, force = run.problem, run.likelihood.likelihood, run.likelihood.force
+        space, variance = problem.space, problem.open_variance
+        own = np.arange(space.basis.shape[1])  # without jumps
+        if force is not None:
+            own = np.concatenate((own, force.place))
+            space = replace(space, basis=np.asarray(block_diag(space.basis, space.rows.T)))
+            variance = np.concatenate((variance, np.full(6, 1.0 / np.min(run.likelihood.watched.prior))))
+        present = problem.present(force.axes if force else None)
+        information, noise = linear.information, likelihood.noise_information
         covariance, cautious = (
-            space.lift(
-                inverse(linear.information, linear.information - share * likelihood.noise_information)[own, own],
-                run.problem.open_variance,
-            )
+            present
+            @ space.lift(inverse(information, information - share * noise)[np.ix_(own, own)], variance)
+            @ present.T
             for share in (1.0, NOISE_MARGIN)
         )
-        x = space.basis @ likelihood.x[own]
-        if len(x) > 16:
-            now = np.zeros((16, len(x)))
-            now[:10, :10], now[10:, 10:] = np.eye(10), run.problem.gain()
-            x, covariance, cautious = now @ x, now @ covariance @ now.T, now @ cautious @ now.T
         return Solution(
-            x=x,
+            x=present @ (space.basis @ likelihood.x[own]),
             covariance=covariance,
             cautious_covariance=cautious,
             cost=linear.cost,
@@ -129,7 +136,7 @@ class DifferenceEstimator:
             restarted=run.restarted,
         )
 
-    def _running(self, start: Array) -> _Run:
+    def _running(self, start: Array, time: float) -> _Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
         if self._run is not None and self._run.problem.space.planar == self._plane.planar:
             return self._run
@@ -141,12 +148,45 @@ class DifferenceEstimator:
         rolling = RollingLikelihood(
             problem.prior, settings.kept_windows, forgetting, problem.typical, effects=problem.effects
         )
-        likelihood = SteppedLikelihood(rolling, problem.momentum, problem.open_prior, problem.uncertain)
-        return _Run(start, problem, likelihood, restarted=self._run is not None)
+        likelihood = SteppedLikelihood(
+            rolling, problem.momentum, problem.open_prior, problem.uncertain, problem.watched
+        )
+        return _Run(start, problem, likelihood, time, restarted=self._run is not None)
 
 
-def _event(jump: Jump, run: _Run) -> Event:
+def _step(jump: Jump, run: _Run) -> Event:
     """Return a jump of the momentum as it is reported, about the odometry's origin."""
     change = run.problem.space.rows.T @ jump.value
     linear = change[:3]
-    return Event(jump.start, 'step', linear, change[3:] + cross(run.origin, linear), 'thrust pulse or contact')
+    return Event(jump.start, 'step', linear, change[3:] + cross(run.origin, linear), _cause(jump))
+
+
+def _cause(jump: Jump) -> str:
+    """Return what may have made a jump of the momentum."""
+    if not _tells(jump.value, jump.covariance, _NOTHING):
+        return 'the momentum came back: a fault of the sensors, or two pulses that cancel'
+    if jump.end - jump.start > _LONG:
+        return f'a force or torque for {jump.end - jump.start:.1f} s: thrust or contact'
+    return 'thrust pulse or contact'
+
+
+def _forces(run: _Run) -> tuple[Event, ...]:
+    """Return the constant force that acts on the origin of the base link, if there is one."""
+    found, acting = run.likelihood.force, run.problem.acting
+    if found is not None:
+        acting = (found.place, found.axes)
+    if acting is None or not run.likelihood.ready:
+        return ()
+    place, axes = acting
+    value, covariance = run.likelihood.part(place)
+    if not _tells(value, covariance, _CERTAIN):
+        return ()
+    wrench = run.problem.space.rows.T @ value
+    likely = 'inertial axes: a tilted table, drag or a leak' if axes == 'inertial' else 'base axes: a leak or thrust'
+    cause = f'a force or torque that is constant in {likely}; estimated along, which widens the intervals'
+    return (Event(run.started, 'ramp', wrench[:3], wrench[3:], cause),)
+
+
+def _tells(value: Array, covariance: Array, chance: float) -> bool:
+    """Return whether an estimate would be so far from zero by chance less often than that."""
+    return bool(float(value @ np.linalg.solve(covariance, value)) > chi2.isf(chance, len(value)))

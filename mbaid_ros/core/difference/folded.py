@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from mbaid_ros.core.difference.coupling import Places
+from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric
@@ -111,6 +111,21 @@ class Folded:
         self._floor = floor
         self._sum, self._sum_right = basis.T @ self._sum @ basis, basis.T @ self._sum_right
         self.noise_information = basis.T @ self.noise_information @ basis
+        self._settle()
+
+    def extend(self, coupling: Coupling, floor: Array) -> None:
+        """Take effects among the unknowns, after the others.
+
+        Parameters
+        ----------
+        coupling : of what has been folded with these effects
+        floor : that of all unknowns
+        """
+        self._floor = floor
+        self._sum = np.block([[self._sum, coupling.cross], [coupling.cross.T, coupling.own]])
+        self._sum_right = np.concatenate((self._sum_right, -coupling.offset))
+        more = len(coupling.offset)
+        self.noise_information = np.pad(self.noise_information, (0, more))
         self._settle()
 
     def eliminate(self, prior: Array, keep: Places, gone: Places, floor: Array) -> tuple[Array, Array]:

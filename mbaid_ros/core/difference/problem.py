@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, body_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.steps import Uncertain
+from mbaid_ros.core.difference.steps import Uncertain, Watched
 from mbaid_ros.core.difference.subspace import subspace
 from mbaid_ros.core.difference.window_rows import LINEAR
 from mbaid_ros.core.geometry import Array
@@ -59,9 +60,10 @@ class Problem:
     typical : (v,) sizes
     open_variance : (u,) of x where nothing is known
     momentum : places of the momentum among the unknowns of the subspace
+    acting : places of the constant force and torque that was asked for, and its axes
     bodies : indices of the known bodies whose errors are unknowns or effects
     uncertain : which of the effects are errors of these bodies
-    watched : places of the constant forces among the effects, by their axes
+    watched : constant forces that may act
     """
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
@@ -87,7 +89,12 @@ class Problem:
         self.typical = np.abs(basis.T) @ sizes
         wrench, body = len(self.space.rows), 4 if self.space.planar else 10
         self.momentum = slice(body, body + wrench)
-        self.watched = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
+        after = self.momentum.stop
+        self.acting: tuple[Places, Axes] | None = None
+        if beside.constant != 'none':
+            self.acting = (np.arange(after, after + wrench), beside.constant)
+        places = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
+        self.watched = Watched(places, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
         considered = errors[len(solved) :]
         self.uncertain = Uncertain(len(self._watched) * wrench + np.arange(len(considered)), considered**2)
 
@@ -114,10 +121,17 @@ class Problem:
         watched = [force.columns(window) @ selection.T for force in self._watched]
         return block, (selection @ np.concatenate((*watched, bodies), axis=1))[None]
 
-    def gain(self) -> Array:
-        """Return the (6, u - 10) matrix from (P_0, L_0, F, T, ...) to the momentum at the end of the last window."""
-        matrix = np.zeros((6, len(self.space.basis) - 10))
-        matrix[:, :6] = np.eye(6)
+    def present(self, found: Axes | None) -> Array:
+        """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.
+
+        Parameters
+        ----------
+        found : axes of a force among the effects that is now among the unknowns, six more numbers after the others
+        """
+        count = len(self.space.basis)
+        matrix = np.eye(16, count + (6 if found else 0))
         if self._acting:
-            matrix[:, 6:12] = self._acting[0].gain
+            matrix[10:, 16:22] = self._acting[0].gain
+        if found:
+            matrix[10:, count:] = self._watched[AXES.index(found)].gain
         return matrix

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.coupling import Coupling, Places
@@ -145,6 +146,27 @@ class RollingLikelihood:
         self._signal = earlier.T @ self._signal @ earlier
         self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
         self.x = np.concatenate((self.x, np.zeros(len(prior))))
+
+    def solve_for(self, effects: slice, prior: Array) -> None:
+        """Take effects among the unknowns; they come last, begin at zero, and are there no more as effects.
+
+        Parameters
+        ----------
+        effects : which
+        prior : (w,) information about zero
+        """
+        self._blocks = [
+            block.widened(columns[..., effects]) for block, columns in zip(self._blocks, self._columns, strict=True)
+        ]
+        for columns in self._columns:
+            columns[..., effects] = 0.0
+        more = len(prior)
+        self._prior = np.asarray(block_diag(self._prior, np.diag(prior)))
+        self._folded.extend(self.coupling.part(effects), self._prior)
+        self.coupling = self.coupling.solve_for(effects)
+        self._signal = np.pad(self._signal, (0, more))
+        self._typical = np.concatenate((self._typical, 1.0 / np.sqrt(prior)))
+        self.x = np.concatenate((self.x, np.zeros(more)))
 
     def eliminate(self, gone: Places, prior: Array) -> None:
         """Minimise over unknowns that only folded windows depend on.

@@ -7,14 +7,15 @@ windows. The window in which a jump happens belongs to neither side and is given
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from mbaid_ros.core.difference import monitor
 from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.effects import Axes
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -26,6 +27,8 @@ _FALSE_ALARM = 1e-9
 _PART = 1e-2
 # Redundant equations from which the tests can be trusted.
 _ENOUGH = 50
+# Fall of the sum of squared residuals by which one kind of force must be better than the other.
+_CLEAR = 15.0
 _MOST_JUMPS = 4  # among the windows that are solved again
 _LONGEST = 40  # windows that one jump may take
 
@@ -65,6 +68,22 @@ class _Open:
     given_up: int = 0
 
 
+@dataclass
+class Force:
+    """A constant force and torque that acts.
+
+    Attributes
+    ----------
+    axes : it is constant in these
+    effects : its places among the effects, while it was only watched
+    place : (k,) indices among the unknowns
+    """
+
+    axes: Axes
+    effects: slice
+    place: Places
+
+
 @dataclass(frozen=True)
 class _View:
     """What the tests see: the latest solution.
@@ -99,6 +118,20 @@ class Uncertain:
     variance: Array
 
 
+@dataclass(frozen=True)
+class Watched:
+    """Constant forces and torques that may act.
+
+    Attributes
+    ----------
+    effects : their places among the effects, by the axes they are constant in
+    prior : (k,) information about zero where nothing is known of one
+    """
+
+    effects: Mapping[Axes, slice]
+    prior: Array
+
+
 class SteppedLikelihood:
     """Watches a rolling likelihood for jumps of the momentum, and lets it jump.
 
@@ -108,25 +141,32 @@ class SteppedLikelihood:
     momentum : places of the momentum among its unknowns
     prior : (u, u) information about zero where nothing is known; with the momentum's, jumps begin, too
     uncertain : Uncertain
+    watched : Watched
 
     Attributes
     ----------
+    watched : as given
     jumps : those that have been found
+    force : that was found to act
     ready : whether the data say enough for the tests
     surplus : how much the uncertain effects add to the sum of squared residuals in expectation
     too_many : whether some could not be allowed for
     """
 
-    def __init__(self, likelihood: RollingLikelihood, momentum: slice, prior: Array, uncertain: Uncertain) -> None:
+    def __init__(
+        self, likelihood: RollingLikelihood, momentum: slice, prior: Array, uncertain: Uncertain, watched: Watched
+    ) -> None:
         self.likelihood = likelihood
         self._momentum = momentum
         self._prior = prior
         self._start = np.diag(prior)[momentum]
         self._uncertain = uncertain
+        self.watched = watched
         self._spans: list[tuple[float, float]] = []  # of the windows that are solved again
         self._open: list[_Open] = []
         self._view: _View | None = None
         self.jumps: list[Jump] = []
+        self.force: Force | None = None
         self.ready = False
         self.surplus = 0.0
         self.too_many = False
@@ -140,23 +180,31 @@ class SteppedLikelihood:
         columns : (1, r, e)
         span : s since the first sample, its start and end
         """
-        self._expect(self._padded(block), columns, span)
-        padded = self._padded(block)
-        linear = self.likelihood.add(padded, columns)
+        self._expect(*self._padded(block, columns), span)
+        linear = self.likelihood.add(*self._padded(block, columns))
         self._spans.append(span)
         if len(self._spans) > len(self.likelihood):
             del self._spans[0]
             for item in self._open:
                 item.after -= 1
             linear = self._close() or linear
-        self._view = self._look(linear)
+        view = self._look(linear)
         enough = linear.equations - len(self.likelihood.x) >= _ENOUGH
-        self.ready = enough and self.likelihood.certain(self._padded(block))
-        if self.ready and self._look_back(self._view):
+        self.ready = enough and self.likelihood.certain(self._padded(block, columns)[0])
+        if self.ready and self._look_back(view):
             linear = self.likelihood.solve()
-            self._view = self._look(linear)
-        self._update(self._view)
+            view = self._look(linear)
+        self._view = view
+        for item in self._open:
+            item.jump.value, item.jump.covariance = self.part(item.place)
         return linear
+
+    def part(self, place: Places) -> tuple[Array, Array]:
+        """Return value and covariance of some of the unknowns, the latter widened where residuals are too large."""
+        value = self.likelihood.x[place]
+        if self._view is None:
+            return value, np.full((len(place), len(place)), np.inf)
+        return value, self._view.nuisance.inverse[np.ix_(place, place)] * self._view.scale
 
     def _look(self, linear: Linearisation) -> _View:
         likelihood, uncertain = self.likelihood, self._uncertain
@@ -180,9 +228,15 @@ class SteppedLikelihood:
         )
         return float(np.sum(np.maximum(left, 0.0) * self._uncertain.variance))
 
-    def _padded(self, block: Blocks) -> Blocks:
-        """Return a block of the latest windows in all unknowns: jumps that are over do not enter."""
-        return block.widened(np.zeros((*block.offset.shape, len(self.likelihood.x) - block.rows.shape[-1])))
+    def _padded(self, block: Blocks, columns: Array) -> tuple[Blocks, Array]:
+        """Return a window in all unknowns, into which jumps that are over do not enter, and its effects."""
+        own = block.rows.shape[-1]
+        more = np.zeros((*block.offset.shape, len(self.likelihood.x) - own))
+        if self.force is not None:
+            more[..., self.force.place - own] = columns[..., self.force.effects]
+            columns = columns.copy()
+            columns[..., self.force.effects] = 0.0
+        return block.widened(more), columns
 
     def _expect(self, block: Blocks, columns: Array, span: tuple[float, float]) -> None:
         """Let the momentum jump before a window that the earlier ones cannot explain."""
@@ -203,15 +257,34 @@ class SteppedLikelihood:
             self._jump(len(self._spans), span, view)
 
     def _look_back(self, view: _View) -> bool:
-        """Let the momentum jump between two earlier windows if that explains the data far better; return whether."""
+        """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
+        limit = float(chi2.isf(_FALSE_ALARM, len(self._start))) * view.scale
         first = max([2, *(item.after + 2 for item in self._open)])
-        if first >= len(self._spans):
-            return False
-        fall = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)
-        best = first + int(np.argmax(fall.amount[first:]))
-        if fall.amount[best] / view.scale < chi2.isf(_FALSE_ALARM, len(self._start)):
-            return False
-        return self._jump(best, self._spans[best], view)
+        jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance).amount[first:]
+        best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
+        if self.force is None and self.watched.effects:
+            forces = self._forces(view)
+            axes = max(forces, key=lambda name: forces[name])
+            if forces[axes] > max(limit, explained):
+                clear = forces[axes] - min(forces.values()) > _CLEAR * view.scale
+                if clear:
+                    self._act(axes)
+                return clear
+        return explained > limit and self._jump(first + best, self._spans[first + best], view)
+
+    def _forces(self, view: _View) -> dict[Axes, float]:
+        """Return how much better a constant force would explain the data, by its axes."""
+        x, uncertain = self.likelihood.x, self._uncertain.places
+        return {
+            axes: float(monitor.force(view.coupling, x, effects, uncertain, view.nuisance).amount)
+            for axes, effects in self.watched.effects.items()
+        }
+
+    def _act(self, axes: Axes) -> None:
+        """Let a constant force and torque act, from the start of the run."""
+        effects, count = self.watched.effects[axes], len(self.likelihood.x)
+        self.likelihood.solve_for(effects, self.watched.prior)
+        self.force = Force(axes, effects, np.arange(count, len(self.likelihood.x)))
 
     def _jump(self, place: int, span: tuple[float, float], view: _View) -> bool:
         """Let the momentum jump before a window; return whether there is room for it."""
@@ -244,19 +317,19 @@ class SteppedLikelihood:
             return None
         for item in closed:
             self._open.remove(item)
-            kept = len(self.likelihood.x) - len(item.place)
-            self.likelihood.eliminate(item.place, self._fresh(kept))
-            for other in self._open:
+            later: list[_Open | Force] = [*self._open, *([self.force] if self.force else [])]
+            for other in later:
                 other.place = other.place - len(item.place) * (other.place > item.place[0])
+            prior = self._fresh(len(self.likelihood.x) - len(item.place))
+            self.likelihood.eliminate(item.place, prior)
         return self.likelihood.solve()
 
     def _fresh(self, unknowns: int) -> Array:
-        """Return the (u, u) information about zero where nothing is known, jumps included."""
-        jumps = (unknowns - len(self._prior)) // len(self._start)
-        return np.asarray(block_diag(self._prior, np.diag(np.tile(self._start, jumps))))
-
-    def _update(self, view: _View) -> None:
-        """Write down how large the jumps are by now."""
+        """Return the (u, u) information about zero where nothing is known, jumps and force included."""
+        prior = np.zeros((unknowns, unknowns))
+        prior[: len(self._prior), : len(self._prior)] = self._prior
         for item in self._open:
-            item.jump.value = self.likelihood.x[item.place]
-            item.jump.covariance = view.nuisance.inverse[np.ix_(item.place, item.place)] * view.scale
+            prior[item.place, item.place] = self._start
+        if self.force is not None:
+            prior[self.force.place, self.force.place] = self.watched.prior
+        return prior

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class TrajectorySettings:
     time_offset_std : s, of the joints' stamps before they are estimated; 0 takes them as true
     adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
     known_std : relative standard deviation of the known bodies' parameters, which are then estimated along; 0 is exact
+    constant : axes of a constant force and torque that is taken to act
     """
 
     noise: SensorNoise
@@ -49,6 +51,7 @@ class TrajectorySettings:
     time_offset_std: float
     adapt: bool
     known_std: float
+    constant: Literal['none', 'inertial', 'body'] = 'none'
 
 
 class TrajectoryEstimator:
@@ -139,6 +142,10 @@ class TrajectoryEstimator:
         return self._tracker
 
     def _walks(self) -> tuple[Walk, ...]:
+        if self._settings.constant != 'none':
+            axes = 'base' if self._settings.constant == 'body' else 'inertial'
+            acting = f'a constant force or torque acts, in {axes} axes'
+            return (Walk(acting, force=self._settings.constant),)
         still = Walk('nothing drifts')
         if not self._settings.adapt:
             return (still,)
