@@ -23,7 +23,7 @@ from mbaid_ros.replay.motions import BagMotions
 _INERTIA = PARAMETERS[4:]
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # What a user should look at: a scale known worse, values further off than the prior makes likely, bent estimates.
-_LOOSE_SCALE = 0.02
+_LOOSE_SCALE = 0.01
 _UNLIKELY = 4.0
 _LARGE_CORRECTION = 3.0
 _PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
@@ -66,17 +66,11 @@ class Calibrated:
 def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and what to add; empty if there is one."""
     calibration = result.calibration
-    convergence = result.parameters.estimator.convergence
+    limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
-        size = np.concatenate(
-            (
-                np.abs(link.parameters[:1]),
-                np.full(3, convergence.length),
-                np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND])),
-            )
-        )
-        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < convergence.identifiable_std * size)):
+        size = _sizes(link, result.parameters.estimator.convergence.length)
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
         names = listing((name for group in left_open.values() for name in group), limit=6)
@@ -88,6 +82,15 @@ def why_not(result: Calibrated) -> str:
             'the data say nothing that the prior does not: move the joints, all of them, while the base floats freely'
         )
     return ''
+
+
+def _sizes(link: LinkResult, length: float) -> Array:
+    """Return what the standard deviation of each value is taken relative to, for a CoM the radius of gyration."""
+    values = link.cad if link.cad[0] > 0.0 else link.parameters
+    gyration = float(np.sqrt(np.sum(values[[4, 7, 9]]) / 2.0 / values[0]))
+    com = gyration if link.cad[0] > 0.0 else max(length, gyration)
+    moments = np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND]))
+    return np.concatenate((np.abs(link.parameters[:1]), np.full(3, com), moments))
 
 
 def _about_motion(result: Calibrated) -> list[str]:

@@ -1,0 +1,218 @@
+"""The executable `calibrate`: from bags and a URDF of CAD values to a calibrated one, and what it refuses."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+import recorded
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.replay.calibrate import main
+from observed import MID
+from servicing import LINKS, PRIORS, free_motion, free_servicer, free_urdf, perturbed
+
+PARAMETERS = """
+/**:
+  ros__parameters:
+    noise.joint_position: 1.0e-4
+calibrate:
+  ros__parameters:
+    prior:
+      inertia_relative_std: 0.05
+      links.base_link.mass_relative_std: 0.001
+"""
+
+
+def noisy(truth: Truth, seed: int) -> Truth:
+    """Return a motion as sensors see it."""
+    sensors = Sensors(MID, seed)
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    values = {**vars(truth), 'joint_position': joints.position, 'joint_velocity': joints.velocity}
+    values |= {'base_position': base.position, 'base_orientation': base.orientation}
+    return Truth(
+        **{**values, 'base_linear_velocity': base.linear_velocity, 'base_angular_velocity': base.angular_velocity}
+    )
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a bag of a free motion, a URDF that is off, and parameters."""
+    folder = tmp_path_factory.mktemp('calibration')
+    recorded.write(folder / 'before', free_servicer(), noisy(free_motion(1, 60.0)[:800], 1))
+    recorded.write(folder / 'again', free_servicer(), noisy(free_motion(2, 30.0)[:300], 2))
+    cad = free_urdf()
+    for link in perturbed(free_servicer(), PRIORS, 7).links:
+        cad = change_inertial(cad, link.name, physical(link.parameters))
+    (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
+    (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
+    return folder
+
+
+def run(place: Path, *arguments: str, code: int = 0) -> int:
+    assert main([str(place / 'before'), '--model', str(place / 'cad.urdf'), *arguments]) == code
+    return code
+
+
+@pytest.fixture(scope='module')
+def result(place: Path) -> Any:
+    """Return the JSON of a calibration that also wrote URDF and report."""
+    files = {name: str(place / f'out.{name}') for name in ('json', 'urdf', 'html')}
+    options = ['--params', str(place / 'calibrate.yaml'), '--json', files['json'], '--report', files['html']]
+    run(place, *options, '--output', files['urdf'])
+    return json.loads((place / 'out.json').read_text(encoding='utf-8'))
+
+
+def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> None:
+    assert list(result['links']) == list(LINKS)
+    base = result['links']['base_link']
+    for key in ('cad', 'estimate', 'std', 'prior_std', 'learnt', 'moved'):
+        assert set(base[key]) == {'mass', 'com', 'inertia'}
+    assert base['prior_std']['mass'] == pytest.approx(0.001 * base['cad']['mass'], rel=1e-6)
+    assert result['covariance']['order'][:5] == [f'base_link.{name}' for name in ('m', 'hx', 'hy', 'hz', 'Ixx')]
+    matrix = np.array(result['covariance']['matrix'])
+    assert matrix.shape == (80, 80)
+    assert np.linalg.eigvalsh(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))))[0] > -1e-9
+    found = result['identifiability']
+    assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
+    assert sum(each['directions'] for each in found['cannot_be_told_apart']) == 21
+    first = found['base_parameters'][0]
+    assert first['words'].startswith('mass of base_link, with mass of link1')
+    masses = [link['estimate']['mass'] for link in result['links'].values()]
+    assert first['value'] == pytest.approx(sum(masses), rel=1e-9)
+    assert first['std'] == pytest.approx(result['scale']['relative_std'] * sum(masses), rel=1e-6)
+    assert result['scale']['fixed_by'][0]['name'] == 'mass of base_link'
+    assert len(result['momentum']) == 1
+
+
+def test_the_estimates_are_right_within_their_covariance(result: Any) -> None:
+    theta = np.concatenate([link.parameters for link in free_servicer().links])
+    error = np.array(result['covariance']['values']) - theta
+    covariance = np.array(result['covariance']['matrix'])
+    assert error @ np.linalg.solve(covariance, error) == pytest.approx(80.0, abs=4.0 * np.sqrt(160.0))
+    assert result['residual'] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.usefixtures('result')
+def test_only_inertial_lines_of_the_urdf_differ(place: Path) -> None:
+    before, after = ((place / name).read_text(encoding='utf-8').splitlines() for name in ('cad.urdf', 'out.urdf'))
+    assert len(before) == len(after)
+    lines = [line for line in difflib.unified_diff(before, after, n=0) if line[:1] in '+-'][2:]
+    assert len(lines) == 2 * 3 * len(LINKS)
+    assert all(re.match(r'[+-]\s*<(origin|mass|inertia) ', line) for line in lines)
+
+
+def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> None:
+    path = str(place / 'out.urdf')
+    model = pinocchio.buildModelFromUrdf(path, pinocchio.JointModelFreeFlyer())
+    spec = mujoco.MjSpec.from_file(path)
+    spec.body('base_link').add_freejoint()
+    other = spec.compile()
+    for index, (name, link) in enumerate(result['links'].items()):
+        mass, com = link['estimate']['mass'], link['estimate']['com']
+        inertia = np.array([link['estimate']['inertia'][key] for key in ('ixx', 'iyy', 'izz')])
+        body = model.inertias[index + 1]
+        assert body.mass == pytest.approx(mass, rel=1e-8)
+        assert body.lever == pytest.approx(np.array(com), abs=1e-8)
+        assert np.diag(body.inertia) == pytest.approx(inertia, rel=1e-8)
+        assert other.body(name).mass[0] == pytest.approx(mass, rel=1e-8)
+        assert other.body(name).ipos == pytest.approx(np.array(com), abs=1e-8)
+        assert other.body(name).inertia.sum() == pytest.approx(inertia.sum(), rel=1e-6)
+
+
+@pytest.mark.usefixtures('result')
+def test_the_report_tells_of_every_body(place: Path) -> None:
+    page = (place / 'out.html').read_text(encoding='utf-8')
+    assert all(f'<summary>{name}</summary>' in page for name in LINKS)
+    assert 'mass between base_link and link1: on the axis of joint1' in page
+    assert 'nan' not in page
+
+
+def test_the_text_tells_what_moved_and_what_fixes_the_scale(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*(str(place / name) for name in ('before', 'again')), '--model', str(place / 'cad.urdf')]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith('8 bodies calibrated from ')
+    assert 'momentum can determine 59 combinations of 80 parameters' in out
+    assert 'warning: the scale is known to' in out  # no body was weighed
+    assert re.search(r'^  link3 +\d+[.\d]* -> ', out, re.MULTILINE)
+
+
+def test_a_chosen_part_of_the_bodies(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(place, '--unknown', 'base_link', 'link7', '--json', '-')
+    found = json.loads(capsys.readouterr().out)
+    assert list(found['links']) == ['base_link', 'link7']
+    # The other links, known, hold the factor.
+    assert any(each['name'] == 'the known bodies' for each in found['scale']['fixed_by'])
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'arguments', 'code', 'reason'),
+    [
+        ('prior.mass_relative_std: 0.0\n    prior.inertia_relative_std: 0.0', [], 2, 'nothing fixes the scale'),
+        ('prior.com_std: 0.0', [], 3, 'and no prior speaks of them; add prior.com_std'),
+        ('prior.com_std: -1.0', [], 2, "parameter 'prior.com_std' is -1.0 m; accepted: a number >= 0 m"),
+        ('prior.links.link2.com_std: big', [], 2, "parameter 'prior.links.link2.com_std' is 'big'"),
+        ('prior.links.link2.colour: 1.0', [], 2, 'known: prior.links.<link>.com_std'),
+        ('prior.links.moon.com_std: 0.1', [], 2, "link 'moon' is not in the robot description"),
+        ('prior.links.link2.com_std: 0.1', ['--unknown', 'link3'], 2, 'prior.links.link2 is given, but link2 is not'),
+        ('priors.com_std: 0.1', [], 2, "unknown parameter 'priors.com_std'"),
+        ('', ['--unknown', 'link3', 'link3'], 2, '--unknown names link3 twice; accepted: each link once'),
+        ('', ['--unknown', 'link9'], 2, "link 'link9' is not in the robot description; links: base_link, link1"),
+        ('', ['--output', '.'], 2, "--output '.' cannot be written"),
+    ],
+)
+def test_bad_input_is_one_line_that_says_what_to_add(  # noqa: PLR0917 - four of a case, three fixtures
+    place: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    parameters: str,
+    arguments: list[str],
+    code: int,
+    reason: str,
+) -> None:
+    file = tmp_path / 'calibrate.yaml'
+    file.write_text(f'calibrate:\n  ros__parameters:\n    window: 0.5\n    {parameters}\n', encoding='utf-8')
+    run(place, '--params', str(file), *arguments, code=code)
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('mbaid_ros calibrate: ')
+    assert captured.err.count('\n') == 1
+    assert reason in captured.err
+
+
+def test_the_model_is_not_overwritten(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(place, '--output', str(place / 'cad.urdf'), code=2)
+    assert 'is the model itself; accepted: another file' in capsys.readouterr().err
+
+
+def test_an_unphysical_prior_is_refused(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = (place / 'cad.urdf').read_text(encoding='utf-8')
+    values = physical(load_model(urdf).link('link3').parameters)
+    values[4] *= 9.0
+    model = tmp_path / 'odd.urdf'
+    model.write_text(change_inertial(urdf, 'link3', values), encoding='utf-8')
+    assert main([str(place / 'before'), '--model', str(model)]) == 2
+    assert "link 'link3' has an inertia that no body has" in capsys.readouterr().err
+
+
+def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'free.urdf').write_text(free_urdf(), encoding='utf-8')
+    recorded.write(tmp_path / 'one', free_servicer(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
+    assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf')]) == 0
+    assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in capsys.readouterr().out
+    still = free_motion(3, 20.0, joints=(3,))
+    motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name or 'joint' in name}
+    recorded.write(tmp_path / 'none', free_servicer(), noisy(Truth(**{**vars(still), **motions}), 1))
+    assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
+    assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err
