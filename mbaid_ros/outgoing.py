@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
@@ -73,8 +74,12 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
     )
 
 
-def debris_message(alone: Debris, estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
+def debris_message(
+    alone: Debris, estimate: Estimate, types: MessageTypes, frames: Frames, capture: Capture | None = None
+) -> Any:
     """Return the captured body alone as a mbaid_msgs/InertiaEstimate in its own frame.
+
+    Its momenta are those that the body alone had before the capture; NaN where the run began after it.
 
     Parameters
     ----------
@@ -82,8 +87,15 @@ def debris_message(alone: Debris, estimate: Estimate, types: MessageTypes, frame
     estimate : that it was taken from
     types : MessageTypes
     frames : of the estimate
+    capture : Capture, optional
     """
-    body = replace(estimate, parameters=alone.parameters, covariance=alone.covariance)
+    body = replace(
+        estimate,
+        parameters=alone.parameters,
+        covariance=alone.covariance,
+        momentum=np.full(6, np.nan) if capture is None else capture.momentum,
+        momentum_covariance=np.full((6, 6), np.nan) if capture is None else capture.covariance,
+    )
     return estimate_message(body, types, replace(frames, target_link=alone.frame.name))
 
 

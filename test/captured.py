@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields, replace
+
 import numpy as np
 import pinocchio
 
-from mbaid_ros.core.geometry import Array
+from floating import RATE, float_freely
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
 from mbaid_ros.core.results.debris import Frame
 from mbaid_ros.core.robot.inertia import physical, standard
-from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.simulated_run import make_motion
+from observed import MID, kernel
 from simulated import CONFIG, robot
 
 LINK = 'link7'
+CHASER = np.array([0.3, -0.2, 0.1, 4.0, -3.0, 6.0])  # (P, L) of the robot before the capture
 # The empty last link: (m, r_c, I_c), as the robot description's comment has it.
 BARE = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
 GRASP = Frame('grasp', np.asarray(pinocchio.rpy.rpyToMatrix(0.3, -0.5, 1.2)), np.array([0.05, 0.1, 0.2]))
@@ -37,3 +50,81 @@ def alone_in_grasp() -> Array:
     """Return the captured body's (m, r_c, I_c) in the grasp frame."""
     back = GRASP.rotation.T
     return physical(express(alone(), back, -back @ GRASP.position))
+
+
+def chaser() -> MomentumKernel:
+    """Return the robot before the capture, its last link as the estimator's URDF has it."""
+    return MomentumKernel(load_model(with_bare_link()), LINK)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A capture that went as told.
+
+    Attributes
+    ----------
+    truth : the motion before and after it
+    momentum : (6,) (P, L) that the captured body had before, odometry frame, L about its origin
+    """
+
+    truth: Truth
+    momentum: Array
+
+
+def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined:
+    """Return the motion of the servicer that captures a body at a time and moves on for another.
+
+    Both are joined rigidly in no time: poses go on, the total momentum jumps by what the captured body brought along.
+
+    Parameters
+    ----------
+    before, after : s
+    velocity, spin : (3,) m/s, rad/s of the body before the capture, its CoM's and its own, odometry axes
+    """
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
+    motion = make_motion(config, robot('servicer7'))
+    assert isinstance(motion, Sinusoids)
+    first = float_freely(chaser(), motion, CHASER, before + 1.0 / RATE)  # its last instant is that of the capture
+    rotation, position = rotation_from_quaternion(first.base_orientation[-1]), first.base_position[-1]
+    brought = _momentum(rotation, position, first.joint_position[-1], velocity, spin)
+    total = CHASER + brought
+    about_base = total[3:] - np.cross(position, total[:3])
+    start = np.concatenate((total[:3] @ rotation, about_base @ rotation))
+    angle = 2.0 * np.pi * before * motion.frequency
+    later = Sinusoids(motion.reference(before)[0], motion.amplitude, motion.frequency, motion.phase + angle)
+    second = float_freely(kernel('servicer7'), later, start, after)
+    moved = replace(
+        second,
+        time=second.time + before,
+        base_position=position + second.base_position @ rotation.T,
+        base_orientation=quaternion_from_rotation(rotation @ rotation_from_quaternion(second.base_orientation)),
+    )
+    parts = (first[:-1], moved)
+    return Joined(Truth(*(np.concatenate([getattr(part, x.name) for part in parts]) for x in fields(Truth))), brought)
+
+
+def _momentum(rotation: Array, position: Array, joints: Array, velocity: Array, spin: Array) -> Array:
+    """Return (P, L) of the captured body where the last link is at the capture."""
+    rest = np.zeros((1, 6))
+    state = chaser().states_of(rotation[None], joints[None], np.zeros((1, len(joints))), rest)
+    turn, place = state.rotation[0], position + state.position[0]
+    body = physical(alone())
+    centre = place + turn @ body[1:4]
+    linear = body[0] * velocity
+    inertia = turn @ unvec(body[4:]) @ turn.T
+    return np.concatenate((linear, np.cross(centre, linear) + inertia @ spin))
+
+
+def sensed(truth: Truth, seed: int) -> Truth:
+    """Return what sensors of the middle kind make of a motion."""
+    sensors = Sensors(MID, seed)
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    return replace(
+        truth,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_orientation=base.orientation,
+        base_linear_velocity=base.linear_velocity,
+        base_angular_velocity=base.angular_velocity,
+    )

@@ -12,6 +12,7 @@ TWIST_FRAMES = ('child', 'inertial')
 CONSTANT_FORCES = ('none', 'inertial', 'body')
 KNOWN_LINKS_MODES = ('consider', 'estimate')
 TIME_JUMPS = ('reset', 'error', 'ignore')
+PHASES = ('post_capture', 'pre_capture')
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,30 @@ class DisturbanceConfig:
 
 
 @dataclass(frozen=True)
+class CaptureConfig:
+    """The capture, where the data begin before it."""
+
+    phase: str = parameter(
+        'post_capture',
+        'Phase to begin in: post_capture identifies from the first sample on; pre_capture checks the known model until '
+        '~/capture is called.',
+        choices=PHASES,
+    )
+    time: float = parameter(
+        0.0,
+        'Time of the capture after the first sample, where it is known beforehand; 0 leaves it to phase.',
+        unit='s',
+        minimum=0.0,
+    )
+    margin: float = parameter(
+        0.5,
+        'Time before and after the capture in which bodies touch and slip: windows with a sample in it are not used.',
+        unit='s',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
 class KnownLinksConfig:
     """How well the known bodies are known."""
 
@@ -323,5 +348,6 @@ class EstimatorConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

@@ -75,6 +75,11 @@ class Identifier:
         self._notes[text] = -np.inf
 
     @property
+    def origin(self) -> int:
+        """Stamp of the first sample, ns: time 0 of every estimate."""
+        return self._synchroniser.origin
+
+    @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
         return self._dropped + self._synchroniser.dropped

@@ -204,6 +204,7 @@ def _estimate(state: State) -> Report:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     values: Values = [
         ('method', estimate.method),
+        ('phase', state.session.phase if state.session else ''),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

@@ -28,11 +28,11 @@ from mbaid_ros.nodes.clocks import clock_problems
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
-from mbaid_ros.nodes.outlets import Outlets
+from mbaid_ros.nodes.outlets import TYPES, Outlets
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
 from mbaid_ros.nodes.runner import own_arguments, run_node
-from mbaid_ros.outgoing import Frames
+from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
 
 NAME = 'estimator'
@@ -74,6 +74,7 @@ class EstimatorNode(Node):
         self._diagnostics = Diagnostics(self._inlets, description_topic)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/capture', self._on_capture)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         self.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._say_what_is_missing()
@@ -159,8 +160,12 @@ class EstimatorNode(Node):
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._follow_restart(session)
             self._state.estimate = estimate
+            frames = self._frames(session)
+            self._outlets.publish(estimate, frames, session.model.urdf)
             alone = session.debris(estimate)
-            self._outlets.publish(estimate, self._frames(session), session.model.urdf, alone)
+            if alone is not None:
+                capture = session.captured(estimate)
+                self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
             self._display.show(estimate, session.target_link)
         if session.restarted != self._restarted:
             self._follow_restart(session)
@@ -184,6 +189,19 @@ class EstimatorNode(Node):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._start_again()
         response.success, response.message = True, 'everything forgotten, started again'
+        return response
+
+    def _on_capture(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        session = self._state.session
+        try:
+            if session is None:
+                raise DataError('there is no robot description yet; accepted: a capture after the first sample')
+            response.message = f'captured {session.capture():.3f} s after the first sample'
+        except DataError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        self._log.info(response.message)
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -14,11 +14,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
-from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
-from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
 
@@ -59,7 +58,7 @@ class Outlets:
             for topic, message_type in self._topics.items()
         }
 
-    def publish(self, estimate: Estimate, frames: Frames, urdf: str, alone: Debris | None = None) -> None:
+    def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in the forms it is good for.
 
         Parameters
@@ -68,8 +67,6 @@ class Outlets:
         frames : Frames
         urdf : str
             The robot description that it belongs to.
-        alone : Debris, optional
-            The captured body on its own.
         """
         self._publish('~/estimate', estimate_message(estimate, TYPES, frames))
         if is_usable(estimate):
@@ -77,8 +74,10 @@ class Outlets:
         if is_complete(estimate):
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
             self._publish('~/robot_description', String(data=text))
-        if alone is not None:
-            self._publish('~/debris', debris_message(alone, estimate, TYPES, frames))
+
+    def publish_debris(self, message: InertiaEstimate) -> None:
+        """Publish the captured body on its own."""
+        self._publish('~/debris', message)
 
     def _publish(self, topic: str, message: Any) -> None:
         # A latched topic keeps one message, and would forget it for the next when several windows close at once: that

@@ -10,12 +10,22 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from mbaid_ros.core.capture import Capture, Phase
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.replay.jsonable import (
+    matrix,
+    number,
+    numbers,
+    shaped,
+    shaped_capture,
+    shaped_debris,
+    shaped_momentum,
+    shaped_std,
+)
 
 HISTORY_LIMIT = 5_000
-_INERTIA = PARAMETERS[4:]
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,8 @@ class Run:
     pose : the last one, None where the bag holds none
     settings : every parameter of the estimator with its value
     debris : the captured body alone, None where not asked for or not determined
+    phase : in which the bag ends
+    capture : what it tells, None where the bag holds none
     """
 
     bag: str
@@ -87,6 +99,8 @@ class Run:
     pose: Pose | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
     debris: Debris | None = None
+    phase: Phase = 'post_capture'
+    capture: Capture | None = None
 
     @property
     def reached(self) -> bool:
@@ -143,17 +157,17 @@ def as_json(run: Run) -> dict[str, Any]:
         'method': final.method,
         'target_link': run.target_link,
         'status': final.status,
-        'estimate': _shaped(_numbers(final.parameters)),
-        'std': _std(final),
-        'covariance': _covariance(final.covariance),
-        'identifiable': _shaped([bool(flag) for flag in final.identifiable]),
-        'momentum': _momentum(final),
+        'estimate': shaped(numbers(final.parameters)),
+        'std': shaped_std(final.std),
+        'covariance': matrix(final.covariance),
+        'identifiable': shaped([bool(flag) for flag in final.identifiable]),
+        'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
         'time_offset': None
         if math.isnan(final.time_offset)
-        else {'value': final.time_offset, 'std': _number(final.time_offset_std)},
+        else {'value': final.time_offset, 'std': number(final.time_offset_std)},
         'events': events(run),
-        'capture': None,
-        'debris': None if run.debris is None else _debris(run.debris),
+        'capture': None if run.capture is None else shaped_capture(run.capture),
+        'debris': None if run.debris is None else shaped_debris(run.debris),
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
@@ -161,8 +175,8 @@ def as_json(run: Run) -> dict[str, Any]:
             {
                 't': estimate.time,
                 'status': estimate.status,
-                'estimate': _shaped(_numbers(estimate.parameters)),
-                'std': _std(estimate),
+                'estimate': shaped(numbers(estimate.parameters)),
+                'std': shaped_std(estimate.std),
             }
             for estimate in run.history
         ],
@@ -175,8 +189,8 @@ def events(run: Run) -> list[dict[str, Any]]:
         {
             't': event.time,
             'kind': event.kind,
-            'linear': _numbers(event.linear),
-            'angular': _numbers(event.angular),
+            'linear': numbers(event.linear),
+            'angular': numbers(event.angular),
             'cause': event.cause,
         }
         for event in run.final.events
@@ -192,8 +206,22 @@ def summary(run: Run) -> str:
         else:
             spread = '' if math.isnan(std) else f' ± {std:.2g}'
             rows.append(f'  {name:6} {value:>13.6g}{spread} {unit}')
+    if run.capture is not None:
+        rows += _captured(run.capture)
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {run.final.method}']
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def _captured(capture: Capture) -> list[str]:
+    """Return the captured body's own momentum, for a terminal."""
+    rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
+    std = np.sqrt(np.diag(capture.covariance))
+    for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
+        values = ', '.join(
+            f'{value:.4g} ± {spread:.2g}' for value, spread in zip(capture.momentum[part], std[part], strict=True)
+        )
+        rows.append(f'  {kind} momentum ({values}) {unit}')
+    return rows
 
 
 def verdict(run: Run) -> str:
@@ -202,6 +230,8 @@ def verdict(run: Run) -> str:
     rest = f'; not determined by this motion: {missing}' if missing else ''
     if run.final.status == 'inconsistent':
         return f'the data contradict the model of {run.target_link}: momentum is not conserved as assumed'
+    if run.phase != 'post_capture':
+        return f'no estimate of {run.target_link}: the data end before the capture'
     if run.final.status == 'waiting':
         return f'no estimate of {run.target_link}: the data hold no complete window'
     if not run.reached:
@@ -209,46 +239,3 @@ def verdict(run: Run) -> str:
     if run.final.status == 'converged':
         return f'the inertia of {run.target_link} is identified{rest}'
     return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
-
-
-def _shaped(values: list[Any]) -> dict[str, Any]:
-    """Return ten values in the order of PARAMETERS as mass, com and inertia."""
-    return {'mass': values[0], 'com': values[1:4], 'inertia': dict(zip(_INERTIA, values[4:], strict=True))}
-
-
-def _std(estimate: Estimate) -> dict[str, Any] | None:
-    std = estimate.std
-    return None if np.all(np.isnan(std)) else _shaped(_numbers(std))
-
-
-def _covariance(covariance: Array) -> list[list[float | None]] | None:
-    return None if np.all(np.isnan(covariance)) else [_numbers(row) for row in covariance]
-
-
-def _debris(alone: Debris) -> dict[str, Any]:
-    """Return the captured body with its frame, which is given in the target link's."""
-    frame = alone.frame
-    return {
-        **_shaped(_numbers(alone.parameters)),
-        'std': _shaped(_numbers(alone.std)),
-        'covariance': _covariance(alone.covariance),
-        'frame': {
-            'name': frame.name,
-            'position': _numbers(frame.position),
-            'orientation': _numbers(quaternion_from_rotation(frame.rotation)),
-        },
-    }
-
-
-def _momentum(estimate: Estimate) -> dict[str, Any]:
-    values = _numbers(estimate.momentum)
-    stds = _numbers(np.sqrt(np.diag(estimate.momentum_covariance)))
-    return {'linear': values[:3], 'angular': values[3:], 'linear_std': stds[:3], 'angular_std': stds[3:]}
-
-
-def _numbers(values: Array) -> list[float | None]:
-    return [_number(value) for value in values]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

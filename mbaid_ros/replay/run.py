@@ -9,6 +9,7 @@ from typing import Any
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
+from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
@@ -58,13 +59,15 @@ class EstimateWriter:
         bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
         self._types = MessageTypes(find=message_class, flags=_as_it_is)
 
-    def write(self, estimate: Estimate, frames: Frames, alone: Debris | None = None) -> None:
-        """Write an estimate at the stamp of the last sample it uses."""
+    def write(
+        self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
+    ) -> None:
+        """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
         time = max(0, estimate.stamp)
         self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, self._types, frames), time)
         self._bag.write(INERTIA_TOPIC, inertia_message(estimate, self._types, frames), time)
         if alone is not None:
-            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, self._types, frames), time)
+            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, self._types, frames, capture), time)
 
 
 def replay_bag(
@@ -125,6 +128,8 @@ def replay_bag(
         pose=intake.pose(),
         settings=values_of(config),
         debris=session.debris(history.last) if history.last else None,
+        phase=session.phase,
+        capture=session.captured(history.last) if history.last else None,
     )
 
 
@@ -171,7 +176,7 @@ def _take(estimates: Sequence[Estimate], session: Session, history: History, wri
     for estimate in estimates:
         history.add(estimate)
         if writer:
-            writer.write(estimate, frames, session.debris(estimate))
+            writer.write(estimate, frames, session.debris(estimate), session.captured(estimate))
 
 
 def _as_it_is(flags: Flags) -> Flags:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from mbaid_ros.config.estimator import EstimatorConfig, KnownLinksConfig
+from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.difference.problem import Beside
 from mbaid_ros.core.errors import ParameterError, listing
@@ -15,6 +16,16 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+
+
+def capture_of(config: EstimatorConfig, kernel: MomentumKernel, after: Estimator) -> CaptureEstimator | None:
+    """Return what stands before a method in a run that begins before the capture, None in any other run."""
+    if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
+        return None
+    noise = SensorNoise(**vars(config.noise))
+    capture = CaptureEstimator(kernel, after, noise, config.capture.margin, config.convergence.largest_residual)
+    capture.time = config.capture.time or None
+    return capture
 
 
 def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator:

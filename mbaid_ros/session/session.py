@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
@@ -22,7 +23,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
-from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.session.methods import capture_of, make_estimator
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
@@ -130,6 +131,44 @@ class Session:
         principal = self.config.debris.frame == PRINCIPAL
         return debris(estimate, self._kernel.target.parameters, self._debris_frame, in_principal_axes=principal)
 
+    @property
+    def phase(self) -> Phase:
+        """Where the run is: before the capture, in it, or after it."""
+        return 'post_capture' if self._capture is None else self._capture.phase
+
+    def capture(self) -> float:
+        """Take it that the body has just been captured, and return when: s since the first sample.
+
+        Raises
+        ------
+        DataError
+            The run did not begin before a capture, has had it, or has no samples yet.
+        """
+        capture = self._capture
+        if capture is None:
+            raise DataError(
+                'this run began after the capture; accepted: a capture in one that begins with capture.phase: '
+                'pre_capture'
+            )
+        self._ready += self._work()
+        newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
+        if capture.time is not None:
+            raise DataError(
+                f'the capture was told before, at {capture.time:.6g} s; accepted: one in a run; reset begins another'
+            )
+        if newest is None or not self._identifier.used:
+            raise DataError('there are no samples yet; accepted: a capture after the first')
+        capture.time = (newest - self._identifier.origin) * 1e-9
+        return capture.time
+
+    def captured(self, estimate: Estimate) -> Capture | None:
+        """Return what the capture tells with the latest estimate, None while there was none."""
+        if self._capture is None:
+            return None
+        link = self._kernel.target.parameters
+        alone = debris(estimate, link, debris_frame('', self.model, self._kernel.target))
+        return self._capture.capture(None if alone is None else alone.parameters)
+
     def _begin(self) -> None:
         """Make anew what a run works with."""
         config = self.config
@@ -138,9 +177,9 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        self._identifier = Identifier(
-            self._make(config, self._kernel), config.window, config.maximum_gap, config.twist_frame
-        )
+        method = self._make(config, self._kernel)
+        self._capture = capture_of(config, self._kernel, method)
+        self._identifier = Identifier(self._capture or method, config.window, config.maximum_gap, config.twist_frame)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from captured import BARE, GRASP, alone_in_grasp, with_bare_link
+import recorded
+from captured import BARE, GRASP, alone_in_grasp, capture, sensed, with_bare_link
 from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.export import main as export
 from mbaid_ros.replay.replay import main as replay
 from simulated import CONFIG
@@ -108,3 +110,36 @@ def test_a_frame_that_cannot_be_is_one_line(
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert text in error
+
+
+def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    run = capture(4.0, 10.0, np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
+    bag = recorded.write(tmp_path / 'bag', load_model(with_bare_link()), sensed(run.truth, 2))
+    urdf, parameters, report = (tmp_path / name for name in ('robot.urdf', 'estimator.yaml', 'report.html'))
+    urdf.write_text(with_bare_link(), encoding='utf-8')
+    told = 'estimator: {ros__parameters: {capture.time: 4.0, debris.report: true}}'
+    parameters.write_text(told)
+    arguments = [str(bag), '--model', str(urdf), '--target', 'link7', '--params', str(parameters), '--json', '-']
+    assert replay([*arguments, '--report', str(report)]) == 0
+    result = json.loads(capsys.readouterr().out)
+    found = result['capture']
+    assert found['t'] == 4.0
+    for part, expected in (('linear', run.momentum[:3]), ('angular', run.momentum[3:])):
+        z = (np.array(found[f'target_{part}_momentum']) - expected) / np.array(found[f'target_{part}_momentum_std'])
+        assert np.all(np.abs(z) < 4.0)
+    assert found['chaser']['residual'] == pytest.approx(1.0, abs=0.4)
+    assert found['chaser']['samples'] == 350
+    assert np.linalg.norm(found['target_angular_velocity']) == pytest.approx(0.039, abs=0.02)
+    text = report.read_text()
+    assert 'Captured at 4 s.' in text
+    assert 'spin z' in text
+    # A capture that nobody told of is momentum that is not conserved.
+    parameters.write_text(told.replace('4.0', '400.0'))
+    assert replay(arguments) == 3
+    result = json.loads(capsys.readouterr().out)
+    assert (result['status'], result['capture']) == ('inconsistent', None)
+    assert any('the known model changes' in warning for warning in result['warnings'])
+    # A bag that ends before the capture leads to no estimate.
+    early = recorded.write(tmp_path / 'early', load_model(with_bare_link()), sensed(run.truth, 2)[:350])
+    assert replay([str(early), *arguments[1:-2]]) == 3
+    assert 'the data end before the capture' in capsys.readouterr().out

@@ -9,6 +9,7 @@ from html import escape
 from mbaid_ros.cli import one_line
 
 NO_NUMBER = '\N{EN DASH}'
+PLUS_MINUS = '\N{PLUS-MINUS SIGN} 95 %'
 _NUMBER_STARTS = f'-+.0123456789{NO_NUMBER}\N{PLUS-MINUS SIGN}'
 
 # The colours of Okabe and Ito, which every kind of colour vision tells apart; on dark the lighter ones of them.

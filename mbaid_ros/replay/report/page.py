@@ -12,17 +12,15 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.canvas import BAND
+from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
-from mbaid_ros.replay.report.markup import NO_NUMBER, STYLE, figure, listed, number, paragraph, table, text
+from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, STYLE, figure, listed, number, paragraph, table, text
 from mbaid_ros.replay.report.scene import scene
 from mbaid_ros.replay.report.versions import versions
 from mbaid_ros.replay.results import Run, events, verdict
 from mbaid_ros.replay.truth import Truth
 
-_MOMENTUM = ('linear x', 'linear y', 'linear z', 'angular x', 'angular y', 'angular z')
-_MOMENTUM_UNITS = (*('N s',) * 3, *('N m s',) * 3)
-_PLUS_MINUS = '\N{PLUS-MINUS SIGN} 95 %'
 _SIGMA = '\N{GREEK SMALL LETTER SIGMA}'
 _GOOD = {'converged', 'estimating'}
 
@@ -64,7 +62,8 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
-        _debris(run),
+        captured_body(run),
+        before_the_capture(run),
         *_courses(run, matching, name),
         '<h3>The robot in its last pose</h3>',
         _robot(run, name),
@@ -101,7 +100,7 @@ def _notes(run: Run, truth: Truth | None) -> list[str]:
 
 def _parameters(run: Run, truth: Truth | None) -> str:
     final = run.final
-    head = ['parameter', 'estimate', _PLUS_MINUS, 'unit', 'identifiable']
+    head = ['parameter', 'estimate', PLUS_MINUS, 'unit', 'identifiable']
     rows = [
         [parameter, number(value), number(BAND * std, 2), unit, 'yes' if known else 'no']
         for parameter, unit, value, std, known in zip(
@@ -118,25 +117,6 @@ def _parameters(run: Run, truth: Truth | None) -> str:
         f'{final.samples} samples over {final.time:.4g} s, method {final.method}, status {final.status}.'
     )
     return table(head, rows) + paragraph(where, 'note')
-
-
-def _debris(run: Run) -> str:
-    """Return the captured body alone, where that was asked for."""
-    if run.debris is None:
-        return ''
-    rows = [
-        (name, number(value), number(BAND * std, 2), unit)
-        for name, unit, value, std in zip(
-            PARAMETERS, figures.SHOWN_UNITS, run.debris.parameters, run.debris.std, strict=True
-        )
-    ]
-    note = (
-        f"The captured body alone, in frame '{run.debris.frame.name}': what is identified, less what the robot "
-        f"description says of link '{run.target_link}' itself."
-    )
-    return (
-        '<h3>Captured body</h3>' + table(('parameter', 'estimate', _PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')
-    )
 
 
 def _courses(run: Run, truth: Truth | None, name: str) -> list[str]:
@@ -165,9 +145,9 @@ def _momentum(run: Run) -> str:
     values, stds = np.where(known, values, np.nan), np.where(known, stds, np.nan)
     rows = [
         (name, number(value), number(BAND * std, 2), unit)
-        for name, unit, value, std in zip(_MOMENTUM, _MOMENTUM_UNITS, values, stds, strict=True)
+        for name, unit, value, std in zip(MOMENTUM, MOMENTUM_UNITS, values, stds, strict=True)
     ]
-    return table(('momentum', 'estimate', _PLUS_MINUS, 'unit'), rows)
+    return table(('momentum', 'estimate', PLUS_MINUS, 'unit'), rows)
 
 
 def _events(run: Run) -> str:

@@ -1,0 +1,149 @@
+"""A simulated capture: the momentum that the captured body brought along, the body itself, a known model to doubt."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from captured import CHASER, Joined, alone, capture, chaser
+from mbaid_ros.core.capture import BEFORE, CaptureEstimator
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.debris import Frame, debris
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.samples import Samples
+from observed import MID, estimator, observe, windows
+
+BEGIN, END = 8.0, 12.0  # s: the capture, and how long the run goes on after it
+VELOCITY = np.array([0.004, -0.006, 0.003])  # m/s
+SPIN = np.array([0.02, -0.03, 0.015])  # rad/s
+RARE = 1e-3
+HERE = Frame('link7', np.eye(3), np.zeros(3))
+
+
+@cache
+def joined() -> Joined:
+    return capture(BEGIN, END, VELOCITY, SPIN)
+
+
+def pieces(seed: int | None = 1) -> list[Samples]:
+    return windows(observe(joined().truth, MID, seed))
+
+
+def make(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
+    kernel = chaser()
+    return CaptureEstimator(kernel, estimator(kernel, MID, method=method), MID, margin, 2.0)
+
+
+def told(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
+    made = make(margin, method)
+    made.time = BEGIN
+    return made
+
+
+def body(estimate: Estimate) -> Array:
+    """Return the captured body's parameters."""
+    found = debris(estimate, chaser().target.parameters, HERE)
+    assert found is not None
+    error = found.parameters - physical(alone())
+    assert float(error @ np.linalg.solve(found.covariance, error)) < chi2.isf(RARE, 10)
+    return found.parameters
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_what_the_body_brought_along(method: str) -> None:
+    run = told(method=method)
+    last = run.update(pieces(), 0)[-1]
+    found = run.capture(body(last))
+    assert found is not None
+    assert found.time == BEGIN
+    error = found.momentum - joined().momentum
+    assert float(error @ np.linalg.solve(found.covariance, error)) < chi2.isf(RARE, 6)
+    assert found.velocity == pytest.approx(VELOCITY, abs=1e-3)
+    assert found.spin == pytest.approx(SPIN, abs=1e-2)
+
+
+def test_the_known_model_before_it() -> None:
+    run = told()
+    made = run.update(pieces(), 0)
+    before = [estimate for estimate in made if estimate.warnings == (BEFORE,)]
+    assert len(before) == BEGIN / 0.5
+    assert {estimate.status for estimate in before} == {'waiting'}
+    found = run.capture(None)
+    assert found is not None
+    assert found.chaser is not None
+    error = found.chaser.momentum - CHASER
+    assert float(error @ np.linalg.solve(found.chaser.covariance, error)) < chi2.isf(RARE, 6)
+    assert found.chaser.residual == pytest.approx(1.0, abs=0.25)
+    # The windows within the margin are used by neither.
+    assert found.chaser.samples == (BEGIN - 0.5) * 100.0
+    assert made[len(before)].time > BEGIN + 0.5
+    assert np.all(np.isnan(found.spin))
+
+
+def test_exact_data_give_the_exact_momentum() -> None:
+    run = told()
+    run.update(pieces(None), 0)
+    found = run.capture(None)
+    assert found is not None
+    assert found.chaser is not None
+    assert found.chaser.momentum == pytest.approx(CHASER, abs=1e-9)
+    assert found.chaser.residual < 1e-6
+    assert found.momentum == pytest.approx(joined().momentum, abs=1e-3)
+
+
+def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
+    known, later = told(), make()
+    expected = known.update(pieces(), 0)
+    found = []
+    for window in pieces():
+        found += later.update([window], 0)
+        if later.time is None and window.time[-1] > BEGIN - 0.3:
+            later.time = BEGIN
+    assert [estimate.time for estimate in found] == [estimate.time for estimate in expected]
+    for one, other in zip(found, expected, strict=True):
+        assert np.array_equal(one.momentum, other.momentum, equal_nan=True)
+        assert np.array_equal(one.parameters, other.parameters, equal_nan=True)
+    captures = later.capture(None), known.capture(None)
+    assert captures[0] is not None
+    assert captures[1] is not None
+    assert np.array_equal(captures[0].momentum, captures[1].momentum)
+
+
+def test_the_phases() -> None:
+    run = told(margin=1.0)
+    seen = []
+    for window in pieces():
+        run.update([window], 0)
+        seen.append(run.phase)
+        assert (run.capture(None) is None) == (run.phase == 'pre_capture')
+    lengths = [seen.count(phase) for phase in ('pre_capture', 'capture', 'post_capture')]
+    assert lengths == [16, 2, 22]
+    assert sorted(seen, key=('pre_capture', 'capture', 'post_capture').index) == seen
+
+
+def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
+    kernel = chaser()
+    change = np.zeros_like(kernel.known)
+    change[0] = 0.3 * kernel.known[0]
+    wrong = kernel.corrected(change)
+    run = CaptureEstimator(wrong, estimator(wrong, MID), MID, 0.5, 2.0)
+    run.time = BEGIN
+    made = run.update(pieces(), 0)
+    doubts = [estimate for estimate in made if any('the known model changes' in text for text in estimate.warnings)]
+    assert doubts[0].status == 'inconsistent'
+    assert doubts[0].time < BEGIN
+    assert made[-1] is doubts[-1]
+
+
+def test_a_capture_in_the_first_window_tells_nothing_of_the_chaser() -> None:
+    run = make()
+    run.time = 0.1
+    run.update(pieces()[int(BEGIN / 0.5) + 2 :], 0)
+    found = run.capture(None)
+    assert found is not None
+    assert found.chaser is None
+    assert np.all(np.isnan(found.momentum))

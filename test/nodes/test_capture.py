@@ -1,0 +1,112 @@
+"""The service ~/capture of a live estimator: phases, numbers, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from mbaid_msgs.msg import InertiaEstimate
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+import recorded
+from captured import capture, sensed, with_bare_link
+from graph import Graph
+from mbaid_ros.bags import serialize
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.qos import qos
+from mbaid_ros.outgoing import Frames, debris_message
+from mbaid_ros.session import Session
+from streams import every_bit
+
+BEGIN = 3.0  # s
+PARAMETERS = {'capture.phase': 'pre_capture', 'debris.report': True}
+CLASSES = {'/joint_states': (JointState, recorded.JOINT_STATE), '/odom': (Odometry, recorded.ODOMETRY)}
+ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
+
+Timed = tuple[str, Any]
+
+
+def call(graph: Graph) -> Any:
+    return graph.call('/estimator/capture', Trigger, Trigger.Request())
+
+
+def messages() -> tuple[list[Timed], list[Timed]]:
+    """Return what the sensors say until the capture and after it, as rclpy's messages."""
+    run = capture(BEGIN, 10.0, np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
+    parts: tuple[list[Timed], list[Timed]] = ([], [])
+    for topic, message, time in recorded.messages(load_model(with_bare_link()), sensed(run.truth, 3)):
+        ours, name = CLASSES[topic]
+        parts[time > BEGIN * 1e9].append((topic, deserialize_message(serialize(message, name), ours)))
+    return parts
+
+
+def expected(before: list[Timed], after: list[Timed]) -> Any:
+    """Return the last message on ~/debris."""
+    session = Session(build(EstimatorConfig, PARAMETERS), with_bare_link())
+    for topic, message in before:
+        (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
+    assert session.capture() == BEGIN
+    for topic, message in after:
+        (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
+    last = session.process()[-1]
+    alone = session.debris(last)
+    assert alone is not None
+    return debris_message(alone, last, TYPES, Frames('link7', 'odom'), session.captured(last))
+
+
+def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
+    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    assigned = {
+        'robot_description_file': tmp_path / 'robot.urdf',
+        'capture.phase': 'pre_capture',
+        'debris.report': 'true',
+    }
+    words = [word for name, value in assigned.items() for word in ('-p', f'{name}:={value}')]
+    graph.start('estimator', '--ros-args', *words)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    bodies = graph.collect('/estimator/debris', InertiaEstimate)
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    publishers = {topic: graph.publisher(topic, each, qos(10_000)) for topic, (each, _) in CLASSES.items()}
+    refused = call(graph)
+    assert not refused.success
+    assert 'no samples yet' in refused.message
+
+    before, after = messages()
+    for topic, message in before:
+        publishers[topic].publish(message)
+    graph.wait(lambda: estimates and estimates[-1].samples == 200, 'the momentum of the robot alone')
+    assert estimates[-1].status == 'waiting'
+    assert list(estimates[-1].warnings) == [BEFORE]
+    assert np.isfinite(estimates[-1].linear_momentum.x)
+    graph.wait(lambda: "value='pre_capture'" in str(diagnostics), 'the phase in the diagnostics')
+    answer = call(graph)
+    assert answer.success, answer.message
+    assert answer.message == f'captured {BEGIN:.3f} s after the first sample'
+    again = call(graph)
+    assert not again.success
+    assert 'told before, at 3 s' in again.message
+
+    for topic, message in after:
+        publishers[topic].publish(message)
+    last = every_bit(expected(before, after), ESTIMATE)
+    graph.wait(lambda: bodies and every_bit(bodies[-1], ESTIMATE) == last, 'the captured body')
+    assert bodies[-1].inertia.m == pytest.approx(155.0, rel=0.05)
+    assert np.isfinite(bodies[-1].angular_momentum.x)
+
+
+def test_a_run_that_began_after_the_capture_has_none_to_tell(graph: Graph, tmp_path: Path) -> None:
+    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={tmp_path / "robot.urdf"}')
+    refused = call(graph)
+    assert not refused.success
+    assert 'capture.phase: pre_capture' in refused.message
