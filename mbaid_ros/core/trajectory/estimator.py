@@ -17,7 +17,8 @@ from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average
-from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Track, Tracker
+from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Tracker
+from mbaid_ros.core.trajectory.tracks import Track
 
 _NODE = 0.05  # s, wanted spacing of nodes
 _FEWEST_NODES = 5
@@ -93,9 +94,7 @@ class TrajectoryEstimator:
         self._samples += len(window)
         ready, still_open = self._collect(window, self._origin)
         tracker = self._tracking()
-        if ready is not None:
-            tracker.add(ready)
-        tracker.preview(still_open)
+        tracker.take(ready, still_open)
         time = float(window.time[-1])
         return self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
 

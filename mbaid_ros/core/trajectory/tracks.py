@@ -1,0 +1,88 @@
+"""Hypotheses of what acts or drifts, each followed by a filter of its own over the same windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.stats import chi2
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
+from mbaid_ros.core.trajectory.filter import Belief, Coordinates, Step, Walk, advance, jolted, unlinked, update
+from mbaid_ros.core.trajectory.nodes import Window
+
+# How much better (log-likelihood) the data must be explained by another hypothesis than by the first.
+MARGIN = 10.0
+_MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+# Chance that an undisturbed window counts as a jump of the momentum.
+_FALSE_ALARM = 1e-8
+_JUMP = 0.01  # standard deviation of a jump, in typical sizes of the momentum
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump of the momentum.
+
+    Attributes
+    ----------
+    time : s since the first sample, start of the window in which it was noticed
+    before : (6,) (P, L) until then, about the run's origin
+    """
+
+    time: float
+    before: Array
+
+
+@dataclass(frozen=True)
+class Track:
+    """One hypothesis: what acts or drifts, the belief under it, and the jumps it has met."""
+
+    walk: Walk
+    belief: Belief
+    jumps: tuple[Jump, ...] = ()
+    just_jumped: bool = False
+
+
+def follow(track: Track, window: Window, step: Step, variables: Coordinates) -> Track:
+    """Return a track after a window; a momentum that must have jumped is let jump, once."""
+    before = unlinked(track.belief, variables) if window.fresh else track.belief
+    belief = update(before, step)
+    jumps, jumped = track.jumps, False
+    if _surprised(belief) and not track.just_jumped and belief.measured > belief.last_measured:
+        # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
+        evidence = belief.evidence + 0.5 * (belief.last_surprise - belief.last_measured) + np.log(_FALSE_ALARM)
+        sizes = _JUMP * np.sqrt(variables.open_variance[_MOMENTUM])
+        belief = update(jolted(before, step, variables, sizes), step)
+        if _surprised(belief):
+            # More than a jump: nothing links this window to the ones before.
+            belief = update(unlinked(jolted(before, step, variables, sizes), variables), step)
+        belief = replace(belief, evidence=float(evidence))
+        jumps, jumped = (*jumps, Jump(window.start, variables.spread[_MOMENTUM] @ before.mean)), True
+    belief = advance(belief, step, variables, track.walk)
+    return Track(track.walk, belief, jumps, just_jumped=jumped)
+
+
+def best(tracks: tuple[Track, ...]) -> Track:
+    """Return the first track, unless another one explains the data far better."""
+    first = tracks[0]
+    other = max(tracks, key=lambda track: track.belief.evidence)
+    return other if other.belief.evidence > first.belief.evidence + MARGIN else first
+
+
+def levelled(tracks: tuple[Track, ...]) -> tuple[Track, ...]:
+    """Return the tracks without any lead over the first."""
+    most = tracks[0].belief.evidence
+    return tuple(
+        replace(track, belief=replace(track.belief, evidence=min(track.belief.evidence, most))) for track in tracks
+    )
+
+
+def _surprised(belief: Belief) -> bool:
+    return belief.last_surprise > _limit(belief.last_measured)
+
+
+@cache
+def _limit(measured: int) -> float:
+    return float(chi2.isf(_FALSE_ALARM, measured))
