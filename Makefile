@@ -16,7 +16,7 @@ endif
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME
 unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-day paper-table
+.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-calibration benchmark-day paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -28,8 +28,9 @@ help:
 	@echo "make fuzz    set-up, then 2000 damaged bags through replay"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
-	@echo "make paper-table | benchmark-accuracy | benchmark-day   measure, and write the pages in docs/ (seconds, an"
-	@echo "             hour, half an hour; ARGS=... for the script, as in ARGS=\"--seeds 10\", ARGS=--help)"
+	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"
+	@echo "             in docs/ (seconds, an hour, five minutes, half an hour; ARGS=... for the script, as in"
+	@echo "             ARGS=\"--seeds 10\", ARGS=--help)"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
 setup: install/.built
@@ -64,6 +65,9 @@ paper-table: install/.built
 
 benchmark-accuracy: install/.built
 	@$(BIN)/python scripts/benchmark_accuracy.py --output docs $(ARGS)
+
+benchmark-calibration: install/.built
+	@$(BIN)/python scripts/benchmark_calibration.py --output docs $(ARGS)
 
 benchmark-day: install/.built
 	@$(BIN)/python scripts/benchmark_day.py --output docs $(ARGS)

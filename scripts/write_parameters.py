@@ -12,6 +12,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+from mbaid_ros.config.calibration import CalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import ParameterSpec, Value, specifications
 from mbaid_ros.config.recorder import RecorderConfig
@@ -21,10 +22,11 @@ ROOT = Path(__file__).resolve().parents[1]
 PATH = ROOT / 'config' / 'estimator.yaml'
 DECLARED: dict[str, type] = {
     'estimator': EstimatorConfig,
+    'calibrate': CalibrationConfig,
     'simulator': SimulatorConfig,
     'recorder': RecorderConfig,
 }
-DOCUMENTS = (ROOT / 'README.md', ROOT / 'docs' / 'simulator.md')
+DOCUMENTS = (ROOT / 'README.md', ROOT / 'docs' / 'simulator.md', ROOT / 'docs' / 'calibration.md')
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
 

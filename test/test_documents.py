@@ -57,7 +57,7 @@ def script(name: str) -> dict[str, object]:
 # -- tables
 
 
-@pytest.mark.parametrize('document', ['README.md', 'docs/simulator.md'])
+@pytest.mark.parametrize('document', ['README.md', 'docs/simulator.md', 'docs/calibration.md'])
 def test_the_tables_of_parameters_are_those_of_the_script(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
     assert '<!-- parameters of' in text

@@ -1,0 +1,92 @@
+"""A servicer before and after its capture, and what its CAD values may say of it: for the calibration's figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from benchmarks.data import CONFIG, LEVELS, exact_samples, readings
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.intake.windows import Windows
+from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.simulated_run import make_initial_state, make_motion
+
+# The arm's own last link, without the target (the table in servicer7.urdf).
+BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
+NOISE = LEVELS['mid']
+RATE = 100.0  # Hz
+MASS_STD, COM_STD, INERTIA_STD = 0.05, 0.01, 0.05  # relative, m, relative
+BASE_MASS_STD = 0.001
+_ROWS, _COLUMNS = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
+
+
+@cache
+def free_urdf() -> str:
+    """Return the true servicer without its target."""
+    return replace_inertial(read_robot_description(CONFIG / 'servicer7.urdf'), 'link7', BARE_LINK7)
+
+
+@cache
+def free_model() -> RobotModel:
+    """Return the true servicer without its target."""
+    return load_model(free_urdf())
+
+
+@cache
+def motion(seed: int, seconds: float, rate: float = RATE) -> Truth:
+    """Return a random motion of the whole arm, the servicer turning slowly, without linear momentum."""
+    values: dict[str, object] = {
+        'initial': {
+            'joint_positions': [0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2],
+            'base_angular_velocity': [0.01, -0.015, 0.02],
+            'zero_linear_momentum': True,
+        },
+        'motion': {'kind': 'random', 'seed': seed, 'amplitude': 1.0, 'period_min': 12.0, 'period_max': 30.0},
+    }
+    config = build(SimulatorConfig, values)
+    driven = make_motion(config, free_model())
+    simulation = Simulation(free_model(), driven, make_initial_state(config, free_model(), driven), 0.05)
+    return simulation.advance(np.arange(round(seconds * rate)) / rate)
+
+
+def windows(truth: Truth, seed: int | None, noise: SensorNoise = NOISE) -> list[Samples]:
+    """Return what sensors say of a motion, in windows; without a seed exactly."""
+    samples = Synchroniser(0.1).push(*readings(truth, noise, seed)) if seed is not None else exact_samples(truth, noise)
+    cutter = Windows(0.5)
+    return [*cutter.push(samples), *cutter.flush()] if samples is not None else []
+
+
+def cad_urdf(seed: int, base_mass_std: float = BASE_MASS_STD) -> str:
+    """Return what CAD may say of the servicer: every link off by random parts of what the standard deviations allow."""
+    rng = np.random.default_rng(seed)
+    urdf = free_urdf()
+    for link in free_model().links:
+        true = physical(link.parameters)
+        std = base_mass_std if link.name == 'base_link' else MASS_STD
+        while True:
+            errors = rng.normal(size=10)
+            values = true.copy()
+            values[0] *= 1.0 + std * errors[0]
+            values[1:4] += COM_STD * errors[1:4]
+            values[4:] += INERTIA_STD * np.sqrt(true[_ROWS] * true[_COLUMNS]) * errors[4:]
+            if is_physical(standard(values)):
+                break
+        urdf = replace_inertial(urdf, link.name, values)
+    return urdf
+
+
+def with_link(model: RobotModel, name: str, parameters: Array) -> RobotModel:
+    """Return a robot with other (10,) standard parameters of one link."""
+    links = tuple(replace(link, parameters=parameters) if link.name == name else link for link in model.links)
+    return replace(model, links=links)
