@@ -174,7 +174,8 @@ def figures(results: dict[str, dict[str, Any]]) -> str:
     sentence = (
         f'Base mass and target unknown at once: errors of {base:.2f} (base mass) and {target:.2f} (target) standard '
         f'deviations RMS, the largest of {both[:, :2].size} masses {masses:.1f}, of all {both[:, :11].size} numbers '
-        f'{largest:.1f}; the standard deviations of the two masses are {100.0 * both[0, 11]:.2f} % and {100.0 * both[0, 12]:.2f} %.'
+        f'{largest:.1f}; the standard deviations of the two masses are {100.0 * both[0, 11]:.2f} % and '
+        f'{100.0 * both[0, 12]:.2f} %.'
     )
     return '\n'.join([*lines, '', sentence]) + '\n'
 
