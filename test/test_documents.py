@@ -23,13 +23,16 @@ import pytest
 from mbaid_msgs.msg import InertiaEstimate
 
 from graph import Graph, graph
+from made_runs import run
 from mbaid_ros.config.estimator import METHODS, EstimatorConfig
 from mbaid_ros.config.parameters import specifications
+from mbaid_ros.replay.results import as_json
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / 'README.md'
 DOCUMENTS = [README, *sorted(ROOT.glob('docs/*.md')), ROOT / 'bags' / 'README.md']
 BLOCK = re.compile(r'(?:<!-- (?P<mark>[^>]*) -->\n)?^```(?:sh|bash)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
+HERE = re.compile(r"^cat > \S+ <<'END'\n.*?^END\n", re.DOTALL | re.MULTILINE)  # a file that a block writes
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
 TEXTS = {'.md', '.py', '.yaml', '.yml', '.toml', '.txt', '.xml', '.urdf', '.msg', '.sh', '.cfg', '.json', '.svg', ''}
 
@@ -91,6 +94,27 @@ def test_the_readme_has_every_method_and_the_default() -> None:
     section = text[text.index('## Methods') : text.index('## Parameters')]
     assert sorted(re.findall(r'^\| `(\w+)` \|', section, re.MULTILINE)) == sorted({'method', *METHODS})
     assert f'The default is `{EstimatorConfig().method}`' in section
+
+
+def test_the_readme_has_every_executable() -> None:
+    section = README.read_text(encoding='utf-8').split('| executable | does |')[1].split('\n\n')[0]
+    named = {name for row in section.splitlines() for name in re.findall(r'`(\w+)`', row.split('|')[1] if row else '')}
+    assert named == set(re.findall(r"'(\w+) = mbaid_ros", (ROOT / 'setup.py').read_text(encoding='utf-8')))
+
+
+def test_the_readme_has_every_topic_and_service_of_the_estimator() -> None:
+    text = README.read_text(encoding='utf-8')
+    section = text[text.index('## Topics and services') : text.index('## Methods')]
+    named = set(re.findall(r'^\| `(~/\w+)` \|', section, re.MULTILINE))
+    sources = (ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimator', 'outlets', 'markers'))
+    assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
+
+
+def test_the_readme_has_every_key_of_the_json() -> None:
+    text = README.read_text(encoding='utf-8')
+    section = text[text.index('## JSON of replay') : text.index('Exit code 0')]
+    rows = re.findall(r'^\| (`.*?`) \|', section, re.MULTILINE)
+    assert {key for row in rows for key in re.findall(r'`(\w+)`', row)} == set(as_json(run()))
 
 
 def test_the_dependencies_are_those_of_the_project() -> None:
@@ -184,6 +208,25 @@ def test_the_live_commands_lead_to_an_estimate(tmp_path: Path) -> None:
         estimates.clear()
         with running(own, place, folder):
             place.wait(lambda: any('/base/odom' in str(estimate.warnings) for estimate in estimates), 'what it lacks')
+
+
+def test_the_live_commands_of_the_tutorial_lead_to_an_estimate(tmp_path: Path) -> None:
+    work, logs = tmp_path / 'work', tmp_path / 'logs'
+    work.mkdir()
+    logs.mkdir()
+    tutorial = blocks(ROOT / 'docs' / 'tutorial.md')
+    estimator, watch, simulator = (block for block in tutorial if block.mark == 'live')
+    files = [part for block in tutorial if block.mark == 'run' for part in HERE.findall(block.text)]
+    with project(work) as folder, graph(logs) as place:
+        subprocess.run(['bash', '-ec', 'mkdir tutorial\n' + ''.join(files)], cwd=folder, check=True)
+        estimates = place.collect('/estimator/estimate', InertiaEstimate)
+        with running(estimator, place, folder), running(watch, place, folder), running(simulator, place, folder):
+            place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
+
+
+def test_no_other_document_has_live_commands() -> None:
+    tested = {README, ROOT / 'docs' / 'tutorial.md'}
+    assert {path for path in DOCUMENTS if any(block.mark == 'live' for block in blocks(path))} == tested
 
 
 # -- text

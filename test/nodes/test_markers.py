@@ -174,3 +174,17 @@ def test_markers_follow_the_estimate_on_a_live_graph(graph: Graph) -> None:
     assert arrays[-1].markers[0].header.frame_id == 'link4'
     assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
     graph.wait(lambda: arrays[-1].markers[0].action == Marker.DELETEALL, 'an empty display')
+
+
+def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
+    tf = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed: it comes with ROS 2, not from PyPI')
+    description = f'robot_description_file:={CONFIG / "table1.urdf"}'
+    graph.start('estimator', '--ros-args', '-p', description, '-p', 'publish_tf:=true')
+    received = graph.collect('/tf', tf.TFMessage, qos(100))
+    model = robot('table1')
+    message = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4])
+    graph.publisher('joint_states', JointState, qos(10)).publish(message)
+    graph.wait(lambda: received, 'the frames of the links')
+    frames = {frame.child_frame_id: frame for frame in received[0].transforms}
+    expected = {frame.child_frame_id: frame for frame in LinkFrames(model).transforms(message)}
+    assert frames == expected
