@@ -22,7 +22,8 @@ from benchmarks.trajectory_bound import trajectory_bound
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 
-_SEEDS, _QUICK_SEEDS = 100, 8
+_SEEDS, _QUICK_SEEDS = 400, 8
+_OTHER_SEEDS = 50  # of what is not a plain case
 _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (10.0, 20.0, 60.0)
 _DRIFTS = (0.01, 0.1)  # m/s
@@ -46,7 +47,9 @@ def main() -> int:
         others = {'frames': _frames, 'sensors': _sensors}
         for section in arguments.sections:
             plan |= {
-                other: Job(job.times, (seeds + 1) // 2) for case, job in plan.items() for other in others[section](case)
+                other: Job(job.times, min(seeds, _OTHER_SEEDS))
+                for case, job in plan.items()
+                for other in others[section](case)
             }
     truths = {robot: physical(kernel(robot).target.parameters) for robot in robots}
     outcomes = monte_carlo(plan, truths, methods, arguments.processes, arguments.store)

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulated_run import make_motion
 from observed import configured_motion
+from simulated import CONFIG, robot
 
 RATE = 20.0  # Hz
 # Errors of an integrator of order 6 at this step: 1e-10 of the momentum over a minute.
@@ -35,3 +41,12 @@ def planar() -> Truth:
 def drift() -> np.ndarray[tuple[int], np.dtype[np.floating]]:
     """Return the direction that drifting systems drift in."""
     return np.array([0.6, -0.3, np.sqrt(0.55)])
+
+
+@pytest.fixture(scope='session')
+def joints() -> Sinusoids:
+    """Return how the servicer's joints are driven."""
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
+    motion = make_motion(config, robot('servicer7'))
+    assert isinstance(motion, Sinusoids)
+    return motion
