@@ -17,7 +17,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
-from mbaid_ros.core.errors import ModelError, ParameterError, listing
+from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
@@ -44,6 +44,9 @@ def _calibrate(argv: list[str]) -> int:
     settings = make_settings(kernel, parameters)
     inputs = Inputs(arguments.joint_states, arguments.odom)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
+    for motion in motions:
+        if not motion.runs:
+            raise DataError(f"bag '{motion.bag}' holds no complete window; {'; '.join(motion.warnings)}")
     calibration = calibrate(kernel, [windows for each in motions for windows in each.runs], settings)
     result = Calibrated(calibration, tuple(motions), kernel, parameters)
     reason = why_not(result)

@@ -22,6 +22,7 @@ from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.replay.calibrate import main
 from observed import MID
 from servicing import LINKS, PRIORS, free_motion, free_servicer, free_urdf, perturbed
+from simulated import CONFIG
 
 PARAMETERS = """
 /**:
@@ -189,6 +190,17 @@ def test_bad_input_is_one_line_that_says_what_to_add(  # noqa: PLR0917 - four of
     assert captured.err.startswith('mbaid_ros calibrate: ')
     assert captured.err.count('\n') == 1
     assert reason in captured.err
+
+
+def test_a_bag_of_another_robot_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(place / 'before'), '--model', str(CONFIG / 'table1.urdf'), '--joint-states', '/joints']) == 2
+    assert '/joints' in capsys.readouterr().err
+    other = (place / 'cad.urdf').read_text(encoding='utf-8').replace('"joint7"', '"wrist"')
+    (place / 'other.urdf').write_text(other, encoding='utf-8')
+    assert main([str(place / 'before'), '--model', str(place / 'other.urdf')]) == 2
+    error = capsys.readouterr().err
+    assert 'holds no complete window; ' in error
+    assert 'wrist' in error
 
 
 def test_the_model_is_not_overwritten(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
