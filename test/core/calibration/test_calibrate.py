@@ -15,8 +15,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.simulation.motion import Sinusoids, random_sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, true_body, windows
 from servicing import (
     GENERAL,
@@ -27,10 +28,11 @@ from servicing import (
     all_unknown,
     free_motion,
     free_servicer,
+    free_urdf,
     perturbed,
     standard_parameters,
 )
-from simulated import robot
+from simulated import robot, state
 
 
 def calibrated(model: RobotModel, truth: Truth, seed: int, priors: tuple[LinkPrior, ...] = PRIORS) -> Calibration:
@@ -92,6 +94,43 @@ def test_without_a_weighed_body_the_common_factor_stays_open() -> None:
     # Up to that factor the momentum is as right as ever.
     left, wrong = rows @ (found.theta / factor - theta), rows @ (standard_parameters(cad) - theta)
     assert np.all(sizes(wrong) > 5.0 * sizes(left))
+
+
+WHEEL = """
+  <link name="wheel">
+    <inertial><mass value="9"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.18"/></inertial>
+  </link>
+  <joint name="wheel_joint" type="continuous">
+    <parent link="base_link"/><child link="wheel"/><origin xyz="-0.3 0.1 0.2" rpy="0.4 0.7 0"/><axis xyz="0 0 1"/>
+  </joint>
+</robot>"""
+
+
+def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
+    """A wheel that speeds up to 200 rad/s, 36 N m s, while the arm moves; nobody was weighed."""
+    model = load_model(free_urdf().replace('</robot>', WHEEL))
+    arm = random_sinusoids(np.linspace(0.5, -0.4, 7), 1, 2, 1.0, 12.0, 30.0)
+    motion = Sinusoids(
+        start=np.append(arm.start, 0.0),
+        amplitude=np.vstack((arm.amplitude, [7600.0, 0.0])),
+        frequency=np.vstack((arm.frequency, [1.0 / 240.0, 0.1])),
+        phase=np.vstack((arm.phase, [-0.5 * np.pi, 0.0])),
+    )
+    start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
+    truth = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    priors = (GENERAL,) * 8
+    squares = []
+    for seed in range(3):
+        unknown = MomentumKernel(
+            perturbed(model, (*priors, replace(GENERAL, mass=0.0, com=0.0, inertia=0.0)), seed), *LINKS
+        )
+        found = calibrate(unknown, [windows(observe(truth, MID, seed))], CalibrationSettings(MID, priors))
+        assert found.scale.fixed_by[0][0] == 'the known bodies'
+        # A fifth of what masses and inertias known to 5 % tell together.
+        assert found.scale.relative_std < 0.003
+        factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_servicer())[::10])
+        squares.append(((factor - 1.0) / found.scale.relative_std) ** 2)
+    assert sum(squares) < 16.0  # three chi-squares: 1 in 1000
 
 
 def test_one_unknown_link_is_the_single_link_method(spatial: Truth) -> None:
