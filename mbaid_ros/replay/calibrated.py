@@ -240,18 +240,15 @@ def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
 
 
 def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
-    com = 1e3 * (link.parameters - link.cad)[1:4]
-    trace = (
-        100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0) if link.cad[0] > 0 else np.nan
-    )
     stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
-    return (
-        one_line(link.name),
-        f'{link.cad[0]:.6g} -> {link.parameters[0]:.6g} ± {link.std[0]:.2g}',
-        '-' if math.isnan(com[0]) else ' '.join(f'{each:+.1f}' for each in com),
-        '-' if math.isnan(trace) else f'{trace:+.1f}',
-        'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing',
-    )
+    mass = f'{link.parameters[0]:.6g} ± {link.std[0]:.2g}'
+    before, com, moments = 'none', '-', '-'
+    if link.cad[0] > 0.0:
+        before = f'{link.cad[0]:.6g}'
+        com = ' '.join(f'{1e3 * each:+.1f}' for each in (link.parameters - link.cad)[1:4])
+        moments = f'{100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0):+.1f}'
+    kept = 'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing'
+    return one_line(link.name), f'{before} -> {mass}', com, moments, kept
 
 
 HEAD = ('body', 'mass, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')

@@ -125,14 +125,16 @@ class Calibration:
         link = self.prior.links[index]
         place = slice(10 * index, 10 * index + 10)
         jacobian = physical_jacobian(self.theta[place])
+        cad: Array = np.full(10, np.nan)
         prior_std: Array = np.full(10, np.inf)
         if link.parameters[0] > 0.0:
+            cad = physical(link.parameters)
             before = physical_jacobian(link.parameters)
             variance = np.diag(before @ self.prior.covariance[place, place] @ before.T)
             prior_std = np.where(self.prior.given[index], np.sqrt(variance), np.inf)
         return LinkResult(
             name=link.name,
-            cad=physical(link.parameters),
+            cad=cad,
             parameters=physical(self.theta[place]),
             covariance=jacobian @ self.covariance[place, place] @ jacobian.T,
             prior_std=prior_std,
