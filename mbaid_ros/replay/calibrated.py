@@ -183,7 +183,7 @@ def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str,
     calibration, links = result.calibration, result.kernel.unknown
     factors = combination.factors
     return {
-        'words': base_parameter(links, combination),
+        'words': base_parameter(calibration.mechanism, combination),
         'formula': formula(links, factors),
         'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
         'cad': float(factors @ calibration.prior.mean),

@@ -89,7 +89,7 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
     assert sum(each['directions'] for each in found['cannot_be_told_apart']) == 21
     first = found['base_parameters'][0]
-    assert first['words'].startswith('mass of base_link, with mass of link1')
+    assert first['words'] == 'mass of base_link, with all the mass that joint1 carries'
     masses = [link['estimate']['mass'] for link in result['links'].values()]
     assert first['value'] == pytest.approx(sum(masses), rel=1e-9)
     assert first['std'] == pytest.approx(result['scale']['relative_std'] * sum(masses), rel=1e-6)

@@ -43,21 +43,31 @@ def parameter(links: Sequence[Link], index: int) -> str:
     return f'{links[index // 10].name}.{STANDARD[index % 10]}'
 
 
-def base_parameter(links: Sequence[Link], combination: BaseParameter) -> str:
+def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
     """Return what a base parameter is: its leading parameter, and what of which other links counts with it."""
-    link = links[combination.leading // 10].name
-    words = f'{_MEANING[combination.leading % 10]} of {link}'
-    groups: dict[str, list[str]] = {}
+    links = mechanism.kernel.unknown
+    leading, own = divmod(combination.leading, 10)
+    factors = combination.factors.reshape(-1, 10)
+    words = f'{_MEANING[own]} of {links[leading].name}'
+    also = [_MEANING[each] for each in np.flatnonzero(factors[leading]) if each != own]
+    if also:
+        words += f', with its {" and ".join(also)}'
+    groups: dict[str, list[Link]] = {}
     for index, other in enumerate(links):
-        factors = combination.factors[10 * index : 10 * index + 10]
-        kinds = [kind for kind, place in _KINDS if np.any(factors[place])]
-        if index != combination.leading // 10 and kinds:
-            groups.setdefault(' and '.join(kinds), []).append(other.name)
-    own = np.flatnonzero(combination.factors[10 * (combination.leading // 10) :][:10])
-    others = [_MEANING[each] for each in own if each != combination.leading % 10]
-    if others:
-        words += f', with its {" and ".join(others)}'
-    return words + ''.join(f', with {kinds} of {listing(names)}' for kinds, names in groups.items())
+        kinds = [kind for kind, place in _KINDS if np.any(factors[index, place])]
+        if index != leading and kinds:
+            groups.setdefault(' and '.join(kinds), []).append(other)
+    return words + ''.join(f', with {_of_links(mechanism, kinds, others)}' for kinds, others in groups.items())
+
+
+def _of_links(mechanism: Mechanism, kinds: str, links: Sequence[Link]) -> str:
+    """Return whose mass (say) counts: that of a few links, or of all that a joint carries."""
+    kernel = mechanism.kernel
+    for joint, name in enumerate(kernel.model.joint_names):
+        carried = [link for link in kernel.unknown if kernel.kinematics.ancestors[link.body, joint]]
+        if len(carried) > 1 and {link.name for link in carried} == {link.name for link in links}:
+            return f'all the {kinds} that {name} carries'
+    return f'{kinds} of {listing(link.name for link in links)}'
 
 
 def formula(links: Sequence[Link], factors: Array) -> str:

@@ -66,7 +66,7 @@ def _combinations(result: Calibrated) -> str:
         std = float(np.sqrt(factors @ calibration.covariance @ factors))
         cells.append(
             (
-                base_parameter(links, each),
+                base_parameter(calibration.mechanism, each),
                 formula(links, factors),
                 number(float(factors @ calibration.prior.mean)),
                 number(float(factors @ calibration.theta)),

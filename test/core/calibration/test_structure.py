@@ -156,8 +156,8 @@ def test_words_an_engineer_reads() -> None:
         'mass between link3 and link4: on the axis of joint4',
         'everything out of the plane of motion, of every body',
     ]
-    told = {base_parameter(what.kernel.unknown, each): each for each in found.base_parameters()}
-    total = told['mass of base_link, with mass of link1, link2, link3, link4']
+    told = {base_parameter(what, each): each for each in found.base_parameters()}
+    total = told['mass of base_link, with all the mass that joint1 carries']
     assert total.factors[::10] == pytest.approx(np.ones(5), abs=1e-9)
     # The bodies beyond hang at the next hinge, 4 m away.
     augmented = told['first moment along x of link3, with mass of link4']
