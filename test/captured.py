@@ -57,6 +57,14 @@ def chaser() -> MomentumKernel:
     return MomentumKernel(load_model(with_bare_link()), LINK)
 
 
+def servicer_motion() -> Sinusoids:
+    """Return how the joints are driven."""
+    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
+    motion = make_motion(config, robot('servicer7'))
+    assert isinstance(motion, Sinusoids)
+    return motion
+
+
 @dataclass(frozen=True)
 class Joined:
     """A capture that went as told.
@@ -81,9 +89,7 @@ def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined
     before, after : s
     velocity, spin : (3,) m/s, rad/s of the body before the capture, its CoM's and its own, odometry axes
     """
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
-    motion = make_motion(config, robot('servicer7'))
-    assert isinstance(motion, Sinusoids)
+    motion = servicer_motion()
     first = float_freely(chaser(), motion, CHASER, before + 1.0 / RATE)  # its last instant is that of the capture
     rotation, position = rotation_from_quaternion(first.base_orientation[-1]), first.base_position[-1]
     brought = _momentum(rotation, position, first.joint_position[-1], velocity, spin)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +18,7 @@ from mbaid_ros.replay.report.canvas import (
     PAGE,
     SECOND,
     SERIES,
+    THIRD,
     TRUTH,
     curve,
     entitle,
@@ -27,7 +27,7 @@ from mbaid_ros.replay.report.canvas import (
     scale,
     svg,
 )
-from mbaid_ros.replay.results import Run, events
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
 
 _PLOTTED = 800  # points of a curve: more than a screen resolves
@@ -175,7 +175,9 @@ def arrival(run: Run, name: str) -> str:
         axis.plot(time, rate, color=colour, linestyle=line, linewidth=1.3, label=_short(topic.topic))
         for begin, length in topic.gaps:
             axis.axvspan(begin, begin + length, color=colour, alpha=0.25, linewidth=0.0)
-    axis.set_ylim(bottom=0.0, top=1.25 * max(rate for topic in topics for _, rate in topic.course))
+    # Messages recorded in a burst, after a hold-up, have a rate beyond all others: it may leave the drawing.
+    rates = [np.array([rate for _, rate in topic.course]) for topic in topics]
+    axis.set_ylim(bottom=0.0, top=1.25 * max(min(float(np.max(rate)), 2.0 * float(np.median(rate))) for rate in rates))
     entitle(axis, 'Messages a second [Hz]; shaded: gaps', 'time since the first message [s]')
     legend(axis, 2)
     return svg(figure, f'{name} arrival', 'Rate of each topic')
@@ -188,18 +190,18 @@ def _short(name: str) -> str:
 
 
 def _mark_events(axis: Axes, run: Run, *, named: bool = True) -> None:
-    """Draw a line where the momentum changed."""
-    for event in events(run):
-        axis.axvline(float(event['t']), color=SECOND, linestyle='-.', linewidth=1.2)
+    """Draw a line where the momentum changed: events, and the capture."""
+    marks: list[tuple[float, str, str, str]]
+    marks = [(event.time, event.kind, SECOND, '-.') for event in run.final.events]
+    if run.capture is not None:
+        marks.append((run.capture.time, 'capture', THIRD, '-'))
+    for time, name, colour, line in marks:
+        axis.axvline(time, color=colour, linestyle=line, linewidth=1.2)
         if named:
-            _name(axis, event)
-
-
-def _name(axis: Axes, event: dict[str, Any]) -> None:
-    axis.annotate(
-        str(event['kind']), (float(event['t']), 1.0), xycoords=('data', 'axes fraction'), xytext=(3, -9),
-        textcoords='offset points', fontsize=7, color=SECOND,
-    )  # fmt: skip
+            axis.annotate(
+                name, (time, 1.0), xycoords=('data', 'axes fraction'), xytext=(3, -9), textcoords='offset points',
+                fontsize=7, color=colour,
+            )  # fmt: skip
 
 
 def _times(history: Sequence[Estimate]) -> Array:
