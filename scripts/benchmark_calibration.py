@@ -186,13 +186,15 @@ def _statements(results: dict[str, dict[str, Any]]) -> list[str]:
     squares = np.mean([run['weighed']['error'] for run in runs])
     before = np.mean([_prior_error(int(seed)) for seed in results])
     gains = np.array([np.sqrt(np.divide(run['weighed']['cad'], run['weighed']['calibrated'])) for run in runs])
-    (usual, usual_angular), (least, least_angular) = np.median(gains, axis=0), np.min(gains, axis=0)
+    usual, least = (
+        ' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), np.min(gains, axis=0))
+    )
     factors = np.array([run['unweighed']['factor'] for run in runs])
     reported = 100.0 * np.mean([run['unweighed']['factor_std'] for run in runs])
     off = 100.0 * np.sqrt(np.mean(factors**2))
     return [
         '',
-        f'- Times smaller in one run: median {usual:.0f} and {usual_angular:.0f}, least {least:.0f} and {least_angular:.0f}.',
+        f'- Times smaller in one run: median {usual}, least {least}.',
         f'- Within the reported 95 % interval: {covered:.0f} % of the predicted momenta (base mass known).',
         f'- Squared error of all 80 parameters in the reported covariance: {squares:.0f} on average; 80 is right.',
         f'- That of the CAD values in the covariance of the prior: {before:.0f}.',
