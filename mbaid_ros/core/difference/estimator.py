@@ -8,14 +8,14 @@ maximum is followed at bounded cost (rolling) and watched for disturbances (step
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
-from mbaid_ros.core.difference.problem import Beside, Problem
+from mbaid_ros.core.difference.problem import Beside, Problem, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.difference.steps import Jump, SteppedLikelihood
 from mbaid_ros.core.difference.window_rows import window_rows
@@ -26,6 +26,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 
+_LATER = 3  # times as many windows are kept before they are folded
 _MOST_TOLD = 5  # events in the warnings
 _LONG = 1.5  # s, from which a jump of the momentum is no pulse
 # Chance of an estimate to be as large if there was nothing, from which on a jump is none, and a force is one.
@@ -61,6 +62,7 @@ class _Run:
     likelihood: SteppedLikelihood
     started: float  # s since the first sample
     restarted: bool = False
+    blame: Array = field(default_factory=lambda: np.zeros(0))  # share of each uncertain body in the variance
 
 
 class DifferenceEstimator:
@@ -71,6 +73,7 @@ class DifferenceEstimator:
 
     def __init__(self, kernel: MomentumKernel, settings: DifferenceSettings, reporting: Reporting) -> None:
         self._kernel = kernel
+        self._observed = observed(kernel, settings.beside)
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
@@ -86,7 +89,7 @@ class DifferenceEstimator:
         origin : ns, stamp at time 0
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
-        rows = window_rows(self._kernel, windows, self._settings.noise, start)
+        rows = window_rows(self._observed, windows, self._settings.noise, start)
         return [self._window(window, rows[k : k + 1], start, origin) for k, window in enumerate(windows)]
 
     def _window(self, window: Samples, rows: Blocks, start: Array, origin: int) -> Estimate:
@@ -107,6 +110,13 @@ class DifferenceEstimator:
         warnings = [*estimate.warnings, *map(str, events[-_MOST_TOLD:])]
         if run.likelihood.too_many:
             warnings.append('the momentum keeps changing: something acts all the time, or the model is wrong')
+        if np.sum(run.blame) > 0.5:
+            worst = int(np.argmax(run.blame))
+            link = next(x.name for x in self._kernel.model.links if x.body == run.problem.bodies[worst])
+            warnings.append(
+                f'{100.0 * np.sum(run.blame):.0f} % of the variance is due to the known bodies being uncertain, '
+                f'{100.0 * run.blame[worst]:.0f} % to {link} alone'
+            )
         return replace(estimate, events=events, warnings=tuple(warnings))
 
     def _solution(self, run: _Run, linear: Linearisation) -> Solution:
@@ -119,18 +129,21 @@ class DifferenceEstimator:
             variance = np.concatenate((variance, np.full(6, 1.0 / np.min(run.likelihood.watched.prior))))
         present = problem.present(force.axes if force else None)
         information, noise = linear.information, likelihood.noise_information
+        plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
+        spreads = [run.likelihood.spread(matrix) for matrix in plain]
+        run.blame = _blame(plain[0], spreads[0], problem.momentum.start)
         covariance, cautious = (
-            present
-            @ space.lift(inverse(information, information - share * noise)[np.ix_(own, own)], variance)
-            @ present.T
-            for share in (1.0, NOISE_MARGIN)
+            present @ space.lift((matrix + spread @ spread.T)[np.ix_(own, own)], variance) @ present.T
+            for matrix, spread in zip(plain, spreads, strict=True)
         )
+        redundancy = linear.equations - len(likelihood.x)
         return Solution(
             x=present @ (space.basis @ likelihood.x[own]),
             covariance=covariance,
             cautious_covariance=cautious,
-            cost=linear.cost,
-            redundancy=linear.equations - len(likelihood.x),
+            # The uncertain bodies leave residuals that the noise does not explain.
+            cost=linear.cost * max(redundancy, 1) / (max(redundancy, 1) + run.likelihood.surplus),
+            redundancy=redundancy,
             origin=run.origin,
             plane=space.plane,
             restarted=run.restarted,
@@ -145,13 +158,26 @@ class DifferenceEstimator:
         forgetting = 1.0
         if settings.forgetting_time > 0.0:
             forgetting = float(np.exp(-settings.window / settings.forgetting_time))
-        rolling = RollingLikelihood(
-            problem.prior, settings.kept_windows, forgetting, problem.typical, effects=problem.effects
-        )
+        # Errors of known bodies settle slowly, and windows are folded at the solution of their time.
+        kept = settings.kept_windows * (_LATER if problem.estimated else 1)
+        rolling = RollingLikelihood(problem.prior, kept, forgetting, problem.typical, problem.effects)
         likelihood = SteppedLikelihood(
             rolling, problem.momentum, problem.open_prior, problem.uncertain, problem.watched
         )
         return _Run(start, problem, likelihood, time, restarted=self._run is not None)
+
+
+def _blame(covariance: Array, spread: Array, body: int) -> Array:
+    """Return the share of each uncertain known body in the variance of the identified one, a mean over its parameters.
+
+    Parameters
+    ----------
+    covariance : (u, u) without them
+    spread : (u, 10 b) standard deviations due to each of their parameters
+    body : number of the identified one's parameters, which come first
+    """
+    parts = np.sum(spread[:body].reshape(body, -1, 10) ** 2, axis=2)
+    return np.asarray(np.mean(parts / (np.diag(covariance)[:body, None] + np.sum(parts, axis=1)[:, None]), axis=0))
 
 
 def _step(jump: Jump, run: _Run) -> Event:

@@ -16,53 +16,37 @@ from mbaid_ros.core.geometry import Array
 
 
 @dataclass(frozen=True)
-class Fall:
-    """How much some more unknowns would lower the sum of squared residuals, and what they would be.
-
-    Attributes
-    ----------
-    amount : (...,)
-    value : (..., c)
-    """
-
-    amount: Array
-    value: Array
-
-
-@dataclass(frozen=True)
 class Nuisance:
-    """The normal equations of everything that is unknown anyhow: the unknowns, and effects of known variance.
+    """What is unknown anyhow: the unknowns that are solved for, and effects that are known to be small.
 
     Attributes
     ----------
-    inverse : (w, w) covariance
-    gradient : (w,) at the solution
+    inverse : (u, u) covariance of the unknowns by noise alone
+    gradient : (u,) at the solution
+    size : (e,) standard deviations of the effects
+    spread : (u, e) what one standard deviation of each effect does to the solution, with the sign turned
     """
 
     inverse: Array
     gradient: Array
+    size: Array
+    spread: Array
 
     @staticmethod
-    def of(
-        information: Array, gradient: Array, coupling: Coupling, x: Array, effects: Places, weight: Array
-    ) -> Nuisance:
-        """Return them for the unknowns x and some of the effects.
+    def of(information: Array, gradient: Array, cross: Array, size: Array) -> Nuisance:
+        """Return it for normal equations.
 
         Parameters
         ----------
-        information, gradient : (u, u), (u,) of the unknowns at x
-        coupling : of all windows
-        x : (u,)
-        effects : indices of the effects that are uncertain
-        weight : of these, the inverse of their variance
+        information, gradient : (u, u), (u,)
+        cross : (u, e) of the coupling with the effects
+        size : (e,) their standard deviations
         """
-        cross = coupling.cross[:, effects]
-        own = coupling.own[np.ix_(effects, effects)] + np.diag(weight)
-        joint = np.block([[information, cross], [cross.T, own]])
-        return Nuisance(inverse(joint), np.concatenate((gradient, coupling.gradient(x)[effects])))
+        covariance = inverse(information)
+        return Nuisance(covariance, gradient, size, covariance @ cross * size)
 
 
-def innovation(block: Blocks, columns: Array, x: Array, covariance: Array) -> float:
+def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> float:
     """Return the squared innovation of a window in the metric of its covariance: chi-square of as many equations.
 
     Parameters
@@ -70,17 +54,18 @@ def innovation(block: Blocks, columns: Array, x: Array, covariance: Array) -> fl
     block : one window
     columns : (r, e) its uncertain effects
     x : (u,) the solution of all earlier windows
-    covariance : (u + e, u + e) of (x, effects)
+    nuisance : of these
     """
-    residual = block.rows[0] @ x + block.offset[0]
+    rows = block.rows[0]
+    residual = rows @ x + block.offset[0]
     noise = block.noise[0] + block.noise_rows[0] @ x
-    rows = np.concatenate((block.rows[0], columns), axis=1)
-    expected = noise @ noise.T + rows @ covariance @ rows.T
+    effects = columns * nuisance.size - rows @ nuisance.spread
+    expected = noise @ noise.T + rows @ nuisance.inverse @ rows.T + effects @ effects.T
     return float(residual @ np.linalg.solve(expected, residual))
 
 
-def jumps(white: White, effects: Array, momentum: slice, nuisance: Nuisance) -> Fall:
-    """Return, for each of K windows, what a momentum that jumped just before it would explain.
+def jumps(white: White, effects: Array, momentum: slice, nuisance: Nuisance) -> Array:
+    """Return, for each of K windows, by how much a momentum that jumped just before it would lower the cost, (K,).
 
     Parameters
     ----------
@@ -89,16 +74,18 @@ def jumps(white: White, effects: Array, momentum: slice, nuisance: Nuisance) -> 
     momentum : places of the momentum among the unknowns
     nuisance : Nuisance
     """
-    later = white.rows[..., momentum]
-    rows = np.concatenate((white.rows, effects), axis=-1)
-    cross = _from_the_end(np.swapaxes(rows, 1, 2) @ later)
-    own = _from_the_end(np.swapaxes(later, 1, 2) @ later)
-    gradient = _from_the_end((np.swapaxes(later, 1, 2) @ white.residual[..., None])[..., 0])
-    return _fall(cross, own, gradient, nuisance)
+    later = np.swapaxes(white.rows[..., momentum], 1, 2)
+    return _fall(
+        cross=np.swapaxes(_from_the_end(later @ white.rows), 1, 2),
+        own=_from_the_end(later @ white.rows[..., momentum]),
+        gradient=_from_the_end((later @ white.residual[..., None])[..., 0]),
+        effects=_from_the_end(later @ effects),
+        nuisance=nuisance,
+    )
 
 
-def force(coupling: Coupling, x: Array, acting: slice, effects: Places, nuisance: Nuisance) -> Fall:
-    """Return what a constant force and torque would explain.
+def force(coupling: Coupling, x: Array, acting: slice, effects: Places, nuisance: Nuisance) -> float:
+    """Return by how much a constant force and torque would lower the cost.
 
     Parameters
     ----------
@@ -108,17 +95,31 @@ def force(coupling: Coupling, x: Array, acting: slice, effects: Places, nuisance
     effects : indices of the effects that are uncertain anyhow
     nuisance : Nuisance
     """
-    cross = np.concatenate((coupling.cross[:, acting], coupling.own[effects, acting]))
-    return _fall(cross, coupling.own[acting, acting], coupling.gradient(x)[acting], nuisance)
+    fall = _fall(
+        cross=coupling.cross[:, acting],
+        own=coupling.own[acting, acting],
+        gradient=coupling.gradient(x)[acting],
+        effects=coupling.own[acting, effects],
+        nuisance=nuisance,
+    )
+    return float(fall)
 
 
-def _fall(cross: Array, own: Array, gradient: Array, nuisance: Nuisance) -> Fall:
-    weighed = nuisance.inverse @ cross
+def _fall(*, cross: Array, own: Array, gradient: Array, effects: Array, nuisance: Nuisance) -> Array:
+    """Return the score statistics of c more unknowns: the gradient by them in the metric of its covariance.
+
+    Parameters
+    ----------
+    cross, own, gradient : (..., u, c), (..., c, c), (..., c) of the normal equations
+    effects : (..., c, e) their coupling with the uncertain effects
+    nuisance : Nuisance
+    """
     back = np.swapaxes(cross, -1, -2)
-    left = own - back @ weighed
+    weighed = nuisance.inverse @ cross
     slope = gradient - np.swapaxes(weighed, -1, -2) @ nuisance.gradient
-    value = -(inverse(left) @ slope[..., None])[..., 0]
-    return Fall(-np.sum(value * slope, axis=-1), value)
+    unsure = effects * nuisance.size - back @ nuisance.spread
+    covariance = own - back @ weighed + unsure @ np.swapaxes(unsure, -1, -2)
+    return np.asarray(np.sum((inverse(covariance) @ slope[..., None])[..., 0] * slope, axis=-1))
 
 
 def _from_the_end(values: Array) -> Array:

@@ -12,7 +12,7 @@ from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, body_co
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.steps import Uncertain, Watched
 from mbaid_ros.core.difference.subspace import subspace
-from mbaid_ros.core.difference.window_rows import LINEAR
+from mbaid_ros.core.difference.window_rows import LINEAR, UNKNOWNS
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -62,19 +62,23 @@ class Problem:
     momentum : places of the momentum among the unknowns of the subspace
     acting : places of the constant force and torque that was asked for, and its axes
     bodies : indices of the known bodies whose errors are unknowns or effects
+    estimated : whether their errors are among the unknowns
     uncertain : which of the effects are errors of these bodies
     watched : constant forces that may act
     """
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
         self._kernel = kernel
-        known_std = np.array(beside.known_std)
-        self.bodies = tuple(int(body) for body in np.flatnonzero((kernel.known[:, 0] > 0.0) & (known_std > 0.0)))
-        errors = np.concatenate([np.zeros(0), *(known_std[x] * body_sizes(kernel.known[x]) for x in self.bodies)])
-        self._estimated = beside.known_mode == 'estimate'
+        self.bodies = _uncertain(kernel, beside)
+        sizes = (beside.known_std[body] * body_sizes(kernel.known[body]) for body in self.bodies)
+        errors = np.concatenate([np.zeros(0), *sizes])
+        self.estimated = beside.known_mode == 'estimate' and len(self.bodies) > 0
         self._acting = () if beside.constant == 'none' else (ConstantForce(beside.constant, origin),)
         self._watched = tuple(ConstantForce(axes, origin) for axes in AXES) if beside.constant == 'none' else ()
-        solved = errors if self._estimated else errors[:0]
+        solved = errors if self.estimated else errors[:0]
+        places = np.arange(16 + len(solved) + 6 * len(self._acting))
+        momentum = 10 + len(solved)
+        self._order = np.concatenate((places[:10], places[momentum:], places[10:momentum]))
         self.space = subspace(plane, kernel, len(self._acting), len(solved))
         scale = unknown_scale(kernel)
         sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * len(self._acting), solved))
@@ -93,10 +97,10 @@ class Problem:
         self.acting: tuple[Places, Axes] | None = None
         if beside.constant != 'none':
             self.acting = (np.arange(after, after + wrench), beside.constant)
-        places = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
-        self.watched = Watched(places, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
+        acting = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
+        self.watched = Watched(acting, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
         considered = errors[len(solved) :]
-        self.uncertain = Uncertain(len(self._watched) * wrench + np.arange(len(considered)), considered**2)
+        self.uncertain = Uncertain(len(self._watched) * wrench + np.arange(len(considered)), considered)
 
     @property
     def effects(self) -> int:
@@ -109,17 +113,14 @@ class Problem:
         Parameters
         ----------
         window : Samples
-        rows : of this window, in (m, h, I_o, P_0, L_0)
+        rows : of this window, in (m, h, I_o, errors of known bodies, P_0, L_0), of `observed`
         """
-        bodies = body_columns(self._kernel, window, self.bodies)
-        acting = [force.columns(window) for force in self._acting]
-        if self._estimated:
-            acting.append(bodies)
-            bodies = bodies[:, :0]
-        block = self.space.of(rows.widened(np.concatenate(acting, axis=1)[None])) if acting else self.space.of(rows)
-        selection = self.space.rows
-        watched = [force.columns(window) @ selection.T for force in self._watched]
-        return block, (selection @ np.concatenate((*watched, bodies), axis=1))[None]
+        acting = np.concatenate([np.zeros((6, 0)), *(force.columns(window) for force in self._acting)], axis=1)
+        rows = rows.widened(acting[None])
+        block = self.space.of(rows.reordered(self._order) if len(self._order) > UNKNOWNS else rows)
+        watched = [force.columns(window) @ self.space.rows.T for force in self._watched]
+        considered = body_columns(self._kernel, window, () if self.estimated else self.bodies)
+        return block, (self.space.rows @ np.concatenate((*watched, considered), axis=1))[None]
 
     def present(self, found: Axes | None) -> Array:
         """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.
@@ -135,3 +136,13 @@ class Problem:
         if found:
             matrix[10:, count:] = self._watched[AXES.index(found)].gain
         return matrix
+
+
+def observed(kernel: MomentumKernel, beside: Beside) -> MomentumKernel:
+    """Return the kernel whose unknown bodies make the windows' rows: with errors of known ones, if estimated."""
+    return kernel.with_errors_of(_uncertain(kernel, beside)) if beside.known_mode == 'estimate' else kernel
+
+
+def _uncertain(kernel: MomentumKernel, beside: Beside) -> tuple[int, ...]:
+    """Return the indices of the known bodies whose parameters may be wrong."""
+    return tuple(int(body) for body in np.flatnonzero((kernel.known[:, 0] > 0.0) & (np.array(beside.known_std) > 0.0)))

@@ -111,11 +111,11 @@ class Uncertain:
     Attributes
     ----------
     places : (e,) indices among the effects
-    variance : (e,)
+    size : (e,) standard deviations
     """
 
     places: Places
-    variance: Array
+    size: Array
 
 
 @dataclass(frozen=True)
@@ -206,27 +206,27 @@ class SteppedLikelihood:
             return value, np.full((len(place), len(place)), np.inf)
         return value, self._view.nuisance.inverse[np.ix_(place, place)] * self._view.scale
 
+    def spread(self, covariance: Array) -> Array:
+        """Return what the uncertain effects do to the unknowns: (u, e), for one standard deviation of each effect.
+
+        Parameters
+        ----------
+        covariance : (u, u) of the unknowns without them (consider covariance; Schmidt 1966)
+        """
+        if self._view is None:
+            return np.zeros((len(covariance), len(self._uncertain.places)))
+        return np.asarray(covariance @ self._view.coupling.cross[:, self._uncertain.places] * self._uncertain.size)
+
     def _look(self, linear: Linearisation) -> _View:
-        likelihood, uncertain = self.likelihood, self._uncertain
+        likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
         white, coupling = likelihood.whitened()
-        nuisance = Nuisance.of(
-            likelihood.information, linear.gradient, coupling, likelihood.x, uncertain.places, 1.0 / uncertain.variance
-        )
-        effects = np.linalg.solve(white.factor, likelihood.columns[..., uncertain.places])
-        self.surplus = self._surplus(coupling)
+        nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
+        effects = np.linalg.solve(white.factor, likelihood.columns[..., places])
+        own = np.diag(coupling.own)[places] * size**2
+        left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
+        self.surplus = float(np.sum(np.maximum(left, 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
         return _View(white, effects, coupling, nuisance, max(1.0, linear.cost / expected))
-
-    def _surplus(self, coupling: Coupling) -> float:
-        """Return how much the uncertain effects add to the sum of squared residuals in expectation."""
-        places = self._uncertain.places
-        if not len(places):
-            return 0.0
-        cross = coupling.cross[:, places]
-        left = np.diag(coupling.own)[places] - np.sum(
-            cross * (monitor.inverse(self.likelihood.information) @ cross), axis=0
-        )
-        return float(np.sum(np.maximum(left, 0.0) * self._uncertain.variance))
 
     def _padded(self, block: Blocks, columns: Array) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects."""
@@ -243,7 +243,7 @@ class SteppedLikelihood:
         view, effects = self._view, columns[0][:, self._uncertain.places]
         if view is None or not self.ready:
             return
-        surprise = monitor.innovation(block, effects, self.likelihood.x, view.nuisance.inverse) / view.scale
+        surprise = monitor.innovation(block, effects, self.likelihood.x, view.nuisance) / view.scale
         count = block.offset.shape[1]
         last = self._open[-1] if self._open else None
         goes_on = last is not None and last.after == len(self._spans) - 1 and last.given_up < _LONGEST
@@ -260,7 +260,7 @@ class SteppedLikelihood:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
         limit = float(chi2.isf(_FALSE_ALARM, len(self._start))) * view.scale
         first = max([2, *(item.after + 2 for item in self._open)])
-        jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance).amount[first:]
+        jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)[first:]
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
         if self.force is None and self.watched.effects:
             forces = self._forces(view)
@@ -276,7 +276,7 @@ class SteppedLikelihood:
         """Return how much better a constant force would explain the data, by its axes."""
         x, uncertain = self.likelihood.x, self._uncertain.places
         return {
-            axes: float(monitor.force(view.coupling, x, effects, uncertain, view.nuisance).amount)
+            axes: monitor.force(view.coupling, x, effects, uncertain, view.nuisance)
             for axes, effects in self.watched.effects.items()
         }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, fields
 
@@ -93,6 +94,13 @@ class MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
         other = copy(self)
         other.known = self.known + change
+        return other
+
+    def with_errors_of(self, bodies: Sequence[int]) -> MomentumKernel:
+        """Return a kernel whose unknown links are followed by the errors of known bodies, each in its own frame."""
+        other = copy(self)
+        errors = (Link('', body, np.eye(3), np.zeros(3), np.zeros(10)) for body in bodies)
+        other.unknown = (*self.unknown, *errors)
         return other
 
     def states(self, samples: Samples) -> BodyStates:
