@@ -195,6 +195,10 @@ class CaptureConfig:
         unit='s',
         minimum=0.0,
     )
+    detect: bool = parameter(
+        default=False,
+        description='Take a jump of the momentum for the capture, once pre_capture has lasted some five seconds.',
+    )
     margin: float = parameter(
         0.5,
         'Time before and after the capture in which bodies touch and slip: windows with a sample in it are not used.',

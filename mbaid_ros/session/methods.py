@@ -23,7 +23,14 @@ def capture_of(config: EstimatorConfig, kernel: MomentumKernel, after: Estimator
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
         return None
     noise = SensorNoise(**vars(config.noise))
-    capture = CaptureEstimator(kernel, after, noise, config.capture.margin, config.convergence.largest_residual)
+    capture = CaptureEstimator(
+        kernel,
+        after,
+        noise,
+        config.capture.margin,
+        config.convergence.largest_residual,
+        detect=config.capture.detect,
+    )
     capture.time = config.capture.time or None
     return capture
 

@@ -113,6 +113,27 @@ def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
     assert np.array_equal(captures[0].momentum, captures[1].momentum)
 
 
+def test_a_capture_is_detected() -> None:
+    kernel = chaser()
+    run = CaptureEstimator(kernel, estimator(kernel, MID), MID, 0.5, 2.0, detect=True)
+    last = [run.update([window], 0) for window in pieces()][-1][-1]
+    assert run.time == pytest.approx(BEGIN, abs=0.5)
+    found, known = run.capture(body(last)), told()
+    known.update(pieces(), 0)
+    expected = known.capture(None)
+    assert found is not None
+    assert expected is not None
+    assert found.momentum == pytest.approx(expected.momentum, abs=0.02)
+    assert found.spin == pytest.approx(SPIN, abs=1e-2)
+
+
+def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
+    kernel = chaser()
+    run = CaptureEstimator(kernel, estimator(kernel, MID), MID, 0.5, 2.0, detect=True)
+    run.update([window for window in pieces(2) if window.time[-1] < BEGIN], 0)
+    assert (run.time, run.phase) == (None, 'pre_capture')
+
+
 def test_the_phases() -> None:
     run = told(margin=1.0)
     seen = []

@@ -1,9 +1,4 @@
-"""The capture: before it the known model is put to the test, after it the captured body is identified.
-
-Before the capture every body is known, the target link from its own <inertial>: each window of samples measures the
-total momentum, which has to stay what it is. After it the method of identification finds the total momentum of robot
-and captured body together. The difference is what the captured body brought along.
-"""
+"""A run that begins before the capture: phases, hand-over, and what the captured body brought along."""
 
 from __future__ import annotations
 
@@ -13,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from mbaid_ros.core.difference.window_rows import BODY, UNKNOWNS, window_rows
-from mbaid_ros.core.geometry import Array, skew, unvec
+from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
+from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -26,24 +20,7 @@ Phase = Literal['pre_capture', 'capture', 'post_capture']
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie
-_ENOUGH = 50  # redundant equations, before the residual is judged
-
-
-@dataclass(frozen=True)
-class Chaser:
-    """What the known model says of the robot alone.
-
-    Attributes
-    ----------
-    momentum, covariance : (6,), (6, 6) its (P, L) in the odometry frame, L about its origin
-    residual : root mean square of the normalised residuals: 1 is momentum as constant as the noise lets it seem
-    samples : number used
-    """
-
-    momentum: Array
-    covariance: Array
-    residual: float
-    samples: int
+_JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
 
 @dataclass(frozen=True)
@@ -66,69 +43,6 @@ class Capture:
     spin: Array
 
 
-class KnownMomentum:
-    """The total momentum of a robot of which every body is known, from window after window.
-
-    Parameters
-    ----------
-    kernel : MomentumKernel, its target with its own inertia
-    noise : of the joints; the base's stands in the samples
-    """
-
-    def __init__(self, kernel: MomentumKernel, noise: SensorNoise) -> None:
-        self._kernel = kernel
-        self._noise = noise
-        self._origin: Array | None = None  # near the base: far from it L would be all p x P
-        self._momentum: Array = np.zeros(6)
-        self._information: Array = np.zeros((6, 6))
-        self._cost = 0.0
-        self._windows = 0
-        self._samples = 0
-
-    def add(self, window: Samples) -> None:
-        """Take a window; one that lacks velocities and is too short to take them from the positions is left out."""
-        if len(window) < FEWEST:
-            return
-        if self._origin is None:
-            self._origin = window.base_position[0].copy()
-        block = window_rows(self._kernel, [with_rates(window)], self._noise, self._origin)
-        transport = -block.rows[0, :, BODY.stop :]
-        body = self._kernel.target.parameters
-        measured = block.rows[0, :, BODY] @ body + block.offset[0]
-        own = np.linalg.solve(transport, measured)
-        unknowns = np.concatenate((body, own))[:UNKNOWNS]
-        factor = block.noise[0] + block.noise_rows[0] @ unknowns
-        covariance = factor @ factor.T
-        self._update(transport, measured, covariance)
-        self._samples += len(window)
-
-    def _update(self, transport: Array, measured: Array, covariance: Array) -> None:
-        """Take measured = transport (P, L) with a covariance; by innovations, which lose no digits."""
-        innovation = measured - transport @ self._momentum
-        if self._windows:
-            spread = covariance + transport @ np.linalg.solve(self._information, transport.T)
-            self._cost += float(innovation @ np.linalg.solve(spread, innovation))
-        self._information = self._information + transport.T @ np.linalg.solve(covariance, transport)
-        gain = transport.T @ np.linalg.solve(covariance, innovation)
-        self._momentum = self._momentum + np.linalg.solve(self._information, gain)
-        self._windows += 1
-
-    @property
-    def redundancy(self) -> int:
-        """Number of equations less that of unknowns."""
-        return 6 * (self._windows - 1)
-
-    def chaser(self) -> Chaser | None:
-        """Return what has been found, None before the first window."""
-        if self._origin is None or not self._windows:
-            return None
-        shift = np.eye(6)
-        shift[3:, :3] = skew(self._origin)  # L = L_0 + origin x P
-        covariance = shift @ np.linalg.inv(self._information) @ shift.T
-        residual = np.sqrt(self._cost / self.redundancy) if self.redundancy else np.nan
-        return Chaser(shift @ self._momentum, covariance, float(residual), self._samples)
-
-
 class CaptureEstimator:
     """Checks the known model until the capture, and hands what comes after it to a method.
 
@@ -139,6 +53,7 @@ class CaptureEstimator:
     noise : of the sensors
     margin : s, before and after the capture, that is used for neither
     largest_residual : of the known model, from which its momentum does not count as conserved
+    detect : take a jump of the momentum that two windows in a row show for the capture
 
     Attributes
     ----------
@@ -146,7 +61,14 @@ class CaptureEstimator:
     """
 
     def __init__(
-        self, kernel: MomentumKernel, after: Estimator, noise: SensorNoise, margin: float, largest_residual: float
+        self,
+        kernel: MomentumKernel,
+        after: Estimator,
+        noise: SensorNoise,
+        margin: float,
+        largest_residual: float,
+        *,
+        detect: bool = False,
     ) -> None:
         self.method = after.method
         self.needs_rates = after.needs_rates
@@ -155,6 +77,8 @@ class CaptureEstimator:
         self._after = after
         self._margin = margin
         self._largest_residual = largest_residual
+        self._detect = detect
+        self._suspect: Samples | None = None  # the first window after what may be the capture
         self._known = KnownMomentum(kernel, noise)
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
@@ -214,7 +138,9 @@ class CaptureEstimator:
     def _before(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
         time = float(window.time[-1])
-        self._use(time - self._margin)
+        if self._detect and self.time is None:
+            self._watch(window)
+        self._use((time if self._suspect is None else float(self._suspect.time[0])) - self._margin)
         chaser = self._known.chaser()
         estimate = Estimate(
             method=self.method,
@@ -236,6 +162,16 @@ class CaptureEstimator:
             warnings=(*doubts, BEFORE),
         )
 
+    def _watch(self, window: Samples) -> None:
+        """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""
+        if self._known.surprise(window) < _JUMP:
+            self._suspect = None
+        elif self._suspect is None:
+            self._suspect = window
+        else:
+            self.time = float(self._suspect.time[0])
+            self._look(self._suspect, self.time)
+
     def _use(self, end: float) -> None:
         """Let the known model have the windows that end before a time, s."""
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
@@ -244,7 +180,7 @@ class CaptureEstimator:
     def _doubts(self) -> tuple[str, ...]:
         """Return why the known model is not to be trusted."""
         chaser = self._known.chaser()
-        if chaser is None or self._known.redundancy <= _ENOUGH or not chaser.residual > self._largest_residual:
+        if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
             return ()
         doubt = (
             f'before the capture the momentum of the known model changes {chaser.residual:.1f} times as much as the '
