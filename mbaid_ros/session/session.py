@@ -20,6 +20,7 @@ from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.scale import body_sizes
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
@@ -128,8 +129,15 @@ class Session:
         """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
         if not self.config.debris.report:
             return None
-        principal = self.config.debris.frame == PRINCIPAL
-        return debris(estimate, self._kernel.target.parameters, self._debris_frame, in_principal_axes=principal)
+        link = self._kernel.target.parameters
+        share = self.config.known_links.relative_std
+        return debris(
+            estimate,
+            link,
+            self._debris_frame,
+            in_principal_axes=self.config.debris.frame == PRINCIPAL,
+            link_std=share * body_sizes(link) if share > 0.0 and link[0] > 0.0 else None,
+        )
 
     @property
     def phase(self) -> Phase:

@@ -49,10 +49,12 @@ class Debris:
         return np.sqrt(np.diag(self.covariance))
 
 
-def debris(estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: bool = False) -> Debris | None:
+def debris(
+    estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: bool = False, link_std: Array | None = None
+) -> Debris | None:
     """Return the captured body, None where not all ten parameters are determined or nothing is left.
 
-    Standard parameters add up, so those of the link are subtracted; known exactly, they leave the covariance as it is.
+    Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
 
     Parameters
     ----------
@@ -60,6 +62,7 @@ def debris(estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: 
     link : (10,) standard parameters (m, h, I_o) of the link itself
     frame : to give it in
     in_principal_axes : in the body's own principal axes through its centre of mass, instead; the frame gives the name
+    link_std : (10,) one standard deviation of the link's parameters; known exactly where not given
     """
     if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
         return None
@@ -75,7 +78,10 @@ def debris(estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: 
     # Covariance of (m, h, I_o) from that of (m, r_c, I_c), then on to the captured body's own (m, r_c, I_c).
     onward = physical_jacobian(seen) @ to_frame
     change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
-    return Debris(frame, physical(seen), change @ estimate.covariance @ change.T)
+    covariance = change @ estimate.covariance @ change.T
+    if link_std is not None:
+        covariance = covariance + onward @ np.diag(link_std**2) @ onward.T
+    return Debris(frame, physical(seen), covariance)
 
 
 def _change(frame: Frame) -> Array:

@@ -70,6 +70,18 @@ def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
     assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
 
 
+def test_an_uncertain_link_widens_it() -> None:
+    rng = np.random.default_rng(5)
+    link_std = 0.01 * np.array([35.0, *(7.0,) * 3, *(4.0,) * 6])
+    estimate = estimated(random_covariance(rng, 1e-6))
+    found = debris(estimate, LINK, GRASP, link_std=link_std)
+    assert found is not None
+    links = LINK + link_std * rng.normal(size=(4000, 10))
+    alone = physical(in_frame(standard(estimate.parameters) - links, GRASP))
+    error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
+    assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
+
+
 def in_frame(parameters: Array, frame: Frame) -> Array:
     """Return standard parameters in a frame: moved there by the axes' and the origin's own definition."""
     m, com, inertia = parameters[:, :1], parameters[:, 1:4] / parameters[:, :1], unvec(physical(parameters)[:, 4:])
