@@ -217,11 +217,15 @@ def _captured(capture: Capture) -> list[str]:
     rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
     std = np.sqrt(np.diag(capture.covariance))
     for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
-        values = ', '.join(
-            f'{value:.4g} ± {spread:.2g}' for value, spread in zip(capture.momentum[part], std[part], strict=True)
-        )
+        values = ', '.join(map(_with_spread, capture.momentum[part], std[part]))
         rows.append(f'  {kind} momentum ({values}) {unit}')
     return rows
+
+
+def _with_spread(value: float, std: float) -> str:
+    if math.isnan(value):
+        return 'not determined'
+    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {std:.2g}'
 
 
 def verdict(run: Run) -> str:

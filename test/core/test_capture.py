@@ -15,7 +15,7 @@ from mbaid_ros.core.results.debris import Frame, debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.samples import Samples
-from observed import MID, estimator, observe, windows
+from observed import MID, configured_motion, estimator, kernel, observe, windows
 
 BEGIN, END = 8.0, 12.0  # s: the capture, and how long the run goes on after it
 VELOCITY = np.array([0.004, -0.006, 0.003])  # m/s
@@ -34,8 +34,8 @@ def pieces(seed: int | None = 1) -> list[Samples]:
 
 
 def make(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
-    kernel = chaser()
-    return CaptureEstimator(kernel, estimator(kernel, MID, method=method), MID, margin, 2.0)
+    robot = chaser()
+    return CaptureEstimator(robot, estimator(robot, MID, method=method), MID, margin, 2.0)
 
 
 def told(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
@@ -114,8 +114,8 @@ def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
 
 
 def test_a_capture_is_detected() -> None:
-    kernel = chaser()
-    run = CaptureEstimator(kernel, estimator(kernel, MID), MID, 0.5, 2.0, detect=True)
+    robot = chaser()
+    run = CaptureEstimator(robot, estimator(robot, MID), MID, 0.5, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
     assert run.time == pytest.approx(BEGIN, abs=0.5)
     found, known = run.capture(body(last)), told()
@@ -128,10 +128,25 @@ def test_a_capture_is_detected() -> None:
 
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
-    kernel = chaser()
-    run = CaptureEstimator(kernel, estimator(kernel, MID), MID, 0.5, 2.0, detect=True)
+    robot = chaser()
+    run = CaptureEstimator(robot, estimator(robot, MID), MID, 0.5, 2.0, detect=True)
     run.update([window for window in pieces(2) if window.time[-1] < BEGIN], 0)
     assert (run.time, run.phase) == (None, 'pre_capture')
+
+
+def test_a_planar_capture_tells_what_a_plane_can() -> None:
+    planar = kernel('table1')
+    run = CaptureEstimator(planar, estimator(planar, MID), MID, 0.5, 2.0)
+    run.time = 3.0
+    run.update(windows(observe(configured_motion('table1', 15.0, 50.0, 0.05), MID, 1)), 0)
+    found = run.capture(None)
+    assert found is not None
+    known = np.isfinite(found.momentum)
+    assert known.tolist() == [True, True, False, False, False, True]
+    assert np.all(np.isfinite(found.covariance[np.ix_(known, known)]))
+    # Nothing was captured: the last link was there before, as its inertial says.
+    z = found.momentum[known] / np.sqrt(np.diag(found.covariance)[known])
+    assert np.all(np.abs(z) < 4.0)
 
 
 def test_the_phases() -> None:
@@ -147,10 +162,10 @@ def test_the_phases() -> None:
 
 
 def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
-    kernel = chaser()
-    change = np.zeros_like(kernel.known)
-    change[0] = 0.3 * kernel.known[0]
-    wrong = kernel.corrected(change)
+    robot = chaser()
+    change = np.zeros_like(robot.known)
+    change[0] = 0.3 * robot.known[0]
+    wrong = robot.corrected(change)
     run = CaptureEstimator(wrong, estimator(wrong, MID), MID, 0.5, 2.0)
     run.time = BEGIN
     made = run.update(pieces(), 0)

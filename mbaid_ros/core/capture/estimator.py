@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -130,8 +130,9 @@ class CaptureEstimator:
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3])
-        momentum = total.momentum - chaser.momentum
-        covariance = total.momentum_covariance + chaser.covariance
+        momentum, covariance = _known_part(
+            total.momentum - chaser.momentum, total.momentum_covariance + chaser.covariance
+        )
         velocity, spin = self._motion(momentum, body)
         return Capture(self.time, chaser, momentum, covariance, velocity, spin)
 
@@ -217,3 +218,12 @@ class CaptureEstimator:
         inertia = rotation @ unvec(body[4:]) @ rotation.T
         about_centre = momentum[3:] - np.cross(centre, momentum[:3])
         return momentum[:3] / body[0], np.linalg.solve(inertia, about_centre)
+
+
+def _known_part(momentum: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return a momentum with its covariance, NaN where a planar motion tells nothing of it."""
+    stds = np.sqrt(np.diag(covariance))
+    unknown = ~np.concatenate([determined(momentum[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
+    momentum, covariance = momentum.copy(), covariance.copy()
+    momentum[unknown] = covariance[unknown] = covariance[:, unknown] = np.nan
+    return momentum, covariance

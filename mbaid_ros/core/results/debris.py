@@ -12,6 +12,9 @@ from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.principal import principal
 
+# Relative standard deviation from which a mass is no longer told from zero, at two standard deviations.
+_MASS_MAY_VANISH = 0.5
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -52,7 +55,7 @@ class Debris:
 def debris(
     estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: bool = False, link_std: Array | None = None
 ) -> Debris | None:
-    """Return the captured body, None where not all ten parameters are determined or nothing is left.
+    """Return the captured body, None where not all ten parameters are determined or its mass may as well be zero.
 
     Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
 
@@ -81,6 +84,8 @@ def debris(
     covariance = change @ estimate.covariance @ change.T
     if link_std is not None:
         covariance = covariance + onward @ np.diag(link_std**2) @ onward.T
+    if covariance[0, 0] > (_MASS_MAY_VANISH * alone[0]) ** 2:
+        return None
     return Debris(frame, physical(seen), covariance)
 
 

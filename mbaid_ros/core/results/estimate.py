@@ -90,3 +90,12 @@ class Estimate:
     def std(self) -> Array:
         """One standard deviation of each parameter, (10,), NaN where not available."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def determined(momentum: Array, stds: Array) -> Flags:
+    """Return which components of a (3,) momentum are worth a number: of a planar motion some are not.
+
+    One is not where its standard deviation exceeds both the momentum itself and a hundred times the best known one's.
+    """
+    size = max(float(np.linalg.norm(np.nan_to_num(momentum))), 100.0 * float(np.min(np.nan_to_num(stds))))
+    return np.isfinite(momentum) & ~(stds > size)

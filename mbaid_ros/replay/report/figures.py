@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate, determined
 from mbaid_ros.replay.report.canvas import (
     BAND,
     FAINT,
@@ -93,12 +93,6 @@ def momentum(run: Run, truth: Truth | None, name: str) -> str:
     axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
     axes[-1].set_xlabel(_TIME, color=INK, fontsize=8)
     return svg(figure, f'{name} momentum', 'Course of the total momentum and of the residual')
-
-
-def determined(values: Array, stds: Array) -> Flags:
-    """Return which components of a final (3,) momentum are worth a number: of a planar motion some are not."""
-    size = max(float(np.linalg.norm(np.nan_to_num(values))), 100.0 * float(np.min(np.nan_to_num(stds))))
-    return np.isfinite(values) & ~(stds > size)
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:

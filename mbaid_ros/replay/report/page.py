@@ -9,7 +9,7 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS, determined
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.canvas import BAND
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
@@ -141,7 +141,7 @@ def _courses(run: Run, truth: Truth | None, name: str) -> list[str]:
 
 def _momentum(run: Run) -> str:
     values, stds = run.final.momentum, np.sqrt(np.diag(run.final.momentum_covariance))
-    known = np.concatenate([figures.determined(values[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
+    known = np.concatenate([determined(values[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
     values, stds = np.where(known, values, np.nan), np.where(known, stds, np.nan)
     rows = [
         (name, number(value), number(BAND * std, 2), unit)

@@ -121,5 +121,6 @@ def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
 
 
 def test_nothing_without_a_covariance_or_a_mass_left() -> None:
+    assert debris(estimated(np.diag([90.0**2, *(1.0,) * 9])), LINK, SAME) is None
     assert debris(estimated(np.full((10, 10), np.nan)), LINK, SAME) is None
     assert debris(estimated(np.eye(10)), standard(BODY) + LINK, SAME) is None
