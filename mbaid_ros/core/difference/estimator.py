@@ -14,10 +14,12 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
+from mbaid_ros.core.difference.disturbances import Jump
+from mbaid_ros.core.difference.effects import Axes
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
-from mbaid_ros.core.difference.steps import Jump, SteppedLikelihood
+from mbaid_ros.core.difference.steps import SteppedLikelihood
 from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -31,6 +33,9 @@ _MOST_TOLD = 5  # events in the warnings
 _LONG = 1.5  # s, from which a jump of the momentum is no pulse
 # Chance of an estimate to be as large if there was nothing, from which on a jump is none, and a force is one.
 _NOTHING, _CERTAIN = 1e-3, 1e-9
+_ANYTHING = (
+    'wrong known bodies (known_links.relative_std), order or sign of joints or twist frame, or a force that changes'
+)
 
 
 @dataclass(frozen=True)
@@ -108,8 +113,11 @@ class DifferenceEstimator:
         """Return the estimate with what has disturbed its run."""
         events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
         warnings = [*estimate.warnings, *map(str, events[-_MOST_TOLD:])]
+        status = estimate.status
         if run.likelihood.too_many:
-            warnings.append('the momentum keeps changing: something acts all the time, or the model is wrong')
+            status = status if status == 'not_identifiable' else 'inconsistent'
+            events = tuple(replace(event, cause=_ANYTHING) for event in events)
+            warnings.append(f'the momentum seems to change all the time: {_ANYTHING}')
         if np.sum(run.blame) > 0.5:
             worst = int(np.argmax(run.blame))
             link = next(x.name for x in self._kernel.model.links if x.body == run.problem.bodies[worst])
@@ -117,17 +125,17 @@ class DifferenceEstimator:
                 f'{100.0 * np.sum(run.blame):.0f} % of the variance is due to the known bodies being uncertain, '
                 f'{100.0 * run.blame[worst]:.0f} % to {link} alone'
             )
-        return replace(estimate, events=events, warnings=tuple(warnings))
+        return replace(estimate, status=status, events=events, warnings=tuple(warnings))
 
     def _solution(self, run: _Run, linear: Linearisation) -> Solution:
-        problem, likelihood, force = run.problem, run.likelihood.likelihood, run.likelihood.force
+        problem, likelihood, forces = run.problem, run.likelihood.likelihood, run.likelihood.forces
         space, variance = problem.space, problem.open_variance
-        own = np.arange(space.basis.shape[1])  # without jumps
-        if force is not None:
-            own = np.concatenate((own, force.place))
-            space = replace(space, basis=np.asarray(block_diag(space.basis, space.rows.T)))
-            variance = np.concatenate((variance, np.full(6, 1.0 / np.min(run.likelihood.watched.prior))))
-        present = problem.present(force.axes if force else None)
+        own = np.concatenate((np.arange(space.basis.shape[1]), *(force.place for force in forces)))  # without jumps
+        if forces:
+            space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
+            more = np.full(6 * len(forces), 1.0 / np.min(run.likelihood.watched.prior))
+            variance = np.concatenate((variance, more))
+        present = problem.present([force.axes for force in forces])
         information, noise = linear.information, likelihood.noise_information
         plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
@@ -197,20 +205,24 @@ def _cause(jump: Jump) -> str:
 
 
 def _forces(run: _Run) -> tuple[Event, ...]:
-    """Return the constant force that acts on the origin of the base link, if there is one."""
-    found, acting = run.likelihood.force, run.problem.acting
-    if found is not None:
-        acting = (found.place, found.axes)
-    if acting is None or not run.likelihood.ready:
+    """Return the constant forces that act on the origin of the base link, if there are any."""
+    found, given = run.likelihood.forces, run.problem.acting
+    acting = [(force.place, force.axes) for force in found] + ([] if given is None else [given])
+    if not run.likelihood.ready:
         return ()
-    place, axes = acting
-    value, covariance = run.likelihood.part(place)
-    if not _tells(value, covariance, _CERTAIN):
-        return ()
+    return tuple(
+        _force(axes, value, run)
+        for value, covariance, axes in ((*run.likelihood.part(place), axes) for place, axes in acting)
+        if len(found) == 1 or _tells(value, covariance, _CERTAIN)
+    )
+
+
+def _force(axes: Axes, value: Array, run: _Run) -> Event:
+    """Return a constant force and torque as it is reported."""
     wrench = run.problem.space.rows.T @ value
     likely = 'inertial axes: a tilted table, drag or a leak' if axes == 'inertial' else 'base axes: a leak or thrust'
     cause = f'a force or torque that is constant in {likely}; estimated along, which widens the intervals'
-    return (Event(run.started, 'ramp', wrench[:3], wrench[3:], cause),)
+    return Event(run.started, 'ramp', wrench[:3], wrench[3:], cause)
 
 
 def _tells(value: Array, covariance: Array, chance: float) -> bool:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.difference.coupling import Places
+from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, body_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.steps import Uncertain, Watched
 from mbaid_ros.core.difference.subspace import subspace
 from mbaid_ros.core.difference.window_rows import LINEAR, UNKNOWNS
 from mbaid_ros.core.geometry import Array
@@ -122,19 +123,19 @@ class Problem:
         considered = body_columns(self._kernel, window, () if self.estimated else self.bodies)
         return block, (self.space.rows @ np.concatenate((*watched, considered), axis=1))[None]
 
-    def present(self, found: Axes | None) -> Array:
+    def present(self, found: Sequence[Axes]) -> Array:
         """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.
 
         Parameters
         ----------
-        found : axes of a force among the effects that is now among the unknowns, six more numbers after the others
+        found : axes of forces among the effects that are now among the unknowns, six more numbers each after the others
         """
         count = len(self.space.basis)
-        matrix = np.eye(16, count + (6 if found else 0))
+        matrix = np.eye(16, count + 6 * len(found))
         if self._acting:
             matrix[10:, 16:22] = self._acting[0].gain
-        if found:
-            matrix[10:, count:] = self._watched[AXES.index(found)].gain
+        for number, axes in enumerate(found):
+            matrix[10:, count + 6 * number : count + 6 * number + 6] = self._watched[AXES.index(axes)].gain
         return matrix
 
 

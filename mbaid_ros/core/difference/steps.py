@@ -7,16 +7,16 @@ windows. The window in which a jump happens belongs to neither side and is given
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
 from mbaid_ros.core.difference import monitor
-from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.coupling import Places
+from mbaid_ros.core.difference.disturbances import Force, Jump, Uncertain, View, Watched
 from mbaid_ros.core.difference.effects import Axes
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.geometry import Array
@@ -27,27 +27,12 @@ _FALSE_ALARM = 1e-9
 _PART = 1e-2
 # Redundant equations from which the tests can be trusted.
 _ENOUGH = 50
-# Fall of the sum of squared residuals by which one kind of force must be better than the other.
+# Fall of the sum of squared residuals by which one kind of force must be better than the other, and a jump than both.
 _CLEAR = 15.0
+_PRESSING = 6.0  # times the limit, at which one is taken even so
+_APART = 4  # windows between two jumps; with fewer they are one
 _MOST_JUMPS = 4  # among the windows that are solved again
 _LONGEST = 40  # windows that one jump may take
-
-
-@dataclass
-class Jump:
-    """A change of the momentum.
-
-    Attributes
-    ----------
-    start, end : s since the first sample, of the windows in which it happened
-    value : (k,) as far as known
-    covariance : (k, k) of it
-    """
-
-    start: float
-    end: float
-    value: Array
-    covariance: Array
 
 
 @dataclass
@@ -68,70 +53,6 @@ class _Open:
     given_up: int = 0
 
 
-@dataclass
-class Force:
-    """A constant force and torque that acts.
-
-    Attributes
-    ----------
-    axes : it is constant in these
-    effects : its places among the effects, while it was only watched
-    place : (k,) indices among the unknowns
-    """
-
-    axes: Axes
-    effects: slice
-    place: Places
-
-
-@dataclass(frozen=True)
-class _View:
-    """What the tests see: the latest solution.
-
-    Attributes
-    ----------
-    white : the windows that are solved again, at the solution
-    effects : (K, r, e) their uncertain effects, in units of their noise
-    coupling : of all windows with all effects
-    nuisance : what is unknown anyhow
-    scale : mean squared normalised residual, over what is expected of it, not below 1
-    """
-
-    white: White
-    effects: Array
-    coupling: Coupling
-    nuisance: Nuisance
-    scale: float
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """Effects that are not solved for, but known to be small.
-
-    Attributes
-    ----------
-    places : (e,) indices among the effects
-    size : (e,) standard deviations
-    """
-
-    places: Places
-    size: Array
-
-
-@dataclass(frozen=True)
-class Watched:
-    """Constant forces and torques that may act.
-
-    Attributes
-    ----------
-    effects : their places among the effects, by the axes they are constant in
-    prior : (k,) information about zero where nothing is known of one
-    """
-
-    effects: Mapping[Axes, slice]
-    prior: Array
-
-
 class SteppedLikelihood:
     """Watches a rolling likelihood for jumps of the momentum, and lets it jump.
 
@@ -147,7 +68,7 @@ class SteppedLikelihood:
     ----------
     watched : as given
     jumps : those that have been found
-    force : that was found to act
+    forces : those that were found to act
     ready : whether the data say enough for the tests
     surplus : how much the uncertain effects add to the sum of squared residuals in expectation
     too_many : whether some could not be allowed for
@@ -164,9 +85,9 @@ class SteppedLikelihood:
         self.watched = watched
         self._spans: list[tuple[float, float]] = []  # of the windows that are solved again
         self._open: list[_Open] = []
-        self._view: _View | None = None
+        self._view: View | None = None
         self.jumps: list[Jump] = []
-        self.force: Force | None = None
+        self.forces: list[Force] = []
         self.ready = False
         self.surplus = 0.0
         self.too_many = False
@@ -217,7 +138,7 @@ class SteppedLikelihood:
             return np.zeros((len(covariance), len(self._uncertain.places)))
         return np.asarray(covariance @ self._view.coupling.cross[:, self._uncertain.places] * self._uncertain.size)
 
-    def _look(self, linear: Linearisation) -> _View:
+    def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
         white, coupling = likelihood.whitened()
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
@@ -226,16 +147,16 @@ class SteppedLikelihood:
         left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
         self.surplus = float(np.sum(np.maximum(left, 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
-        return _View(white, effects, coupling, nuisance, max(1.0, linear.cost / expected))
+        return View(white, effects, coupling, nuisance, linear.cost, expected)
 
     def _padded(self, block: Blocks, columns: Array) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects."""
         own = block.rows.shape[-1]
         more = np.zeros((*block.offset.shape, len(self.likelihood.x) - own))
-        if self.force is not None:
-            more[..., self.force.place - own] = columns[..., self.force.effects]
-            columns = columns.copy()
-            columns[..., self.force.effects] = 0.0
+        columns = columns.copy()
+        for force in self.forces:
+            more[..., force.place - own] = columns[..., force.effects]
+            columns[..., force.effects] = 0.0
         return block.widened(more), columns
 
     def _expect(self, block: Blocks, columns: Array, span: tuple[float, float]) -> None:
@@ -246,47 +167,52 @@ class SteppedLikelihood:
         surprise = monitor.innovation(block, effects, self.likelihood.x, view.nuisance) / view.scale
         count = block.offset.shape[1]
         last = self._open[-1] if self._open else None
-        goes_on = last is not None and last.after == len(self._spans) - 1 and last.given_up < _LONGEST
-        if last is not None and goes_on and surprise > chi2.isf(_PART, count):
-            # Still jumping: the window that was the first after it is another one in it.
-            self.likelihood.drop(last.after, last.after + 1)
-            self._spans.pop()
-            last.given_up += 1
+        since = len(self._spans) - last.after if last is not None and last.given_up < _LONGEST else _APART
+        if last is not None and since < _APART and surprise > chi2.isf(_PART if since == 1 else _FALSE_ALARM, count):
+            # Still jumping: the windows that seemed to come after it are others in it.
+            self.likelihood.drop(last.after, len(self._spans))
+            del self._spans[last.after :]
+            last.given_up += since
             last.jump.end = span[1]
         elif surprise > chi2.isf(_FALSE_ALARM, count):
             self._jump(len(self._spans), span, view)
 
-    def _look_back(self, view: _View) -> bool:
+    def _look_back(self, view: View) -> bool:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
-        limit = float(chi2.isf(_FALSE_ALARM, len(self._start))) * view.scale
-        first = max([2, *(item.after + 2 for item in self._open)])
+        limit = float(chi2.isf(_FALSE_ALARM, len(self._start)))
+        first = max([2, *(item.after + _APART for item in self._open)])
         jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)[first:]
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
-        if self.force is None and self.watched.effects:
-            forces = self._forces(view)
-            axes = max(forces, key=lambda name: forces[name])
-            if forces[axes] > max(limit, explained):
-                clear = forces[axes] - min(forces.values()) > _CLEAR * view.scale
-                if clear:
-                    self._act(axes)
-                return clear
-        return explained > limit and self._jump(first + best, self._spans[first + best], view)
+        forces = self._falls(view)
+        axes = max(forces, key=lambda name: forces[name], default=None)
+        # A jump may be anywhere, a force is one; and where one kind acts already, it may just be of the other kind.
+        rival = 0.5 * explained if self.forces else explained - _CLEAR * view.left(explained)
+        if axes is not None and forces[axes] > rival and view.relative(forces[axes]) > limit:
+            # Between two kinds that explain the same, time will tell; unless it is too much to wait.
+            clear = len(forces) == 1 or forces[axes] - min(forces.values()) > _CLEAR * view.left(forces[axes])
+            if clear or view.relative(forces[axes]) > _PRESSING * limit:
+                self._act(axes)
+                return True
+            return False
+        return view.relative(explained) > limit and self._jump(first + best, self._spans[first + best], view)
 
-    def _forces(self, view: _View) -> dict[Axes, float]:
-        """Return how much better a constant force would explain the data, by its axes."""
+    def _falls(self, view: View) -> dict[Axes, float]:
+        """Return how much better a constant force would explain the data, by its axes, for those that do not act."""
         x, uncertain = self.likelihood.x, self._uncertain.places
+        acting = {force.axes for force in self.forces}
         return {
             axes: monitor.force(view.coupling, x, effects, uncertain, view.nuisance)
             for axes, effects in self.watched.effects.items()
+            if axes not in acting
         }
 
     def _act(self, axes: Axes) -> None:
         """Let a constant force and torque act, from the start of the run."""
         effects, count = self.watched.effects[axes], len(self.likelihood.x)
         self.likelihood.solve_for(effects, self.watched.prior)
-        self.force = Force(axes, effects, np.arange(count, len(self.likelihood.x)))
+        self.forces.append(Force(axes, effects, np.arange(count, len(self.likelihood.x))))
 
-    def _jump(self, place: int, span: tuple[float, float], view: _View) -> bool:
+    def _jump(self, place: int, span: tuple[float, float], view: View) -> bool:
         """Let the momentum jump before a window; return whether there is room for it."""
         if len(self._open) >= _MOST_JUMPS:
             self.too_many = True
@@ -317,7 +243,7 @@ class SteppedLikelihood:
             return None
         for item in closed:
             self._open.remove(item)
-            later: list[_Open | Force] = [*self._open, *([self.force] if self.force else [])]
+            later: list[_Open | Force] = [*self._open, *self.forces]
             for other in later:
                 other.place = other.place - len(item.place) * (other.place > item.place[0])
             prior = self._fresh(len(self.likelihood.x) - len(item.place))
@@ -330,6 +256,6 @@ class SteppedLikelihood:
         prior[: len(self._prior), : len(self._prior)] = self._prior
         for item in self._open:
             prior[item.place, item.place] = self._start
-        if self.force is not None:
-            prior[self.force.place, self.force.place] = self.watched.prior
+        for force in self.forces:
+            prior[force.place, force.place] = self.watched.prior
         return prior

@@ -1,0 +1,107 @@
+"""What may disturb a run, and what the tests for it see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.effects import Axes
+from mbaid_ros.core.difference.errors_in_variables import White
+from mbaid_ros.core.difference.monitor import Nuisance
+from mbaid_ros.core.geometry import Array
+
+
+@dataclass
+class Jump:
+    """A change of the momentum.
+
+    Attributes
+    ----------
+    start, end : s since the first sample, of the windows in which it happened
+    value : (k,) as far as known
+    covariance : (k, k) of it
+    """
+
+    start: float
+    end: float
+    value: Array
+    covariance: Array
+
+
+@dataclass
+class Force:
+    """A constant force and torque that acts.
+
+    Attributes
+    ----------
+    axes : it is constant in these
+    effects : its places among the effects, while it was only watched
+    place : (k,) indices among the unknowns
+    """
+
+    axes: Axes
+    effects: slice
+    place: Places
+
+
+@dataclass(frozen=True)
+class View:
+    """What the tests see: the latest solution.
+
+    Attributes
+    ----------
+    white : the windows that are solved again, at the solution
+    effects : (K, r, e) their uncertain effects, in units of their noise
+    coupling : of all windows with all effects
+    nuisance : what is unknown anyhow
+    cost, expected : sum of the squared normalised residuals, and what it should be
+    """
+
+    white: White
+    effects: Array
+    coupling: Coupling
+    nuisance: Nuisance
+    cost: float
+    expected: float
+
+    @property
+    def scale(self) -> float:
+        """Mean squared normalised residual, over what is expected of it, not below 1."""
+        return self.left(0.0)
+
+    def left(self, fall: float) -> float:
+        """Return the scale once the cost has fallen."""
+        return max(1.0, (self.cost - fall) / self.expected)
+
+    def relative(self, fall: float) -> float:
+        """Return a fall of the cost over the scale that is left: no more than chance makes of it."""
+        return fall / self.left(fall)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Effects that are not solved for, but known to be small.
+
+    Attributes
+    ----------
+    places : (e,) indices among the effects
+    size : (e,) standard deviations
+    """
+
+    places: Places
+    size: Array
+
+
+@dataclass(frozen=True)
+class Watched:
+    """Constant forces and torques that may act.
+
+    Attributes
+    ----------
+    effects : their places among the effects, by the axes they are constant in
+    prior : (k,) information about zero where nothing is known of one
+    """
+
+    effects: Mapping[Axes, slice]
+    prior: Array
