@@ -60,7 +60,7 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))
-        found = predict(case.kernel, middle[[index]], point).twist[0]
+        found = predict(case.kernel, middle[index : index + 1], point).twist[0]
         assert found == pytest.approx(middle.base_twist[index], abs=1e-10)
 
 
