@@ -237,7 +237,7 @@ class TimeOffsetConfig:
 
     estimate: bool = parameter(
         default=True,
-        description='Estimate how late JointState is stamped relative to Odometry, and correct it (trajectory).',
+        description='Estimate how late JointState is stamped relative to Odometry (difference: once the data show it).',
     )
     prior_std: float = parameter(
         0.02,

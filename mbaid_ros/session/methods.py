@@ -80,6 +80,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                     constant=_axes(config.disturbance.constant),
                     known_std=_known_std(config.known_links, kernel),
                     known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
+                    delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
                 ),
             ),
             reporting,

@@ -65,13 +65,14 @@ class Coupling:
         """Return the same in unknowns x' with x = basis x'."""
         return Coupling(basis.T @ self.cross, self.own, self.offset)
 
-    def part(self, effects: slice) -> Coupling:
-        """Return the same for some of the effects alone."""
-        return Coupling(self.cross[:, effects], self.own[effects, effects], self.offset[effects])
+    def mixed(self, effects: slice, weight: Array) -> Coupling:
+        """Return the same for combinations of some of the effects: e = weight e', weight (n, k)."""
+        own = self.own[effects, effects]
+        return Coupling(self.cross[:, effects] @ weight, weight.T @ own @ weight, weight.T @ self.offset[effects])
 
-    def solve_for(self, effects: slice) -> Coupling:
-        """Return the same once some effects are unknowns, after the others: as effects they are there no more."""
-        cross = np.concatenate((self.cross, self.own[effects]))
+    def solve_for(self, effects: slice, weight: Array) -> Coupling:
+        """Return the same once combinations of some effects are unknowns, after the others, and these effects gone."""
+        cross = np.concatenate((self.cross, weight.T @ self.own[effects]))
         own, offset = self.own.copy(), self.offset.copy()
         cross[:, effects] = own[effects] = own[:, effects] = offset[effects] = 0.0
         return Coupling(cross, own, offset)

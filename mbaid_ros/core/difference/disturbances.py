@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mbaid_ros.core.difference.coupling import Coupling, Places
-from mbaid_ros.core.difference.effects import Axes
+from mbaid_ros.core.difference.effects import Kind
 from mbaid_ros.core.difference.errors_in_variables import White
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.geometry import Array
@@ -30,17 +30,17 @@ class Jump:
 
 
 @dataclass
-class Force:
-    """A constant force and torque that acts.
+class Found:
+    """A watched effect that is there: a constant force and torque, or a delay of the joints' stamps.
 
     Attributes
     ----------
-    axes : it is constant in these
+    kind : axes of the force, or 'delay'
     effects : its places among the effects, while it was only watched
     place : (k,) indices among the unknowns
     """
 
-    axes: Axes
+    kind: Kind
     effects: slice
     place: Places
 
@@ -95,13 +95,14 @@ class Uncertain:
 
 @dataclass(frozen=True)
 class Watched:
-    """Constant forces and torques that may act.
+    """Constant forces and torques that may act, and a delay that there may be.
 
     Attributes
     ----------
-    effects : their places among the effects, by the axes they are constant in
-    prior : (k,) information about zero where nothing is known of one
+    effects : their places among the effects; a delay is as many as the body has unknowns, and one: the rate of the
+        known momentum, and those of the body's
+    prior : (k,) information of each about zero where nothing is known of it
     """
 
-    effects: Mapping[Axes, slice]
-    prior: Array
+    effects: Mapping[Kind, slice]
+    prior: Mapping[Kind, Array]

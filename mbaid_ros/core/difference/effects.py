@@ -6,21 +6,26 @@ A constant force F and torque T on the base link's origin change the momentum ab
          [ integral of [p]x A dt,   integral of A dt ]]
 
 where A is the unit matrix for a force that is constant in inertial axes, the base's rotation for one in base axes.
-An error of a known body's standard parameters adds its own regressor to the equations.
+An error of a known body's standard parameters adds its own regressor to the equations. Joints that are stamped late
+were measured earlier: their motion since adds the rate of the momentum by it, times the delay.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.samples import Samples
 
 Axes = Literal['inertial', 'body']
+Kind = Literal['inertial', 'body', 'delay']
+_LATER = 1e-3  # s, for the rate by the joints' motion
 AXES: tuple[Axes, ...] = ('inertial', 'body')
 
 
@@ -71,6 +76,32 @@ def _gain(integral: Array) -> Array:
     gain[..., :3, :3] = gain[..., 3:, 3:] = integral[..., 0, :, :]
     gain[..., 3:, :3] = integral[..., 1, :, :]
     return gain
+
+
+def delay_columns(kernel: MomentumKernel, window: Samples, rows: Blocks) -> Array:
+    """Return the window's mean rate of the momentum by the motion of the joints alone.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    window : Samples
+    rows : of this window
+
+    Returns
+    -------
+    (6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target
+    """
+    if len(window) < 2:
+        return np.zeros((6, 11))
+    acceleration = np.gradient(window.joint_velocity, window.time, axis=0)
+    later = replace(
+        window,
+        joint_position=window.joint_position + _LATER * window.joint_velocity,
+        joint_velocity=window.joint_velocity + _LATER * acceleration,
+    )
+    states = kernel.states(later)
+    moved = np.column_stack((np.mean(states.known_momentum, axis=0), np.mean(states.regressor, axis=0)))
+    return np.asarray((moved - np.column_stack((rows.offset[0], rows.rows[0, :, :10]))) / _LATER)
 
 
 def body_columns(kernel: MomentumKernel, window: Samples, bodies: tuple[int, ...]) -> Array:

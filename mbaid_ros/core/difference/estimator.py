@@ -118,6 +118,9 @@ class DifferenceEstimator:
             status = status if status == 'not_identifiable' else 'inconsistent'
             events = tuple(replace(event, cause=_ANYTHING) for event in events)
             warnings.append(f'the momentum seems to change all the time: {_ANYTHING}')
+        delay, deviation = _delay(run)
+        if deviation > 0.0:
+            warnings.append(f'JointState is stamped {1e3 * delay:.1f} ms late relative to Odometry; estimated along')
         if np.sum(run.blame) > 0.5:
             worst = int(np.argmax(run.blame))
             link = next(x.name for x in self._kernel.model.links if x.body == run.problem.bodies[worst])
@@ -125,17 +128,25 @@ class DifferenceEstimator:
                 f'{100.0 * np.sum(run.blame):.0f} % of the variance is due to the known bodies being uncertain, '
                 f'{100.0 * run.blame[worst]:.0f} % to {link} alone'
             )
-        return replace(estimate, status=status, events=events, warnings=tuple(warnings))
+        return replace(
+            estimate,
+            status=status,
+            events=events,
+            warnings=tuple(warnings),
+            time_offset=delay,
+            time_offset_std=deviation,
+        )
 
     def _solution(self, run: _Run, linear: Linearisation) -> Solution:
-        problem, likelihood, forces = run.problem, run.likelihood.likelihood, run.likelihood.forces
+        problem, likelihood = run.problem, run.likelihood.likelihood
+        forces = [(found, found.kind) for found in run.likelihood.found if found.kind != 'delay']
         space, variance = problem.space, problem.open_variance
-        own = np.concatenate((np.arange(space.basis.shape[1]), *(force.place for force in forces)))  # without jumps
+        own = np.concatenate((np.arange(space.basis.shape[1]), *(force.place for force, _ in forces)))  # without jumps
         if forces:
             space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
-            more = np.full(6 * len(forces), 1.0 / np.min(run.likelihood.watched.prior))
+            more = np.full(6 * len(forces), 1.0 / np.min(problem.watched.prior['inertial']))
             variance = np.concatenate((variance, more))
-        present = problem.present([force.axes for force in forces])
+        present = problem.present([axes for _, axes in forces])
         information, noise = linear.information, likelihood.noise_information
         plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
@@ -206,8 +217,8 @@ def _cause(jump: Jump) -> str:
 
 def _forces(run: _Run) -> tuple[Event, ...]:
     """Return the constant forces that act on the origin of the base link, if there are any."""
-    found, given = run.likelihood.forces, run.problem.acting
-    acting = [(force.place, force.axes) for force in found] + ([] if given is None else [given])
+    found = [(item.place, item.kind) for item in run.likelihood.found if item.kind != 'delay']
+    acting = found if run.problem.acting is None else [run.problem.acting]
     if not run.likelihood.ready:
         return ()
     return tuple(
@@ -223,6 +234,15 @@ def _force(axes: Axes, value: Array, run: _Run) -> Event:
     likely = 'inertial axes: a tilted table, drag or a leak' if axes == 'inertial' else 'base axes: a leak or thrust'
     cause = f'a force or torque that is constant in {likely}; estimated along, which widens the intervals'
     return Event(run.started, 'ramp', wrench[:3], wrench[3:], cause)
+
+
+def _delay(run: _Run) -> tuple[float, float]:
+    """Return how late the joints are stamped and its standard deviation, s; NaN where that was not found."""
+    for found in run.likelihood.found:
+        if found.kind == 'delay':
+            value, covariance = run.likelihood.part(found.place)
+            return float(value[0]), float(np.sqrt(covariance[0, 0]))
+    return np.nan, np.nan
 
 
 def _tells(value: Array, covariance: Array, chance: float) -> bool:

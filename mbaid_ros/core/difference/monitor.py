@@ -84,22 +84,24 @@ def jumps(white: White, effects: Array, momentum: slice, nuisance: Nuisance) -> 
     )
 
 
-def force(coupling: Coupling, x: Array, acting: slice, effects: Places, nuisance: Nuisance) -> float:
-    """Return by how much a constant force and torque would lower the cost.
+def effect(coupling: Coupling, x: Array, acting: tuple[slice, Array], effects: Places, nuisance: Nuisance) -> float:
+    """Return by how much combinations of effects would lower the cost.
 
     Parameters
     ----------
     coupling : of all windows
     x : (u,)
-    acting : places of the force and torque among the effects
+    acting : places of n effects, and what they are of k new unknowns, (n, k)
     effects : indices of the effects that are uncertain anyhow
     nuisance : Nuisance
     """
+    places, weight = acting
+    mixed = coupling.mixed(places, weight)
     fall = _fall(
-        cross=coupling.cross[:, acting],
-        own=coupling.own[acting, acting],
-        gradient=coupling.gradient(x)[acting],
-        effects=coupling.own[acting, effects],
+        cross=mixed.cross,
+        own=mixed.own,
+        gradient=mixed.gradient(x),
+        effects=weight.T @ coupling.own[places, effects],
         nuisance=nuisance,
     )
     return float(fall)

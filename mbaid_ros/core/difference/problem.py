@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
-from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, body_columns
+from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns, delay_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.subspace import subspace
 from mbaid_ros.core.difference.window_rows import LINEAR, UNKNOWNS
@@ -35,12 +35,14 @@ class Beside:
     constant : axes of a constant external force and torque among the unknowns
     known_std : (n + 1,) relative standard deviation of the parameters of each known body; 0 is exact
     known_mode : whether these are estimated along, or only widen the covariance
+    delay_std : s, of the joints' stamps; 0 takes them as true, else a delay is looked for
     """
 
     linear_momentum_std: float
     constant: Axes | Literal['none']
     known_std: tuple[float, ...]
     known_mode: Literal['consider', 'estimate']
+    delay_std: float
 
 
 class Problem:
@@ -65,7 +67,8 @@ class Problem:
     bodies : indices of the known bodies whose errors are unknowns or effects
     estimated : whether their errors are among the unknowns
     uncertain : which of the effects are errors of these bodies
-    watched : constant forces that may act
+    watched : constant forces that may act, and a delay that there may be
+    effects : number of effects that are not solved for
     """
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
@@ -77,9 +80,9 @@ class Problem:
         self._acting = () if beside.constant == 'none' else (ConstantForce(beside.constant, origin),)
         self._watched = tuple(ConstantForce(axes, origin) for axes in AXES) if beside.constant == 'none' else ()
         solved = errors if self.estimated else errors[:0]
-        places = np.arange(16 + len(solved) + 6 * len(self._acting))
+        order = np.arange(16 + len(solved) + 6 * len(self._acting))
         momentum = 10 + len(solved)
-        self._order = np.concatenate((places[:10], places[momentum:], places[10:momentum]))
+        self._order = np.concatenate((order[:10], order[momentum:], order[10:momentum]))
         self.space = subspace(plane, kernel, len(self._acting), len(solved))
         scale = unknown_scale(kernel)
         sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * len(self._acting), solved))
@@ -98,15 +101,19 @@ class Problem:
         self.acting: tuple[Places, Axes] | None = None
         if beside.constant != 'none':
             self.acting = (np.arange(after, after + wrench), beside.constant)
-        acting = {axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])}
-        self.watched = Watched(acting, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
+        places: dict[Kind, slice] = {
+            axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])
+        }
+        priors = dict.fromkeys(places, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
+        count = len(self._watched) * wrench
+        self._delayed = beside.delay_std > 0.0
+        if self._delayed:
+            places['delay'], priors['delay'] = slice(count, count + 1 + body), np.array([1.0 / beside.delay_std**2])
+            count += 1 + body
+        self.watched = Watched(places, priors)
         considered = errors[len(solved) :]
-        self.uncertain = Uncertain(len(self._watched) * wrench + np.arange(len(considered)), considered)
-
-    @property
-    def effects(self) -> int:
-        """Number of effects that are not solved for."""
-        return len(self._watched) * len(self.space.rows) + len(self.uncertain.places)
+        self.uncertain = Uncertain(count + np.arange(len(considered)), considered)
+        self.effects = count + len(considered)
 
     def of(self, window: Samples, rows: Blocks) -> tuple[Blocks, Array]:
         """Return a window's equations in the unknowns, and how they depend on the effects, (1, r, e).
@@ -117,11 +124,15 @@ class Problem:
         rows : of this window, in (m, h, I_o, errors of known bodies, P_0, L_0), of `observed`
         """
         acting = np.concatenate([np.zeros((6, 0)), *(force.columns(window) for force in self._acting)], axis=1)
+        delay = []
+        if self._delayed:
+            known, target = np.split(delay_columns(self._kernel, window, rows), [1], axis=1)
+            delay = [known, target @ self.space.basis[:10, : self.momentum.start]]
         rows = rows.widened(acting[None])
         block = self.space.of(rows.reordered(self._order) if len(self._order) > UNKNOWNS else rows)
         watched = [force.columns(window) @ self.space.rows.T for force in self._watched]
         considered = body_columns(self._kernel, window, () if self.estimated else self.bodies)
-        return block, (self.space.rows @ np.concatenate((*watched, considered), axis=1))[None]
+        return block, (self.space.rows @ np.concatenate((*watched, *delay, considered), axis=1))[None]
 
     def present(self, found: Sequence[Axes]) -> Array:
         """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.

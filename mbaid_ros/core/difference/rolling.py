@@ -147,23 +147,25 @@ class RollingLikelihood:
         self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
         self.x = np.concatenate((self.x, np.zeros(len(prior))))
 
-    def solve_for(self, effects: slice, prior: Array) -> None:
-        """Take effects among the unknowns; they come last, begin at zero, and are there no more as effects.
+    def solve_for(self, effects: slice, weight: Array, prior: Array) -> None:
+        """Take combinations of effects among the unknowns; they come last and begin at zero; the effects are gone.
 
         Parameters
         ----------
         effects : which
+        weight : (n, w) the effects are weight times the new unknowns
         prior : (w,) information about zero
         """
         self._blocks = [
-            block.widened(columns[..., effects]) for block, columns in zip(self._blocks, self._columns, strict=True)
+            block.widened(columns[..., effects] @ weight)
+            for block, columns in zip(self._blocks, self._columns, strict=True)
         ]
         for columns in self._columns:
             columns[..., effects] = 0.0
         more = len(prior)
         self._prior = np.asarray(block_diag(self._prior, np.diag(prior)))
-        self._folded.extend(self.coupling.part(effects), self._prior)
-        self.coupling = self.coupling.solve_for(effects)
+        self._folded.extend(self.coupling.mixed(effects, weight), self._prior)
+        self.coupling = self.coupling.solve_for(effects, weight)
         self._signal = np.pad(self._signal, (0, more))
         self._typical = np.concatenate((self._typical, 1.0 / np.sqrt(prior)))
         self.x = np.concatenate((self.x, np.zeros(more)))

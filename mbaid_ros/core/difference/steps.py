@@ -14,8 +14,8 @@ from scipy.stats import chi2
 
 from mbaid_ros.core.difference import monitor
 from mbaid_ros.core.difference.coupling import Places
-from mbaid_ros.core.difference.disturbances import Force, Jump, Uncertain, View, Watched
-from mbaid_ros.core.difference.effects import Axes
+from mbaid_ros.core.difference.disturbances import Found, Jump, Uncertain, View, Watched
+from mbaid_ros.core.difference.effects import Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -31,6 +31,7 @@ _ENOUGH = 50
 _CLEAR = 15.0
 _PRESSING = 6.0  # times the limit, at which one is taken even so
 _APART = 4  # windows between two jumps; with fewer they are one
+_REMEMBERED = 100  # jumps
 _MOST_JUMPS = 4  # among the windows that are solved again
 _LONGEST = 40  # windows that one jump may take
 
@@ -67,8 +68,8 @@ class SteppedLikelihood:
     Attributes
     ----------
     watched : as given
-    jumps : those that have been found
-    forces : those that were found to act
+    jumps : those that have been found, the latest of them
+    found : watched effects that are there
     ready : whether the data say enough for the tests
     surplus : how much the uncertain effects add to the sum of squared residuals in expectation
     too_many : whether some could not be allowed for
@@ -87,7 +88,7 @@ class SteppedLikelihood:
         self._open: list[_Open] = []
         self._view: View | None = None
         self.jumps: list[Jump] = []
-        self.forces: list[Force] = []
+        self.found: list[Found] = []
         self.ready = False
         self.surplus = 0.0
         self.too_many = False
@@ -154,9 +155,9 @@ class SteppedLikelihood:
         own = block.rows.shape[-1]
         more = np.zeros((*block.offset.shape, len(self.likelihood.x) - own))
         columns = columns.copy()
-        for force in self.forces:
-            more[..., force.place - own] = columns[..., force.effects]
-            columns[..., force.effects] = 0.0
+        for found in self.found:
+            more[..., found.place - own] = columns[..., found.effects] @ self._weight(found.kind)
+            columns[..., found.effects] = 0.0
         return block.widened(more), columns
 
     def _expect(self, block: Blocks, columns: Array, span: tuple[float, float]) -> None:
@@ -183,34 +184,41 @@ class SteppedLikelihood:
         first = max([2, *(item.after + _APART for item in self._open)])
         jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)[first:]
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
-        forces = self._falls(view)
-        axes = max(forces, key=lambda name: forces[name], default=None)
+        falls = self._falls(view)
+        kind = max(falls, key=lambda name: falls[name], default=None)
         # A jump may be anywhere, a force is one; and where one kind acts already, it may just be of the other kind.
-        rival = 0.5 * explained if self.forces else explained - _CLEAR * view.left(explained)
-        if axes is not None and forces[axes] > rival and view.relative(forces[axes]) > limit:
+        rival = 0.5 * explained if self.found else explained - _CLEAR * view.left(explained)
+        if kind is not None and falls[kind] > rival and view.relative(falls[kind]) > limit:
             # Between two kinds that explain the same, time will tell; unless it is too much to wait.
-            clear = len(forces) == 1 or forces[axes] - min(forces.values()) > _CLEAR * view.left(forces[axes])
-            if clear or view.relative(forces[axes]) > _PRESSING * limit:
-                self._act(axes)
+            second = max((falls[other] for other in falls if other != kind), default=-np.inf)
+            clear = falls[kind] - second > _CLEAR * view.left(falls[kind])
+            if clear or view.relative(falls[kind]) > _PRESSING * limit:
+                self._admit(kind)
                 return True
             return False
         return view.relative(explained) > limit and self._jump(first + best, self._spans[first + best], view)
 
-    def _falls(self, view: View) -> dict[Axes, float]:
-        """Return how much better a constant force would explain the data, by its axes, for those that do not act."""
+    def _falls(self, view: View) -> dict[Kind, float]:
+        """Return how much better each watched effect would explain the data, of those that have not been found."""
         x, uncertain = self.likelihood.x, self._uncertain.places
-        acting = {force.axes for force in self.forces}
+        found = {item.kind for item in self.found}
         return {
-            axes: monitor.force(view.coupling, x, effects, uncertain, view.nuisance)
-            for axes, effects in self.watched.effects.items()
-            if axes not in acting
+            kind: monitor.effect(view.coupling, x, (effects, self._weight(kind)), uncertain, view.nuisance)
+            for kind, effects in self.watched.effects.items()
+            if kind not in found
         }
 
-    def _act(self, axes: Axes) -> None:
-        """Let a constant force and torque act, from the start of the run."""
-        effects, count = self.watched.effects[axes], len(self.likelihood.x)
-        self.likelihood.solve_for(effects, self.watched.prior)
-        self.forces.append(Force(axes, effects, np.arange(count, len(self.likelihood.x))))
+    def _weight(self, kind: Kind) -> Array:
+        """Return what the watched effects are of the unknowns that they would become, (n, k)."""
+        if kind == 'delay':
+            return np.concatenate((np.ones(1), self.likelihood.x[: self._momentum.start]))[:, None]
+        return np.eye(len(self.watched.prior[kind]))
+
+    def _admit(self, kind: Kind) -> None:
+        """Take a watched effect among the unknowns, from the start of the run."""
+        effects, count = self.watched.effects[kind], len(self.likelihood.x)
+        self.likelihood.solve_for(effects, self._weight(kind), self.watched.prior[kind])
+        self.found.append(Found(kind, effects, np.arange(count, len(self.likelihood.x))))
 
     def _jump(self, place: int, span: tuple[float, float], view: View) -> bool:
         """Let the momentum jump before a window; return whether there is room for it."""
@@ -225,7 +233,7 @@ class SteppedLikelihood:
         bases = [earlier if index < place else same for index in range(len(self._spans))]
         likelihood.substitute(bases, earlier, self._start)
         jump = Jump(*span, np.zeros(more), np.diag(1.0 / self._start))
-        self.jumps.append(jump)
+        self.jumps = [*self.jumps[1 - _REMEMBERED :], jump]
         item = _Open(jump, old + np.arange(more), place)
         self._open.append(item)
         # The window before may already hold part of it.
@@ -243,7 +251,7 @@ class SteppedLikelihood:
             return None
         for item in closed:
             self._open.remove(item)
-            later: list[_Open | Force] = [*self._open, *self.forces]
+            later: list[_Open | Found] = [*self._open, *self.found]
             for other in later:
                 other.place = other.place - len(item.place) * (other.place > item.place[0])
             prior = self._fresh(len(self.likelihood.x) - len(item.place))
@@ -251,11 +259,11 @@ class SteppedLikelihood:
         return self.likelihood.solve()
 
     def _fresh(self, unknowns: int) -> Array:
-        """Return the (u, u) information about zero where nothing is known, jumps and force included."""
+        """Return the (u, u) information about zero where nothing is known, jumps and what was found included."""
         prior = np.zeros((unknowns, unknowns))
         prior[: len(self._prior), : len(self._prior)] = self._prior
         for item in self._open:
             prior[item.place, item.place] = self._start
-        for force in self.forces:
-            prior[force.place, force.place] = self.watched.prior
+        for found in self.found:
+            prior[found.place, found.place] = self.watched.prior[found.kind]
         return prior

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 from floating import float_freely, true_momentum
@@ -195,3 +197,17 @@ def test_what_a_force_does_to_the_momentum(robot: MomentumKernel, pushed: dict[s
         change[:, 3:] -= np.cross(window.base_position - origin, change[:, :3])
         assert -column @ FORCE == pytest.approx(np.mean(change, axis=0), abs=1e-4)
     assert acting.gain @ FORCE == pytest.approx(about[-1] - about[0], abs=1e-4)
+
+
+def test_joints_that_are_late(robot: MomentumKernel, free: Truth) -> None:
+    late = 0.02  # s
+    position, velocity = (CubicSpline(free.time, values) for values in (free.joint_position, free.joint_velocity))
+    truth = replace(free, joint_position=position(free.time - late), joint_velocity=velocity(free.time - late))
+    last = identify(robot, truth, MID, 7)[-1]
+    # To first order in the delay.
+    assert last.time_offset == pytest.approx(late, abs=3.0 * last.time_offset_std + 0.02 * late)
+    assert any('stamped' in warning for warning in last.warnings)
+    assert last.status in {'estimating', 'converged'}
+    taken = identify(robot, truth, MID, 7, time_offset__estimate=False)[-1]
+    assert np.isnan(taken.time_offset)
+    assert nees(last, true_body(robot)) < 0.1 * nees(taken, true_body(robot))

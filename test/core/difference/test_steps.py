@@ -11,6 +11,7 @@ from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference import monitor
 from mbaid_ros.core.difference.coupling import Coupling
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
+from mbaid_ros.core.difference.effects import AXES
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -21,7 +22,7 @@ PRIOR = 1e-6 * np.eye(UNKNOWNS)
 MOMENTUM = slice(2, 4)
 JUMP = np.array([0.7, -0.4])
 NOBODY = Uncertain(np.zeros(0, dtype=np.int64), np.zeros(0))
-NOTHING = Watched({}, np.zeros(0))
+NOTHING = Watched({}, {})
 
 
 def likelihood(kept: int, effects: int = 0, watched: Watched = NOTHING) -> SteppedLikelihood:
@@ -133,10 +134,10 @@ def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
     other = np.cos(np.arange(80))[:, None, None] * gain
     force = np.array([0.08, 0.04])
     pushed = Blocks(blocks.rows, blocks.offset - gain @ force, blocks.noise, blocks.noise_rows)
-    watched = Watched({'inertial': slice(0, 2), 'body': slice(2, 4)}, np.full(2, 1e-6))
+    watched = Watched({'inertial': slice(0, 2), 'body': slice(2, 4)}, dict.fromkeys(AXES, np.full(2, 1e-6)))
     run = follow(pushed, kept, np.concatenate((gain, other), axis=-1), watched)
-    (found,) = run.forces
-    assert found.axes == 'inertial'
+    (found,) = run.found
+    assert found.kind == 'inertial'
     assert not run.jumps
     information, right_side = eiv.weighted(pushed.widened(gain), np.zeros(6), compensate=False)
     expected = np.linalg.solve(information + 1e-6 * np.eye(6), right_side)
@@ -160,7 +161,7 @@ def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     coupling = Coupling.of(white, columns, x)
     more, right = eiv.weighted(blocks.widened(columns), np.zeros(6), compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
-    found = monitor.force(coupling, x, slice(0, 2), np.zeros(0, dtype=np.int64), nuisance)
+    found = monitor.effect(coupling, x, (slice(0, 2), np.eye(2)), np.zeros(0, dtype=np.int64), nuisance)
     assert found == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
 
 
