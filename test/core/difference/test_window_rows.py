@@ -110,13 +110,37 @@ def test_covariances_of_the_odometry_and_their_correlations_count(spatial: Truth
 
     def spread(part: Samples) -> Array:
         block = window_rows(servicer, [part], none, ORIGIN)
-        return np.asarray((block.noise + block.noise_rows @ x)[0, :, 2 * servicer.model.joints :])
+        sources = (block.noise + block.noise_rows @ x)[0].reshape(6, 2, -1)  # at two samples of the window
+        return np.asarray(sources[..., 2 * servicer.model.joints :].reshape(6, -1))
 
     derivative = spread(unit) * np.sqrt(10.0)
     errors = np.zeros((12, 12))
     errors[:6, :6], errors[6:, 6:] = given.pose_covariance[0], given.twist_covariance[0]
+    errors = np.kron(np.eye(2), errors)
     found = spread(given) @ spread(given).T
     assert found == pytest.approx(derivative @ errors @ derivative.T / 10.0, rel=1e-9, abs=1e-9 * np.abs(found).max())
     # Twice as many samples, half the variance.
     twice = spread(repeated(given, 2))
     assert twice @ twice.T == pytest.approx(0.5 * found, rel=1e-9, abs=1e-9 * np.abs(found).max())
+
+
+def test_the_noise_of_a_mean_is_the_mean_noise_over_the_number(spatial: Truth) -> None:
+    """Also where the arm moves so fast that the equations change within a window."""
+    servicer = kernel('servicer7')
+    x = unknowns(spatial, ORIGIN)
+    samples = observe(spatial, MID)[160:170]
+
+    def covariance(parts: list[Samples]) -> Array:
+        block = window_rows(servicer, parts, MID, ORIGIN)
+        spread = block.noise + block.noise_rows @ x
+        return np.asarray(spread @ np.swapaxes(spread, 1, 2))
+
+    whole, single = covariance([samples])[0], covariance([samples[k : k + 1] for k in range(10)])
+    whitener = np.linalg.inv(np.linalg.cholesky(np.mean(single, axis=0) / 10.0))
+
+    def off(claimed: Array) -> float:
+        return float(np.abs(np.linalg.eigvalsh(whitener @ claimed @ whitener.T) - 1.0).max())
+
+    assert off(whole) < 5e-3
+    # One sample in the middle would not do.
+    assert off(single[5] / 10.0) > 10.0 * off(whole)
