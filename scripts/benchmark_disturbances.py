@@ -47,6 +47,8 @@ _DIRECTIONS = np.array([2.0, -2.0, 1.0]) / 3.0, np.array([1.0, 2.0, -2.0]) / 3.0
 _PULSE = np.concatenate((1.0 * _DIRECTIONS[0], 0.5 * _DIRECTIONS[1]))  # N s, N m s
 _FORCE = np.concatenate((0.01 * _DIRECTIONS[0], 0.01 * _DIRECTIONS[1]))  # N, N m
 _METHODS = ('difference', 'trajectory')
+_ARRAYS = ('error', 'std', 'noticed', 'events')
+_KEPT_EVERY = 10  # runs
 _QUANTILE = 1.959964  # of 95 %
 
 
@@ -204,21 +206,21 @@ def _runs(row: Row, method: str, arguments: argparse.Namespace, pool: ProcessPoo
     parts = []
     if file is not None and file.is_file():
         with np.load(file) as arrays:
-            parts = [tuple(arrays[name] for name in ('error', 'std', 'noticed', 'events'))]
+            parts = [tuple(arrays[name] for name in _ARRAYS)]
     done = min(len(parts[0][0]), arguments.seeds) if parts else 0
     bar.update(done)
-    work = [(row, method, seed) for seed in range(done, arguments.seeds)]
-    found = []
-    for result in pool.map(_run, work):
-        found.append(result)
-        bar.update(1)
-    if found:
+    for first in range(done, arguments.seeds, _KEPT_EVERY):
+        seeds = range(first, min(first + _KEPT_EVERY, arguments.seeds))
+        found = []
+        for result in pool.map(_run, [(row, method, seed) for seed in seeds]):
+            found.append(result)
+            bar.update(1)
         parts.append(tuple(np.array(values) for values in zip(*found, strict=True)))
-    error, std, noticed, events = (np.concatenate(values) for values in zip(*parts, strict=True))
-    if file is not None and found:
-        arguments.store.mkdir(parents=True, exist_ok=True)
-        np.savez(file, error=error, std=std, noticed=noticed, events=events)
-    return Outcome(*(values[: arguments.seeds] for values in (error, std, noticed, events)))
+        if file is not None:
+            arguments.store.mkdir(parents=True, exist_ok=True)
+            arrays = (np.concatenate(values) for values in zip(*parts, strict=True))
+            np.savez(file, **dict(zip(_ARRAYS, arrays, strict=True)))
+    return Outcome(*(np.concatenate(values)[: arguments.seeds] for values in zip(*parts, strict=True)))
 
 
 def _rmse(outcome: Outcome) -> Array:
