@@ -221,8 +221,11 @@ def _fewest(report: Report) -> int:
 
 def _seeds(report: Report) -> str:
     seeds = {job.seeds for job in report.plan.values()}
-    fewer = ', '.join(f'every {METHODS[name].every}th for {name}' for name in report.methods if METHODS[name].every > 1)
-    return f'{max(seeds)} seeds a row{f" ({fewer})" if fewer else ""}'
+    most = max(seeds)
+    fewer = ', '.join(
+        f'{METHODS[name].runs(most)} of them for {name}' for name in report.methods if METHODS[name].runs(most) < most
+    )
+    return f'{most} seeds a row{f" ({fewer})" if fewer else ""}'
 
 
 _INTRODUCTION = """\

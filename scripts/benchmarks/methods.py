@@ -23,23 +23,29 @@ class Method:
     Attributes
     ----------
     settings : what it is told besides the noise; the true total angular momentum it gets if it has to be told one
-    every : it runs for every so many seeds: to tell factors of a hundred apart takes fewer
+    share, fewest : it runs for that share of the seeds, but for no fewer than those, as far as there are: to tell
+        factors of a hundred apart takes few
     papers : whether it is the paper's: it takes every velocity as it comes, and reports no uncertainty
     """
 
     settings: Mapping[str, object]
-    every: int = 1
+    share: float = 1.0
+    fewest: int = 0
     papers: bool = False
+
+    def runs(self, seeds: int) -> int:
+        """Return how many of some seeds it runs for."""
+        return max(round(self.share * seeds), min(self.fewest, seeds))
 
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
-    'trajectory': Method({'method': 'trajectory'}),
-    'paper_main': Method({'method': 'paper_main'}, every=5, papers=True),
+    'trajectory': Method({'method': 'trajectory'}, 0.25, 50),
+    'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
-        {'method': 'paper_difference', 'paper.reference': 'previous'}, every=5, papers=True
+        {'method': 'paper_difference', 'paper.reference': 'previous'}, 0.05, 10, papers=True
     ),
-    'paper_difference first': Method({'method': 'paper_difference', 'paper.reference': 'first'}, every=5, papers=True),
+    'paper_difference first': Method({'method': 'paper_difference', 'paper.reference': 'first'}, 0.05, 10, papers=True),
 }
 
 

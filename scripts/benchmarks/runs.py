@@ -87,8 +87,7 @@ def monte_carlo(
         motion(robot)
     wanted = {
         (case, method): [
-            _Run(case, method, seed, job.times, truths[case.robot])
-            for seed in range(0, job.seeds, METHODS[method].every)
+            _Run(case, method, seed, job.times, truths[case.robot]) for seed in range(METHODS[method].runs(job.seeds))
         ]
         for case, job in plan.items()
         for method in methods
