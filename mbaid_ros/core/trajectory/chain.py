@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise
 from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
@@ -39,7 +39,7 @@ class WindowModel:
     transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
     length : s
-    rotation, position : (3, 3), (3,) m, of the base in mid-window
+    rotation, position : (3, 3), (3,) m, of the base at the window's end
     """
 
     pose_value: Array
@@ -113,8 +113,8 @@ def _model(window: Window, predicted: Prediction, gains: tuple[Array, Array], pa
         drift=errors[-1][:, -1],
         process=deviation * remainder,
         length=length,
-        rotation=middle.base_rotation[centre],
-        position=middle.base_position[centre],
+        rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
+        position=middle.base_position[-1] + 0.5 * middle.step[-1],
     )
 
 

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, LINEAR
+from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average
@@ -26,6 +26,7 @@ _FEWEST_NODES = 5
 _MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
+_AXES = {'inertial': 'inertial', 'body': 'base'}
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
@@ -182,7 +183,8 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
         )
         estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        estimate = replace(estimate, events=events(track, mean[LINEAR.start : ANGULAR.stop], origin))
+        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], origin)
+        estimate = replace(estimate, events=(*_force(track, mean[FORCE]), *jumps))
         if self._settings.time_offset_std > 0.0:
             deviation = float(np.sqrt(covariance[DELAY, DELAY]))
             estimate = replace(estimate, time_offset=float(mean[DELAY]), time_offset_std=deviation)
@@ -202,6 +204,15 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
         )
     status = 'inconsistent' if wrong and estimate.status != 'not_identifiable' else estimate.status
     return replace(estimate, status=status, warnings=tuple(warnings))
+
+
+def _force(track: Track, value: Array) -> tuple[Event, ...]:
+    """Return the constant force and torque (6,) on the base link's origin, if the hypothesis has one."""
+    if track.walk.force == 'none':
+        return ()
+    likely = 'a tilted table, drag or a leak' if track.walk.force == 'inertial' else 'a leak or thrust'
+    cause = f'a force or torque that is constant in {_AXES[track.walk.force]} axes: {likely}'
+    return (Event(0.0, 'ramp', value[:3], value[3:], cause),)
 
 
 def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:

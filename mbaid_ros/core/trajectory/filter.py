@@ -210,7 +210,8 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
 def _push(window: WindowModel, walk: Walk) -> Array:
     """Return the (6, 6) change of (P, L) a second by a force and torque on the base's origin.
 
-    A window's momentum is that of its middle, so that the change within it cancels in the pose.
+    A window's momentum is that of its middle, so that the change within it cancels in the pose. The force acts from
+    there to the middle of the next window, on a base that is on average where the two meet.
     """
     axes = window.rotation if walk.force == 'body' else np.eye(3)
     push = np.zeros((6, 6))

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from floating import errors, float_freely, follow, make, normalised, true_momentum
+from floating import Push, errors, float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import body_sizes
@@ -25,6 +25,17 @@ PULSED = 12.2  # s
 LATE = 0.005  # s
 # Ten parameters, one run in a thousand.
 LIMIT = float(chi2.isf(1e-3, 10))
+
+
+def pushing(axes: str) -> Push:
+    """Return a constant force and torque on the base's origin."""
+
+    def push(_time: float, rotation: Array, position: Array) -> Array:
+        turn = rotation if axes == 'body' else np.eye(3)
+        force, torque = turn @ FORCE_TORQUE[:3], turn @ FORCE_TORQUE[3:]
+        return np.concatenate((force, np.cross(position, force) + torque))
+
+    return push
 
 
 @pytest.fixture(scope='module')
@@ -58,23 +69,20 @@ def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array) -> N
 
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
-    def push(_time: float, rotation: Array, position: Array) -> Array:
-        turn = rotation if axes == 'body' else np.eye(3)
-        force, torque = turn @ FORCE_TORQUE[:3], turn @ FORCE_TORQUE[3:]
-        return np.concatenate((force, np.cross(position, force) + torque))
-
-    truth = float_freely(robot, joints, momentum, SECONDS, push=push)
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(axes))
     estimator = make(robot, MID, adapt=True)
     last = estimator.update(windows(observe(truth, MID, 5)), 0)[-1]
     assert any(
         f'constant force or torque acts, in {"base" if axes == "body" else axes} axes' in x for x in last.warnings
     )
     assert normalised(last, robot) < LIMIT
+    assert [event.kind for event in last.events] == ['ramp']
     tracker = estimator._tracker
     assert tracker is not None
     mean, covariance = tracker.state()
     error = mean[FORCE] - FORCE_TORQUE
     assert float(error @ np.linalg.solve(covariance[FORCE, FORCE], error)) < chi2.isf(1e-3, 6)
+    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), mean[FORCE])
     # Without the hypothesis the force is taken for inertia.
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 
@@ -116,3 +124,13 @@ def test_known_bodies_that_are_a_little_wrong(robot: MomentumKernel, servicer: T
     assert np.any(np.abs(errors(exact, robot)) > 3.0 * exact.std)
     assert exact.status == 'inconsistent'
     assert 'does not explain the data' in exact.warnings[-1]
+
+
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
+def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
+    """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(axes))
+    estimator = make(robot, MID, adapt=True)
+    last = estimator.update(windows(observe(truth, MID)), 0)[-1]
+    assert last.events[0].kind == 'ramp'
+    assert np.all(np.abs(errors(last, robot)) < 0.02 * last.std)
