@@ -95,7 +95,7 @@ class TrajectoryEstimator:
         self._samples += len(window)
         ready, still_open = self._collect(window, self._origin)
         tracker = self._tracking()
-        tracker.take(ready, still_open)
+        tracker.take(ready, still_open, moved=self._moved)
         time = float(window.time[-1])
         return self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
 
@@ -131,6 +131,11 @@ class TrajectoryEstimator:
             fresh=not earlier,
         )
 
+    @property
+    def _moved(self) -> bool:
+        """Whether a joint has moved by more than its noise."""
+        return bool(np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position))
+
     def _tracking(self) -> Tracker:
         """Return the filter; a new one where the motion has turned out spatial."""
         if self._tracker is None or self._tracker.planar != self._plane.planar:
@@ -159,9 +164,12 @@ class TrajectoryEstimator:
         )
 
     def _estimate(self, tracker: Tracker, origin: Array, time: float, stamp: int) -> Estimate:
-        if not tracker.started:
+        if not tracker.started and self._moved:
             warning = f'collecting the first {self._settings.start} windows'
             return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
+        if not tracker.started:
+            warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'
+            return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
         if not tracker.settled:
             warning = 'the motion so far leads to no solution that stays: more of it is needed'
             return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
@@ -171,12 +179,10 @@ class TrajectoryEstimator:
         # More surprise than the noise explains widens the intervals.
         surprise = track.belief.surprise / max(track.belief.measured, 1)
         ordered = covariance[np.ix_(order, order)] * max(1.0, surprise)
-        moved = np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position)
         solution = Solution(
             x=mean[order],
             covariance=ordered,
-            # A robot that does not move its joints tells nothing of one body alone, whatever noise makes of it.
-            cautious_covariance=ordered if moved else ordered + np.diag(tracker.open_variance()[order]),
+            cautious_covariance=ordered,
             cost=track.belief.surprise,
             redundancy=track.belief.measured,
             origin=origin,

@@ -71,23 +71,22 @@ class Tracker:
         """Return mean (s,) and covariance (s, s) of the latest state under the best hypothesis."""
         return self._variables.state(self.best.belief)
 
-    def open_variance(self) -> Array:
-        """Return the (s,) variances of the state when nothing is known."""
-        return self._variables.open_variance
-
-    def take(self, ready: Window | None, still_open: Window | None) -> None:
+    def take(self, ready: Window | None, still_open: Window | None, *, moved: bool) -> None:
         """Take the next window into the run, and what the one after it tells already into the latest state only.
 
         Parameters
         ----------
         ready : a window with all its neighbours; None where there is none
         still_open : the window after it, without its later neighbours
+        moved : whether a joint has moved so far; before, no start is looked for
         """
         if ready is not None and self._young is not None:
             self._young.append(ready)
-            if len(self._young) >= self._next_pass:
+            if moved and len(self._young) >= self._next_pass:
                 self._settle(self._young)
                 ready = None
+            elif len(self._young) > self._kept:
+                self._young = self._young[len(self._young) // 2 :]
         self._latest = self._tracks
         if not self._tracks:
             return
