@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -27,6 +28,7 @@ _MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
 _AXES = {'inertial': 'inertial', 'body': 'base'}
+_NOTHING = 1e-6  # chance of a force that is none to be told of
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
@@ -190,7 +192,7 @@ class TrajectoryEstimator:
         )
         estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
         jumps = events(track, mean[LINEAR.start : ANGULAR.stop], origin)
-        estimate = replace(estimate, events=(*_force(track, mean[FORCE]), *jumps))
+        estimate = replace(estimate, events=(*_force(track, mean[FORCE], covariance[FORCE, FORCE]), *jumps))
         if self._settings.time_offset_std > 0.0:
             deviation = float(np.sqrt(covariance[DELAY, DELAY]))
             estimate = replace(estimate, time_offset=float(mean[DELAY]), time_offset_std=deviation)
@@ -212,9 +214,9 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
     return replace(estimate, status=status, warnings=tuple(warnings))
 
 
-def _force(track: Track, value: Array) -> tuple[Event, ...]:
-    """Return the constant force and torque (6,) on the base link's origin, if the hypothesis has one."""
-    if track.walk.force == 'none':
+def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
+    """Return the constant force and torque (6,) on the base link's origin, if there is one and it is not nothing."""
+    if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi2.isf(_NOTHING, len(value)):
         return ()
     likely = 'a tilted table, drag or a leak' if track.walk.force == 'inertial' else 'a leak or thrust'
     cause = f'a force or torque that is constant in {_AXES[track.walk.force]} axes: {likely}'
