@@ -24,8 +24,9 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.replay.feed import Inputs
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.run import Inputs, replay_bag
+from mbaid_ros.replay.run import replay_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / 'bags' / 'servicer7_mid'

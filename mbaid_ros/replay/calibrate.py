@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-
-from tqdm import tqdm
 
 from mbaid_ros.cli import ArgumentParser, one_line, run
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
@@ -23,8 +20,8 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
+from mbaid_ros.replay.feed import Inputs, progress_bar
 from mbaid_ros.replay.motions import BagMotions, read_motions
-from mbaid_ros.replay.run import Inputs
 
 NOT_DETERMINED = 3
 STDOUT = '-'
@@ -145,20 +142,8 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
 
 
 def _motions(bag: str, parameters: CalibrationParameters, urdf: str, inputs: Inputs) -> BagMotions:
-    with _progress(bag) as progress:
+    with progress_bar(bag) as progress:
         return read_motions(bag, parameters.estimator, urdf, inputs, progress)
-
-
-@contextmanager
-def _progress(bag: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on a terminal, nothing when piped."""
-    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
-
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield advance
 
 
 def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -11,10 +11,8 @@ from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.replay.run import JOINT_STATE_TYPE, ODOMETRY_TYPE, Inputs
+from mbaid_ros.replay.feed import Inputs, Progress, feed
 from mbaid_ros.session import Session, intake_warnings
-
-_MESSAGES_AT_ONCE = 2_000
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def read_motions(
     config: EstimatorConfig,
     urdf: str,
     inputs: Inputs,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> BagMotions:
     """Return the motions in a bag, through the same intake as an estimator's.
 
@@ -64,7 +62,7 @@ def read_motions(
     config : the estimator's parameters
     urdf : text of the robot description
     inputs : the topics to read
-    progress : called now and then with the number of messages read and that of all
+    progress : Progress
 
     Raises
     ------
@@ -80,22 +78,17 @@ def read_motions(
         return collectors[-1]
 
     session = Session(config, urdf, collect)
+
+    def add(topic: str, message: Any, _time: int) -> None:
+        if topic == inputs.joint_states:
+            session.add_joint_state(message)
+        else:
+            session.add_odometry(message)
+
     notes: tuple[str, ...] = ()
     with BagReader(path) as bag:
-        bag.require(inputs.joint_states, JOINT_STATE_TYPE)
-        bag.require(inputs.odometry, ODOMETRY_TYPE)
-        topics = (inputs.joint_states, inputs.odometry)
-        total = sum(bag.topics[topic].count for topic in topics)
-        for count, (topic, message, _) in enumerate(bag.read(topics), start=1):
-            if topic == inputs.joint_states:
-                session.add_joint_state(message)
-            else:
-                session.add_odometry(message)
-            if count % _MESSAGES_AT_ONCE == 0:
-                notes = _noted(session.process(), notes)
-                progress(count, total)
-        notes = _noted(session.process(), notes)
-        progress(total, total)
+        for _ in feed(bag, inputs, add, progress):
+            notes = _noted(session.process(), notes)
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
     return BagMotions(path, runs, tuple(dict.fromkeys(warnings)))

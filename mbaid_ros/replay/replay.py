@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-
-from tqdm import tqdm
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import ArgumentParser, run
@@ -18,8 +16,9 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.replay.feed import Inputs, progress_bar
 from mbaid_ros.replay.results import Run, as_json, summary
-from mbaid_ros.replay.run import EstimateWriter, Inputs, replay_bag
+from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 
 NOT_DETERMINED = 3
@@ -107,20 +106,8 @@ def _estimate_writer(path: str | None, *, with_debris: bool) -> Iterator[Estimat
 
 
 def _replay_one(bag: str, config: EstimatorConfig, urdf: str, inputs: Inputs, writer: EstimateWriter | None) -> Run:
-    with _progress(bag) as progress:
+    with progress_bar(bag) as progress:
         return replay_bag(bag, config, urdf, inputs, writer=writer, progress=progress)
-
-
-@contextmanager
-def _progress(bag: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on a terminal, nothing when piped."""
-    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
-
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield advance
 
 
 def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: Sequence[Truth | None]) -> None:

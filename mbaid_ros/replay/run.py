@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 from mbaid_ros.bags import BagReader, BagWriter, message_class
@@ -15,32 +14,14 @@ from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
+from mbaid_ros.replay.feed import Inputs, Progress, feed
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
 from mbaid_ros.session import Session, intake_warnings
 
-JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
-ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 ESTIMATE_TOPIC = '/estimator/estimate'
 DEBRIS_TOPIC = '/estimator/debris'
 INERTIA_TOPIC = '/estimator/inertia'
-
-# How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
-_MESSAGES_AT_ONCE = 2_000
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """The topics to read.
-
-    Attributes
-    ----------
-    joint_states : of type sensor_msgs/JointState
-    odometry : of type nav_msgs/Odometry
-    """
-
-    joint_states: str = '/joint_states'
-    odometry: str = '/odom'
 
 
 class EstimateWriter:
@@ -77,7 +58,7 @@ def replay_bag(
     inputs: Inputs,
     *,
     writer: EstimateWriter | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Run:
     """Send a bag's messages through a session and return what it leads to.
 
@@ -88,7 +69,7 @@ def replay_bag(
     urdf : text of the robot description
     inputs : the topics to read
     writer : where to write the estimates
-    progress : called now and then with the number of messages read and that of all
+    progress : Progress
 
     Raises
     ------
@@ -100,20 +81,9 @@ def replay_bag(
     session = Session(config, urdf)
     history = History()
     with BagReader(path) as bag:
-        bag.require(inputs.joint_states, JOINT_STATE_TYPE)
-        bag.require(inputs.odometry, ODOMETRY_TYPE)
-        topics = (inputs.joint_states, inputs.odometry)
-        intake = _Intake(session, topics)
-        total = sum(bag.topics[topic].count for topic in topics)
-        for count, (topic, message, time) in enumerate(bag.read(topics), start=1):
-            intake.add(topic, message, time)
-            if count % _MESSAGES_AT_ONCE == 0:
-                _take(session.process(), session, history, writer)
-                if progress:
-                    progress(count, total)
-        _take(session.process(), session, history, writer)
-        if progress:
-            progress(total, total)
+        intake = _Intake(session, inputs.topics)
+        for _ in feed(bag, inputs, intake.add, progress):
+            _take(session.process(), session, history, writer)
         warnings = (*bag.warnings, *intake_warnings(session))
     return Run(
         bag=path,

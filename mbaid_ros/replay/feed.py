@@ -1,0 +1,84 @@
+"""A bag's messages, handed over some thousands at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from mbaid_ros.bags import BagReader
+
+JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+
+# How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
+_MESSAGES_AT_ONCE = 2_000
+
+# Called now and then with the number of messages read and that of all.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The topics to read.
+
+    Attributes
+    ----------
+    joint_states : of type sensor_msgs/JointState
+    odometry : of type nav_msgs/Odometry
+    """
+
+    joint_states: str = '/joint_states'
+    odometry: str = '/odom'
+
+    @property
+    def topics(self) -> tuple[str, str]:
+        """Both of them."""
+        return self.joint_states, self.odometry
+
+
+def feed(
+    bag: BagReader, inputs: Inputs, add: Callable[[str, Any, int], None], progress: Progress | None
+) -> Iterator[None]:
+    """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
+
+    Parameters
+    ----------
+    bag : an open bag
+    inputs : the topics to read
+    add : takes topic, message and the time it was recorded at, ns
+    progress : Progress
+
+    Raises
+    ------
+    DataError
+        The bag lacks a topic, or has it with another type.
+    """
+    bag.require(inputs.joint_states, JOINT_STATE_TYPE)
+    bag.require(inputs.odometry, ODOMETRY_TYPE)
+    total = sum(bag.topics[topic].count for topic in inputs.topics)
+    for count, message in enumerate(bag.read(inputs.topics), start=1):
+        add(*message)
+        if count % _MESSAGES_AT_ONCE == 0:
+            yield
+            if progress:
+                progress(count, total)
+    yield
+    if progress:
+        progress(total, total)
+
+
+@contextmanager
+def progress_bar(bag: str) -> Iterator[Progress]:
+    """Show a bar on a terminal, nothing when piped."""
+    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
