@@ -14,11 +14,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BSpline
 
-from benchmarks.data import Case, exact_samples, kernel, momentum_of
-from mbaid_ros.core.difference.subspace import subspace
-from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.inertia import physical_jacobian
-from mbaid_ros.core.robot.planar import PlaneDetector
+from benchmarks.bound import told_by
+from benchmarks.data import Case, kernel
+from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.nodes import Midpoints
@@ -43,26 +41,17 @@ def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Arra
     -------
     (len(times), 10) array; NaN for what the motion leaves open
     """
-    robot = kernel(case.robot)
-    samples = exact_samples(truth, case.noise)
-    detector = PlaneDetector(robot.model)
-    detector.update(samples)
-    space = subspace(detector, robot)
-    bodies = int(np.sum(np.any(space.basis[:10] != 0.0, axis=0)))
-    momentum = momentum_of(case.robot, truth)
-    momentum[3:] -= cross(truth.base_position[0], momentum[:3])
-    full = physical_jacobian(robot.target.parameters)
-    jacobian = full @ space.basis[:10, :bodies]
-    known = np.all(np.abs(full - jacobian @ space.basis[:10, :bodies].T) < 1e-9, axis=1)
+    told = told_by(case, truth)
+    samples, basis = told.samples, told.space.basis
     result = np.full((len(times), 10), np.nan)
     for row, time in enumerate(times):
         end = int(np.searchsorted(samples.time, time - 1e-9))
-        information = _information(case, samples[:end], momentum, space.basis)
+        information = _information(case, samples[:end], told.momentum, basis)
         size = 1.0 / np.sqrt(np.diag(information))
         inverse = np.linalg.inv(information * size * size[:, None]) * size * size[:, None]
-        body = slice(len(inverse) - space.basis.shape[1], len(inverse) - space.basis.shape[1] + bodies)
-        variance = np.diag(jacobian @ inverse[body, body] @ jacobian.T)
-        result[row] = np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        last = inverse[-basis.shape[1] :, -basis.shape[1] :]  # body and momentum
+        variance = np.diag(told.jacobian @ last @ told.jacobian.T)
+        result[row] = np.where(told.known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
     return result
 
 
