@@ -22,6 +22,7 @@ from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.difference.steps import SteppedLikelihood
 from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Reporting, Solution, inverse
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -212,7 +213,7 @@ def _cause(jump: Jump) -> str:
         return 'the momentum came back: a fault of the sensors, or two pulses that cancel'
     if jump.end - jump.start > _LONG:
         return f'a force or torque for {jump.end - jump.start:.1f} s: thrust or contact'
-    return 'thrust pulse or contact'
+    return PULSE
 
 
 def _forces(run: _Run) -> tuple[Event, ...]:
@@ -231,8 +232,7 @@ def _forces(run: _Run) -> tuple[Event, ...]:
 def _force(axes: Axes, value: Array, run: _Run) -> Event:
     """Return a constant force and torque as it is reported."""
     wrench = run.problem.space.rows.T @ value
-    likely = 'inertial axes: a tilted table, drag or a leak' if axes == 'inertial' else 'base axes: a leak or thrust'
-    cause = f'a force or torque that is constant in {likely}; estimated along, which widens the intervals'
+    cause = f'{constant_force(axes)}; estimated along, which widens the intervals'
     return Event(run.started, 'ramp', wrench[:3], wrench[3:], cause)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -27,7 +28,6 @@ _FEWEST_NODES = 5
 _MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
-_AXES = {'inertial': 'inertial', 'body': 'base'}
 _NOTHING = 1e-6  # chance of a force that is none to be told of
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
@@ -218,9 +218,7 @@ def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
     """Return the constant force and torque (6,) on the base link's origin, if there is one and it is not nothing."""
     if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi2.isf(_NOTHING, len(value)):
         return ()
-    likely = 'a tilted table, drag or a leak' if track.walk.force == 'inertial' else 'a leak or thrust'
-    cause = f'a force or torque that is constant in {_AXES[track.walk.force]} axes: {likely}'
-    return (Event(0.0, 'ramp', value[:3], value[3:], cause),)
+    return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(track.walk.force)),)
 
 
 def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
@@ -237,7 +235,7 @@ def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
     for jump, after in zip(track.jumps, levels[1:], strict=True):
         linear = after[:3] - jump.before[:3]
         angular = after[3:] - jump.before[3:] + cross(origin, linear)
-        found.append(Event(jump.time, 'step', linear, angular, 'thrust pulse or contact'))
+        found.append(Event(jump.time, 'step', linear, angular, PULSE))
     return tuple(found)
 
 
