@@ -31,7 +31,7 @@ from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.outlets import TYPES, Outlets
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
-from mbaid_ros.nodes.runner import own_arguments, run_node
+from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
 
@@ -291,7 +291,9 @@ def _main(argv: list[str]) -> int:
         '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
     )
     parser.parse(own_arguments(argv))
-    return run_node(EstimatorNode, argv)
+    with ros(argv) as interrupt:
+        spin(EstimatorNode(), lambda: interrupt.requested)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.utilities import ok
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
@@ -21,12 +20,11 @@ from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.nodes.outlets import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import own_arguments, ros
+from mbaid_ros.nodes.runner import LATENCY, Interrupt, own_arguments, ros
 
 NAME = 'player'
 
 _CLOCK_PERIOD = 0.01  # s, of /clock
-_LONGEST_NAP = 0.1  # s, after which an interrupt is noticed at the latest
 _DEPTH = 1000  # messages kept for a subscriber that is behind
 _PATIENCE = 2.0  # s, for subscribers that are still behind at the end
 
@@ -45,6 +43,7 @@ class PlayerNode(Node):
     topics : what to publish of it; empty is everything that can be
     rate : speed relative to the recording
     clock : whether to publish /clock
+    interrupt : what ends the playing
 
     Raises
     ------
@@ -52,12 +51,15 @@ class PlayerNode(Node):
         The bag lacks a topic, or its type is not installed.
     """
 
-    def __init__(self, bag: BagReader, topics: Sequence[str], rate: float, *, clock: bool) -> None:
+    def __init__(
+        self, bag: BagReader, topics: Sequence[str], rate: float, *, clock: bool, interrupt: Interrupt
+    ) -> None:
         super().__init__(NAME, start_parameter_services=False)
         declare_parameters(self, PlayerConfig)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._bag = bag
         self._rate = rate
+        self._interrupt = interrupt
         self._outlets: dict[str, Publisher] = {}
         for topic in topics or bag.topics:
             if not (clock and topic == '/clock'):  # there is one clock: this node's
@@ -91,7 +93,7 @@ class PlayerNode(Node):
         """Wait until every topic has a subscriber, or the time (s) is over."""
         end = time.monotonic() + timeout
         while alone := [name for name, outlet in self._outlets.items() if not outlet.get_subscription_count()]:
-            if time.monotonic() > end or not ok():
+            if time.monotonic() > end or self._interrupt.requested:
                 self._log.warning(f'playing without subscribers of {listing(alone)}')
                 return
             time.sleep(_CLOCK_PERIOD)
@@ -104,7 +106,7 @@ class PlayerNode(Node):
                 if first:
                     self._origin, first = (time.monotonic(), due), False
                 self._wait_until(due)
-                if not ok():
+                if self._interrupt.requested:
                     return
                 self._outlets[topic].publish(data)
                 bar.update()
@@ -117,7 +119,7 @@ class PlayerNode(Node):
     def _wait_until(self, due: int) -> None:
         """Return at a bag time (ns), with the clock going on until then."""
         begin, origin = self._origin
-        while ok():
+        while not self._interrupt.requested:
             now = time.monotonic()
             passed = origin + round((now - begin) * self._rate * 1e9)
             if self._clock_outlet and now - self._last_clock >= _CLOCK_PERIOD:
@@ -125,7 +127,7 @@ class PlayerNode(Node):
                 self._last_clock = now
             if passed >= due:
                 return
-            time.sleep(min((due - passed) * 1e-9 / self._rate, _CLOCK_PERIOD if self._clock_outlet else _LONGEST_NAP))
+            time.sleep(min((due - passed) * 1e-9 / self._rate, _CLOCK_PERIOD if self._clock_outlet else LATENCY))
 
     def _publish_clock(self, when: int) -> None:
         message = Clock()
@@ -156,23 +158,22 @@ def _parser() -> ArgumentParser:
     return parser
 
 
-def _play(arguments: argparse.Namespace, bag: BagReader) -> None:
-    node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock)
+def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> None:
+    node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock, interrupt=interrupt)
     if arguments.wait_for_subscribers:
         node.wait_for_subscribers(arguments.wait_for_subscribers)
-    while ok():
+    node.play()
+    while arguments.loop and not interrupt.requested:
         node.play()
-        if not arguments.loop:
-            break
-    if ok():
+    if not interrupt.requested:
         node.finish()
 
 
 def _main(argv: list[str]) -> int:
     arguments = _parser().parse(own_arguments(argv))
     with BagReader(arguments.bag) as bag:
-        with ros(argv):
-            _play(arguments, bag)
+        with ros(argv) as interrupt:
+            _play(arguments, bag, interrupt)
         for warning in bag.warnings:
             print(f'mbaid_ros {NAME}: warning: {warning}', file=sys.stderr)
     return 0

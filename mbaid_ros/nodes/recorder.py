@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
-from types import FrameType
 from typing import Any
 
 from rclpy.clock import Clock
@@ -15,7 +13,6 @@ from rclpy.clock_type import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.signals import uninstall_signal_handlers
 from rclpy.subscription import Subscription
 
 from mbaid_ros.bags import BagWriter
@@ -24,7 +21,7 @@ from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.nodes.outlets import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import own_arguments, ros
+from mbaid_ros.nodes.runner import Interrupt, own_arguments, ros
 
 NAME = 'recorder'
 
@@ -124,20 +121,11 @@ class RecorderNode(Node):
         self._writer.write_raw(topic, data, info['received_timestamp'])
 
 
-def record(node: RecorderNode) -> None:
+def record(node: RecorderNode, interrupt: Interrupt) -> None:
     """Run the node until it is interrupted or its time is over, and then until all it has received is written."""
-    stopped = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        stopped.append(number)
-
-    # ROS's own handlers would shut it down at once, with what has been received but not been taken.
-    uninstall_signal_handlers()  # type: ignore[no-untyped-call]
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    while not stopped and not node.over:
+    while not interrupt.requested and not node.over:
         executor.spin_once(timeout_sec=_DISCOVERY_PERIOD)
     idle = 0
     while idle < _IDLE_TURNS and not node.over:
@@ -154,10 +142,10 @@ def _main(argv: list[str]) -> int:
         'ros2 run mbaid_ros recorder --ros-args -p output:=run1 -p duration:=60.0',
     )
     parser.parse(own_arguments(argv))
-    with ros(argv):
+    with ros(argv) as interrupt:
         node = RecorderNode()
         try:
-            record(node)
+            record(node, interrupt)
         finally:
             print(node.close())
     return 0

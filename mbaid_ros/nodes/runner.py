@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from types import FrameType
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.logging import set_logger_level
 from rclpy.node import Node
-from rclpy.utilities import ok, remove_ros_args, try_shutdown
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.core.errors import ParameterError
 
 RCLError = rclpy_implementation.RCLError
 InvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
+
+LATENCY = 0.1  # s, after which an interrupt is noticed at the latest
 
 _SOURCE_PLACE = re.compile(r',? at \S+:\d+')
 
@@ -36,9 +42,30 @@ def own_arguments(argv: Sequence[str]) -> list[str]:
         return list(remove_ros_args(['', *argv])[1:])
 
 
+class Interrupt:
+    """SIGINT (Ctrl-C) and SIGTERM, noticed between two callbacks.
+
+    ROS's own handlers shut it down at once, whatever a callback is about to publish, and Python's raise in the middle
+    of it, where the conversion of a message may turn that into another error.
+
+    Attributes
+    ----------
+    requested : whether one has come
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        # For good: another one, while what is left is being done, must not cut that short.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self.requested = True
+
+
 @contextmanager
-def ros(argv: Sequence[str]) -> Iterator[None]:
-    """Initialise ROS for the duration of a block; an interrupt (SIGINT, SIGTERM) ends the block and is no error.
+def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
+    """Initialise ROS for the duration of a block, and give it what an interrupt sets.
 
     Raises
     ------
@@ -46,40 +73,21 @@ def ros(argv: Sequence[str]) -> Iterator[None]:
         ROS does not accept the arguments.
     """
     with _refusals():
-        rclpy.init(args=['', *argv])
+        rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with suppress(KeyboardInterrupt, ExternalShutdownException):
-            yield
-    except (RCLError, InvalidHandle):
-        # A signal shuts ROS down at once: what was about to be published then cannot be.
-        if ok():
-            raise
+        yield Interrupt()
     finally:
-        _shut_down()
+        rclpy.shutdown()
 
 
-def spin(node: Node) -> None:
-    """Run a node's callbacks, one at a time, until ROS is shut down."""
+def spin(node: Node, over: Callable[[], object]) -> None:
+    """Run a node's callbacks, one at a time, until something is over."""
     # Of rclpy's executors the one that keeps up with two topics at 1 kHz.
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    executor.spin()
-
-
-def _shut_down() -> None:
-    try:
-        try_shutdown()
-    except RCLError:
-        # The thread that handles signals may have shut ROS down in between.
-        if ok():
-            raise
-
-
-def run_node(make: Callable[[], Node], argv: Sequence[str]) -> int:
-    """Run a node until it is interrupted, and return the exit code 0."""
-    with ros(argv):
-        spin(make())
-    return 0
+    node.create_timer(LATENCY, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))  # a reason to look again
+    while not over():
+        executor.spin_once()
 
 
 @contextmanager

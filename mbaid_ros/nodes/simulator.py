@@ -13,7 +13,6 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -26,7 +25,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos
-from mbaid_ros.nodes.runner import own_arguments, run_node
+from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 
 NAME = 'simulator'
@@ -65,6 +64,7 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
+        self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
         self._say_what_runs()
         if not self._config.wait_for_subscribers:
@@ -82,13 +82,7 @@ class SimulatorNode(Node):
         self._begin = time.monotonic()
 
     def _on_timer(self) -> None:
-        """Publish what is due.
-
-        Raises
-        ------
-        ExternalShutdownException
-            The run is over: ends the executor like a shutdown from outside.
-        """
+        """Publish what is due."""
         if math.isnan(self._begin):
             if not all(outlet.get_subscription_count() for outlet in self._outlets.values()):
                 return
@@ -106,7 +100,7 @@ class SimulatorNode(Node):
                 if outlet is not None:
                     outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
             self.get_logger().info(f'{duration:g} s are over')  # type: ignore[no-untyped-call]
-            raise ExternalShutdownException
+            self.over = True
 
     def _compute(self, now: float) -> None:
         """Simulate ahead when less than half of that is left."""
@@ -141,7 +135,10 @@ def _main(argv: list[str]) -> int:
         '--params-file config/table1_simulator.yaml',
     )
     parser.parse(own_arguments(argv))
-    return run_node(SimulatorNode, argv)
+    with ros(argv) as interrupt:
+        node = SimulatorNode()
+        spin(node, lambda: interrupt.requested or node.over)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

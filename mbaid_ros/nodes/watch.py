@@ -11,15 +11,13 @@ from typing import TextIO
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
-from rclpy.utilities import ok
 
 from mbaid_ros.cli import ArgumentParser, run
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import own_arguments, ros
+from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.nodes.terminal import drawn, line, screen
 
 NAME = 'watch'
@@ -134,14 +132,11 @@ def _main(argv: list[str]) -> int:
     if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
         raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")
     on_terminal = sys.stdout.isatty() and os.environ.get('TERM', 'dumb') != 'dumb' and not arguments.once
-    with ros(argv):
+    with ros(argv) as interrupt:
         node = WatchNode(wanted, Screen(sys.stdout) if on_terminal else Lines(sys.stdout))
         if sys.stdout.isatty():
             print(f'waiting for {wanted or "an estimator"} ...', flush=True)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        while ok() and not (arguments.once and node.seen):
-            executor.spin_once()
+        spin(node, lambda: interrupt.requested or (arguments.once and node.seen))
     return 0
 
 
