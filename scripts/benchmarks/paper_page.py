@@ -177,7 +177,8 @@ _SETTLING = """
 ## Time to settle
 
 Seconds until the mass, the CoM's coordinates and the inertia stay within 1 %, beside those of an implementation that
-shares no code with this one.
+shares no code with this one. They are the recursion's; `replay` publishes a value once the start of the
+recursion makes less than a fiftieth of it, at most 3 % later.
 """
 
 _SCALING = """

@@ -50,7 +50,7 @@ def settling(estimates: list[Estimate]) -> Array:
 @pytest.mark.parametrize(
     ('form', 'reference', 'expected'),
     [
-        # Measured at 50 Hz for the plain recursion; what is not known to 1 % yet may be published a little later.
+        # Measured at 50 Hz for the plain recursion: what is right is not held back for long.
         ('main', 'previous', (4.5, 5.3, 4.8, 6.9)),
         ('difference', 'previous', (13.3, 14.9, 12.5, 15.0)),
         ('difference', 'first', (6.8, 7.7, 7.8, 9.1)),
@@ -65,8 +65,7 @@ def test_the_papers_settling_times(
     truth, momentum = case
     estimates = run(truth, settings(form, momentum, reference))
     found = settling(estimates)
-    assert (found > np.array(expected) - 0.1).all()
-    assert (found < np.array(expected) + 1.2).all()
+    assert found == pytest.approx(expected, rel=0.05)
     # The paper: all in less than 10 s with the main form, in less than 20 s with the difference form.
     assert (found < (10.0 if form == 'main' else 20.0)).all()
     last = estimates[-1]
@@ -96,7 +95,7 @@ def test_what_is_published_is_close_and_the_rest_is_missing(case: tuple[Truth, A
         for estimate in run(truth, settings(form, momentum)):
             published = estimate.parameters
             assert np.array_equal(np.isfinite(published), estimate.identifiable)
-            # Known once a hundredth of the start is left, by the sizes known at that time.
+            # Known once a fiftieth of the start is left, by the sizes known at that time.
             assert (np.abs(published / true - 1.0)[estimate.identifiable] < 0.1).all()
 
 
