@@ -4,6 +4,7 @@ Above every block of shell commands stands what becomes of it here:
 
 - `<!-- run -->`: it is run, after the blocks before it, in a copy of the project's folder.
 - `<!-- live -->`: it starts a node, which runs until it is interrupted.
+- `<!-- on the graph: why -->`: what it asks of the graph is asked of a running node, where there is no `ros2`.
 - `<!-- not run: why -->`
 """
 
@@ -12,20 +13,24 @@ from __future__ import annotations
 import os
 import re
 import runpy
+import shlex
 import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import yaml
 from mbaid_msgs.msg import InertiaEstimate
 
 from graph import Graph, graph
 from made_runs import run
 from mbaid_ros.config.estimator import METHODS, EstimatorConfig
 from mbaid_ros.config.parameters import specifications
+from mbaid_ros.nodes.outlets import message_class
 from mbaid_ros.replay.results import as_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -137,7 +142,7 @@ def test_the_dependencies_are_those_of_the_project() -> None:
 @pytest.mark.parametrize('document', names(DOCUMENTS))
 def test_every_block_says_whether_it_is_run(document: str) -> None:
     for block in blocks(ROOT / document):
-        assert re.fullmatch(r'run|live|not run: .+', block.mark), block.text
+        assert re.fullmatch(r'run|live|(on the graph|not run): .+', block.mark), block.text
 
 
 @contextmanager
@@ -208,6 +213,40 @@ def test_the_live_commands_lead_to_an_estimate(tmp_path: Path) -> None:
         estimates.clear()
         with running(own, place, folder):
             place.wait(lambda: any('/base/odom' in str(estimate.warnings) for estimate in estimates), 'what it lacks')
+
+
+def test_what_the_documents_ask_of_a_graph_is_answered(tmp_path: Path) -> None:
+    work, logs = tmp_path / 'work', tmp_path / 'logs'
+    work.mkdir()
+    logs.mkdir()
+    questions = [block.text for path in DOCUMENTS for block in blocks(path) if block.mark.startswith('on the graph')]
+    estimator, simulator = [block for block in blocks(README) if block.mark == 'live'][:2]
+    with (
+        project(work) as folder,
+        graph(logs) as place,
+        running(estimator, place, folder),
+        running(simulator, place, folder),
+    ):
+        for command in ''.join(questions).splitlines():
+            ask(place, shlex.split(command))
+    assert len(questions) >= 2
+
+
+def ask(place: Graph, words: list[str]) -> None:
+    """Do through rclpy what a command of ROS 2 does."""
+    if words[:3] == ['ros2', 'topic', 'echo']:
+        (topic,) = words[3:]
+        place.wait(lambda: topic in dict(place.node.get_topic_names_and_types()), topic)
+        types = dict(place.node.get_topic_names_and_types())
+        messages = place.collect(topic, message_class(types[topic][0]))
+        place.wait(lambda: messages, f'a message of {topic}')
+    elif words[:3] == ['ros2', 'service', 'call']:
+        service, type_name, values = words[3:]
+        package, _, name = type_name.split('/')
+        service_type = getattr(import_module(f'{package}.srv'), name)
+        assert place.call(service, service_type, service_type.Request(**yaml.safe_load(values))).success
+    else:
+        raise AssertionError(f'not known here: {words}')
 
 
 def test_the_live_commands_of_the_tutorial_lead_to_an_estimate(tmp_path: Path) -> None:
