@@ -13,7 +13,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, window_models
 from mbaid_ros.core.trajectory.filter import Coordinates, Walk, prepare
 from mbaid_ros.core.trajectory.nodes import Window
-from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, follow, levelled
+from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, far_better, follow, levelled
 
 _PASSES = 12
 _SETTLED = 0.1  # standard deviations
@@ -94,7 +94,7 @@ class Start:
             return tracks, settled
         # At another hypothesis's own solution it must still be the better one; else its lead was the linearisation's.
         other = self._repeat(windows, result.point, leading.walk)
-        if self._certain(other) and other.merit > (result.settled, result.track.belief.evidence + MARGIN):
+        if self._certain(other) and far_better(other.track, result.track):
             return self._pass(windows, other.point, self.walks), True
         return levelled(tracks), settled
 

@@ -44,6 +44,11 @@ class Track:
     jumps: tuple[Jump, ...] = ()
     just_jumped: bool = False
 
+    @property
+    def misfit(self) -> float:
+        """Sum of the normalised innovations squared, and what its jumps count against it."""
+        return self.belief.surprise - 2.0 * len(self.jumps) * float(np.log(_FALSE_ALARM))
+
 
 def follow(track: Track, window: Window, step: Step, variables: Coordinates) -> Track:
     """Return a track after a window; a momentum that must have jumped is let jump, once."""
@@ -69,6 +74,16 @@ def best(tracks: tuple[Track, ...]) -> Track:
     first = tracks[0]
     other = max(tracks, key=lambda track: track.belief.evidence)
     return other if other.belief.evidence > first.belief.evidence + MARGIN else first
+
+
+def far_better(other: Track, first: Track) -> bool:
+    """Tell whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
+
+    With more unknowns or more noise than the first, it can gain likelihood by smaller innovations alone. What it gains
+    without them comes from what it is linearised at.
+    """
+    gain = other.belief.evidence - first.belief.evidence
+    return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
 
 
 def levelled(tracks: tuple[Track, ...]) -> tuple[Track, ...]:

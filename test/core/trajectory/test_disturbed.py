@@ -11,12 +11,13 @@ from scipy.stats import chi2
 
 from floating import Push, errors, float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import body_sizes
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import FORCE
-from observed import MID, kernel, observe, windows
+from observed import HIGH, MID, kernel, observe, windows
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -134,3 +135,12 @@ def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoid
     last = estimator.update(windows(observe(truth, MID)), 0)[-1]
     assert last.events[0].kind == 'ramp'
     assert np.all(np.abs(errors(last, robot)) < 0.02 * last.std)
+
+
+def test_a_force_that_only_linearisation_speaks_for_is_not_believed(plane: Truth) -> None:
+    # Encoders so poor that for this draw a force that fits worse, at a body of a third of the mass, has the larger
+    # likelihood: what is linearised there leaves less room for errors.
+    planar = kernel('table1')
+    last = follow(planar, observe(plane, HIGH, 16_834_525_784_445_026_308), HIGH, adapt=True)[-1]
+    assert not last.events
+    assert last.parameters[0] == pytest.approx(physical(planar.target.parameters)[0], abs=5.0 * last.std[0])
