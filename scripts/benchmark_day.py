@@ -40,7 +40,7 @@ second at a time, as the node takes them: {updates} updates. Time is processor t
 synchronising included. {provenance}
 
 An update took {ratio:.2f} times as long in the last hour as in the first one; resident memory changed by
-{growth:.1f} MB after the first hour.
+{growth:.1f} MB after the first hour. {alarms} disturbances were reported, where there was none.
 
 {hourly}
 
@@ -62,6 +62,7 @@ class Hour:
     memory : MB, resident at its end
     estimate : the last one
     updates : number
+    events : number of disturbances reported in it: nothing disturbs the run
     """
 
     hour: float
@@ -69,6 +70,7 @@ class Hour:
     memory: float
     estimate: Estimate
     updates: int
+    events: int
 
 
 def main() -> int:
@@ -93,8 +95,10 @@ def _hours(arguments: argparse.Namespace) -> Iterator[Hour]:
     task = Identification(kernel(arguments.robot), noise, momentum_of(arguments.robot, truth))
     identifier = task.identifier(arguments.method)
     sensors = Sensors(noise, seed=0)
+    told: set[tuple[str, float]] = set()
     for hour in range(round(arguments.hours)):
         spent, updates, estimate = 0.0, 0, None
+        events: set[tuple[str, float]] = set()
         for minute in range(_MINUTES):
             later = _later(truth, (hour * _MINUTES + minute) * DURATION)
             for start in range(0, len(later), _PART):
@@ -103,10 +107,12 @@ def _hours(arguments: argparse.Namespace) -> Iterator[Hour]:
                 estimates = identifier.push(*streams)
                 spent += time.process_time() - begin
                 updates += len(estimates)
+                events |= {(event.kind, event.time) for each in estimates for event in each.events}
                 estimate = estimates[-1] if estimates else estimate
         if estimate is None:
             raise RuntimeError('an hour without an estimate')
-        yield Hour(hour + 1, spent / updates, _resident(), estimate, updates)
+        yield Hour(hour + 1, spent / updates, _resident(), estimate, updates, len(events - told))
+        told |= events
 
 
 def _later(truth: Truth, shift: float) -> Truth:
@@ -141,10 +147,20 @@ def _hourly(hours: list[Hour], truth: Array) -> str:
             number(1e6 * float(hour.estimate.parameters[0] / truth[0] - 1.0), 1),
             number(_largest(hour.estimate, truth), 1),
             number(hour.estimate.residual, 4),
+            str(hour.events),
         ]
         for hour in hours
     ]
-    header = ['hour', 'update, ms', 'memory, MB', 'mass: std, ppm', 'error, ppm', 'largest error, std', 'residual']
+    header = [
+        'hour',
+        'update, ms',
+        'memory, MB',
+        'mass: std, ppm',
+        'error, ppm',
+        'largest error, std',
+        'residual',
+        'alarms',
+    ]
     return table(header, rows)
 
 
@@ -169,6 +185,7 @@ def _page(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> str
         provenance=provenance(command),
         ratio=_ratio(hours),
         growth=last.memory - hours[0].memory,
+        alarms=sum(hour.events for hour in hours),
         hourly=_hourly(hours, truth),
         parameters=len(PARAMETERS),
         worst=_largest(last.estimate, truth),
