@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, skew
@@ -26,6 +27,7 @@ from mbaid_ros.core.samples import Samples
 Axes = Literal['inertial', 'body']
 Kind = Literal['inertial', 'body', 'delay']
 _LATER = 1e-3  # s, for the rate by the joints' motion
+_DEGREE = 3  # of the joint rates over a window
 AXES: tuple[Axes, ...] = ('inertial', 'body')
 
 
@@ -78,6 +80,22 @@ def _gain(integral: Array) -> Array:
     return gain
 
 
+def with_joints_later(window: Samples, delay: float) -> Samples:
+    """Return samples whose joints are those of `delay` s later: their rates' cubic polynomial says where they went."""
+    time = window.time - np.mean(window.time)
+    rates = polynomial.polyfit(time, window.joint_velocity, min(_DEGREE, len(time) - 1))
+    angles = polynomial.polyint(rates)
+
+    def gained(coefficients: Array) -> Array:
+        return np.asarray(polynomial.polyval(time + delay, coefficients) - polynomial.polyval(time, coefficients)).T
+
+    return replace(
+        window,
+        joint_position=window.joint_position + gained(angles),
+        joint_velocity=window.joint_velocity + gained(rates),
+    )
+
+
 def delay_columns(kernel: MomentumKernel, window: Samples, rows: Blocks) -> Array:
     """Return the window's mean rate of the momentum by the motion of the joints alone.
 
@@ -93,13 +111,7 @@ def delay_columns(kernel: MomentumKernel, window: Samples, rows: Blocks) -> Arra
     """
     if len(window) < 2:
         return np.zeros((6, 11))
-    acceleration = np.gradient(window.joint_velocity, window.time, axis=0)
-    later = replace(
-        window,
-        joint_position=window.joint_position + _LATER * window.joint_velocity,
-        joint_velocity=window.joint_velocity + _LATER * acceleration,
-    )
-    states = kernel.states(later)
+    states = kernel.states(with_joints_later(window, _LATER))
     moved = np.column_stack((np.mean(states.known_momentum, axis=0), np.mean(states.regressor, axis=0)))
     return np.asarray((moved - np.column_stack((rows.offset[0], rows.rows[0, :, :10]))) / _LATER)
 

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from mbaid_ros.core.difference.disturbances import Jump
-from mbaid_ros.core.difference.effects import Axes
+from mbaid_ros.core.difference.effects import Axes, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -102,8 +102,12 @@ class DifferenceEstimator:
         self._plane.update(window)
         run = self._run = self._running(start, float(window.time[0]))
         time = float(window.time[-1])
+        delay = float(np.nan_to_num(_delay(run)[0]))
+        if delay != 0.0:
+            window = with_joints_later(window, delay)
+            rows = window_rows(self._observed, [window], self._settings.noise, start)
         block, columns = run.problem.of(window, rows)
-        linear = run.likelihood.add(block, columns, (float(window.time[0]), time))
+        linear = run.likelihood.add(block, columns, (float(window.time[0]), time), delay)
         self._samples += len(window)
         solution = self._solution(run, linear)
         stamp = origin + round(time * 1e9)

@@ -7,7 +7,7 @@ windows. The window in which a jump happens belongs to neither side and is given
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -93,7 +93,7 @@ class SteppedLikelihood:
         self.surplus = 0.0
         self.too_many = False
 
-    def add(self, block: Blocks, columns: Array, span: tuple[float, float]) -> Linearisation:
+    def add(self, block: Blocks, columns: Array, span: tuple[float, float], delay: float = 0.0) -> Linearisation:
         """Take a window, solve again and return the likelihood's quadratic form at the solution.
 
         Parameters
@@ -101,9 +101,10 @@ class SteppedLikelihood:
         block : in the unknowns without jumps
         columns : (1, r, e)
         span : s since the first sample, its start and end
+        delay : s, by which its joints have been taken later
         """
-        self._expect(*self._padded(block, columns), span)
-        linear = self.likelihood.add(*self._padded(block, columns))
+        self._expect(*self._padded(block, columns, delay), span)
+        linear = self.likelihood.add(*self._padded(block, columns, delay))
         self._spans.append(span)
         if len(self._spans) > len(self.likelihood):
             del self._spans[0]
@@ -112,7 +113,7 @@ class SteppedLikelihood:
             linear = self._close() or linear
         view = self._look(linear)
         enough = linear.equations - len(self.likelihood.x) >= _ENOUGH
-        self.ready = enough and self.likelihood.certain(self._padded(block, columns)[0])
+        self.ready = enough and self.likelihood.certain(self._padded(block, columns, delay)[0])
         if self.ready and self._look_back(view):
             linear = self.likelihood.solve()
             view = self._look(linear)
@@ -150,14 +151,21 @@ class SteppedLikelihood:
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
         return View(white, effects, coupling, nuisance, linear.cost, expected)
 
-    def _padded(self, block: Blocks, columns: Array) -> tuple[Blocks, Array]:
-        """Return a window in all unknowns, into which jumps that are over do not enter, and its effects."""
+    def _padded(self, block: Blocks, columns: Array, delay: float) -> tuple[Blocks, Array]:
+        """Return a window in all unknowns, into which jumps that are over do not enter, and its effects.
+
+        The delay among the unknowns is that of the stamps: what has been taken off already is added again, to first
+        order, so that what remains is of second order in the rest alone.
+        """
         own = block.rows.shape[-1]
         more = np.zeros((*block.offset.shape, len(self.likelihood.x) - own))
         columns = columns.copy()
         for found in self.found:
-            more[..., found.place - own] = columns[..., found.effects] @ self._weight(found.kind)
+            effect = columns[..., found.effects] @ self._weight(found.kind)
+            more[..., found.place - own] = effect
             columns[..., found.effects] = 0.0
+            if found.kind == 'delay':
+                block = replace(block, offset=block.offset - delay * effect[..., 0])
         return block.widened(more), columns
 
     def _expect(self, block: Blocks, columns: Array, span: tuple[float, float]) -> None:

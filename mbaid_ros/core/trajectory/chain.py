@@ -29,6 +29,25 @@ _ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 @dataclass(frozen=True)
+class Point:
+    """Where windows are linearised.
+
+    Attributes
+    ----------
+    parameters : (u,) (P, L, phi, errors of the uncertain bodies)
+    delay : s, of the joints' stamps
+    """
+
+    parameters: Array
+    delay: float = 0.0
+
+    @staticmethod
+    def of(state: Array) -> Point:
+        """Return the point of a state (s,)."""
+        return Point(state[PARAMETERS], float(state[DELAY]))
+
+
+@dataclass(frozen=True)
 class WindowModel:
     """A window, linear in the state x at its first node: measurements, and the way to the next window.
 
@@ -56,29 +75,29 @@ class WindowModel:
     position: Array
 
 
-def window_model(
-    kernel: MomentumKernel, window: Window, parameters: Array, uncertain: Sequence[int] = ()
-) -> WindowModel:
+def window_model(kernel: MomentumKernel, window: Window, point: Point, uncertain: Sequence[int] = ()) -> WindowModel:
     """Return one window's model (see `window_models`)."""
-    return window_models(kernel, [window], parameters, uncertain)[0]
+    return window_models(kernel, [window], point, uncertain)[0]
 
 
 def window_models(
-    kernel: MomentumKernel, windows: Sequence[Window], parameters: Array, uncertain: Sequence[int] = ()
+    kernel: MomentumKernel, windows: Sequence[Window], point: Point, uncertain: Sequence[int] = ()
 ) -> list[WindowModel]:
-    """Return the models of some windows, linearised at the same parameters.
+    """Return the models of some windows, linearised at the same point.
 
     Parameters
     ----------
     kernel : MomentumKernel
     windows : their motion is predicted in one call
-    parameters : (u,) (P, L, phi, errors of the uncertain bodies)
-    uncertain : indices of those bodies
+    point : windows that follow each other share its delay: a chain is as late as its joints
+    uncertain : indices of the uncertain bodies
     """
-    middle = Midpoints.concatenate([window.middle for window in windows])
+    parameters = point.parameters
+    motions = [window.motion(point.delay) for window in windows]
+    middle = Midpoints.concatenate(motions)
     prediction = predict(kernel, middle, parameters, uncertain)
-    ends = np.cumsum([len(window.middle) for window in windows])
-    parts = [slice(int(end) - len(window.middle), int(end)) for window, end in zip(windows, ends, strict=True)]
+    ends = np.cumsum([len(motion) for motion in motions])
+    parts = [slice(int(end) - len(motion), int(end)) for motion, end in zip(motions, ends, strict=True)]
     # The joints' noise is followed at a window's first, middle and last interval.
     places = [part.start + window.places for window, part in zip(windows, parts, strict=True)]
     chosen = np.concatenate(places)
@@ -86,17 +105,20 @@ def window_models(
     by_joints = joint_gains(exact, middle[chosen], prediction.twist[chosen], parameters[6:16])
     by_rate, by_position = (gain[:, _ANGULAR_FIRST].reshape(len(windows), 3, 6, -1) for gain in by_joints)
     return [
-        _model(window, prediction[part], (by_rate[k], by_position[k]), parameters)
+        _model(window, motions[k][window.inside], prediction[part], (by_rate[k], by_position[k]), point)
         for k, (window, part) in enumerate(zip(windows, parts, strict=True))
     ]
 
 
-def _model(window: Window, predicted: Prediction, gains: tuple[Array, Array], parameters: Array) -> WindowModel:
-    """Return one window's model from its prediction and the gains (3, 6, n) of joint rates and positions."""
+def _model(
+    window: Window, middle: Midpoints, predicted: Prediction, gains: tuple[Array, Array], point: Point
+) -> WindowModel:
+    """Return one window's model from its motion, prediction and gains (3, 6, n) of joint rates and positions."""
+    parameters = point.parameters
     slope = np.gradient(predicted.twist, window.spacing, axis=0)
     integral = _integral(predicted.twist, slope, window.spacing)[window.inside]
     slope = slope[window.inside]
-    middle, prediction = window.middle[window.inside], predicted[window.inside]
+    prediction = predicted[window.inside]
     errors = _compose(*_chain_steps(prediction, integral, middle, window.spacing))
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
@@ -107,8 +129,10 @@ def _model(window: Window, predicted: Prediction, gains: tuple[Array, Array], pa
     remainder = by_position[1] + _error_slope(prediction)[centre] @ by_rate[1] - turning
     deviation = window.noise.joint_position * length / np.sqrt(window.noise.samples)
     return WindowModel(
-        *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise),
-        *_twist_measurement(errors, prediction, middle, by_rate[1], window, (parameters, slope)),
+        *_from_delay(point.delay, *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise)),
+        *_from_delay(
+            point.delay, *_twist_measurement(errors, prediction, middle, by_rate[1], window, (parameters, slope))
+        ),
         transition=_state_rows(errors[-1]),
         drift=errors[-1][:, -1],
         process=deviation * remainder,
@@ -163,6 +187,11 @@ def _state_rows(errors: Array) -> Array:
     rows = np.zeros((6, errors.shape[-1] + 6))
     rows[:, : PARAMETERS.stop] = errors[:, :-1]
     return rows
+
+
+def _from_delay(delay: float, value: Array, rows: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Return a measurement, linear in how much later than `delay` the joints are, in absolute terms."""
+    return value + rows[:, DELAY] * delay, rows, covariance
 
 
 def _pose_measurement(errors: Array, twist: Array, by_rate: Array, noise: WindowNoise) -> tuple[Array, Array, Array]:

@@ -8,7 +8,7 @@ differences of the same nodes as the joint angles, so that joint noise telescope
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -138,6 +138,10 @@ class Window:
         """The motion midway between all nodes: it does not depend on where the window is linearised."""
         return midpoints(self.nodes, self.spacing)
 
+    def motion(self, late: float) -> Midpoints:
+        """Return the same with joints that were measured `late` s before their stamps."""
+        return self.middle if late == 0.0 else _with_joints_later(self.middle, late, self.spacing)
+
     @property
     def places(self) -> Integers:
         """Its own first, middle and last interval, (3,) indices."""
@@ -204,6 +208,18 @@ def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
         base_twist=_midway(twist),
         turn=turn,
         step=np.diff(position, axis=0),
+    )
+
+
+def _with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
+    """Return the joints' motion `late` s after the midpoints, to third order, with the base's at the midpoints."""
+    rate = middle.joint_velocity
+    second = np.gradient(rate, spacing, axis=0)
+    third = np.gradient(second, spacing, axis=0)
+    return replace(
+        middle,
+        joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
+        joint_velocity=rate + late * (second + late / 2.0 * third),
     )
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, window_models
+from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point, window_models
 from mbaid_ros.core.trajectory.filter import Coordinates, Walk, prepare
 from mbaid_ros.core.trajectory.nodes import Window
 from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, far_better, follow, levelled
@@ -32,12 +32,12 @@ class _Result:
 
     Attributes
     ----------
-    point : (u,) parameters to linearise at
+    point : where to linearise
     track : the hypothesis that was followed, in the last pass
-    settled : whether that pass moved them by next to nothing
+    settled : whether that pass moved it by next to nothing
     """
 
-    point: Array
+    point: Point
     track: Track
     settled: bool
 
@@ -70,20 +70,20 @@ class Start:
     uncertain: tuple[int, ...]
     walks: tuple[Walk, ...]
 
-    def settle(self, windows: Sequence[Window], point: Array | None) -> tuple[tuple[Track, ...], bool]:
+    def settle(self, windows: Sequence[Window], point: Point | None) -> tuple[tuple[Track, ...], Point, bool]:
         """Linearise windows ever nearer to what they say, from a point; from the guesses where that leads nowhere.
 
         Parameters
         ----------
         windows : in order
-        point : (u,) parameters found earlier; None where there are none
+        point : found earlier; None where there is none
 
         Returns
         -------
-        tracks of all hypotheses, and whether they are at one point that stays
+        tracks of all hypotheses, the point at which they are linearised, and whether that is one that stays
         """
         first = self.walks[0]
-        results = [] if point is None or _massless(point) else [self._repeat(windows, point, first)]
+        results = [] if point is None or _massless(point.parameters) else [self._repeat(windows, point, first)]
         if not results or not results[0].sound:
             results += [self._repeat(windows, guess, first) for guess in self._guesses()]
         result = max(results, key=lambda each: each.merit)
@@ -91,27 +91,27 @@ class Start:
         tracks = self._pass(windows, result.point, self.walks)
         leading = best(tracks)
         if leading.walk is first:
-            return tracks, settled
+            return tracks, result.point, settled
         # At another hypothesis's own solution it must still be the better one; else its lead was the linearisation's.
         other = self._repeat(windows, result.point, leading.walk)
         if self._certain(other) and far_better(other.track, result.track):
-            return self._pass(windows, other.point, self.walks), True
-        return levelled(tracks), settled
+            return self._pass(windows, other.point, self.walks), other.point, True
+        return levelled(tracks), result.point, settled
 
-    def _repeat(self, windows: Sequence[Window], point: Array, walk: Walk) -> _Result:
+    def _repeat(self, windows: Sequence[Window], point: Point, walk: Walk) -> _Result:
         """Pass over the windows until they move the point no more, at most a dozen times."""
         for _ in range(_PASSES):
             (track,) = self._pass(windows, point, (walk,))
             mean, covariance = self.variables.state(track.belief)
-            step = mean[PARAMETERS] - point
-            while _massless(point + step):
+            step = mean[PARAMETERS] - point.parameters
+            while _massless(point.parameters + step):
                 step = 0.5 * step
-            point = point + step
+            point = replace(Point.of(mean), parameters=point.parameters + step)
             if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance)[PARAMETERS])):
                 return _Result(point, track, settled=True)
         return _Result(point, track, settled=False)
 
-    def _pass(self, windows: Sequence[Window], point: Array, walks: tuple[Walk, ...]) -> tuple[Track, ...]:
+    def _pass(self, windows: Sequence[Window], point: Point, walks: tuple[Walk, ...]) -> tuple[Track, ...]:
         tracks = tuple(Track(walk, self.variables.open(force=walk.force != 'none')) for walk in walks)
         for window, model in zip(windows, window_models(self.kernel, windows, point, self.uncertain), strict=True):
             step = prepare(model, self.variables)
@@ -127,23 +127,25 @@ class Start:
     def _rivals(self, result: _Result, other: _Result) -> bool:
         """Tell whether another result is at quite another point that explains the windows about as well."""
         covariance = self.variables.state(result.track.belief)[1]
-        apart = np.abs(other.point - result.point) > _APART * np.sqrt(np.diag(covariance)[PARAMETERS])
+        apart = np.abs(other.point.parameters - result.point.parameters) > _APART * np.sqrt(
+            np.diag(covariance)[PARAMETERS]
+        )
         as_good = other.track.belief.evidence > result.track.belief.evidence - MARGIN
         return as_good and bool(np.any(apart))
 
-    def _guesses(self) -> list[Array]:
+    def _guesses(self) -> list[Point]:
         """Return the parameters of balls of some parts of the known mass, without momentum."""
         known = self.kernel.known
         length = float(np.sum(np.linalg.norm(self.kernel.model.positions, axis=1)))
-        guesses: list[Array] = []
+        guesses: list[Point] = []
         for part in _GUESSED_MASSES:
             mass = part * float(np.sum(known[:, 0]))
             point = np.zeros(len(self.variables.basis))
             point[BODY.start] = mass
             point[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
-            guesses.append(point[PARAMETERS])
+            guesses.append(Point(point[PARAMETERS]))
         return guesses
 
 
-def _massless(point: Array) -> bool:
-    return bool(point[_MASS] <= 0.0)
+def _massless(parameters: Array) -> bool:
+    return bool(parameters[_MASS] <= 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.chain import PARAMETERS, WindowModel, window_models
+from mbaid_ros.core.trajectory.chain import PARAMETERS, Point, WindowModel, window_models
 from mbaid_ros.core.trajectory.filter import Coordinates, Walk, prepare
 from mbaid_ros.core.trajectory.nodes import Window
 from mbaid_ros.core.trajectory.start import Start
@@ -54,6 +54,7 @@ class Tracker:
         self._young: list[Window] | None = []
         self._tracks: tuple[Track, ...] = ()
         self._latest: tuple[Track, ...] = ()  # with the window that is still open
+        self._delay = 0.0  # s, at which the windows so far are linearised
         self.planar = len(variables.measured) < 6
         self.settled = False
 
@@ -100,7 +101,9 @@ class Tracker:
 
     def _settle(self, young: list[Window]) -> None:
         """Linearise all of the young run again; from some length on it is grown up, and no window ever is again."""
-        self._tracks, self.settled = self._start.settle(young, self._point() if self.settled else None)
+        start = self._start.settle(young, Point.of(self._mean()) if self.settled else None)
+        self._tracks, point, self.settled = start
+        self._delay = point.delay
         self._next_pass = self._after(len(young))
         if self._next_pass <= self._kept:
             return
@@ -116,9 +119,12 @@ class Tracker:
         """Return at how many windows to pass over all of them again."""
         return int(np.ceil(_GROWTH * windows)) if self.settled else windows + _RETRY
 
-    def _point(self) -> Array:
-        """Return the parameters to linearise at."""
-        return self._variables.state(best(self._tracks).belief)[0][PARAMETERS]
+    def _mean(self) -> Array:
+        return self._variables.state(best(self._tracks).belief)[0]
+
+    def _point(self) -> Point:
+        """Return where to linearise what follows: at the delay of the windows before, which it has to be linked to."""
+        return Point(self._mean()[PARAMETERS], self._delay)
 
     def _step(self, tracks: tuple[Track, ...], window: Window, model: WindowModel) -> tuple[Track, ...]:
         step = prepare(model, self._variables)

@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, WindowModel, window_model
+from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, Point, WindowModel, window_model
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, midpoints
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from observed import MID, drifting, kernel, observe
@@ -71,7 +71,8 @@ def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
 
 
 def test_exact_data_leave_nothing(robot: MomentumKernel, exact: Samples, point: Array) -> None:
-    found = [residuals(window_model(robot, window_of(exact, spacing), point), state(point)) for spacing in (0.1, 0.05)]
+    here = Point(point)
+    found = [residuals(window_model(robot, window_of(exact, spacing), here), state(point)) for spacing in (0.1, 0.05)]
     sizes = np.array([[np.abs(part).max() for part in parts] for parts in found])
     # A hundredth of the standard deviation that any of them has at the lowest noise, 1e-6.
     assert np.all(sizes[1] < 1e-8)
@@ -80,12 +81,12 @@ def test_exact_data_leave_nothing(robot: MomentumKernel, exact: Samples, point: 
 
 def test_parameters_act_as_the_rows_say(robot: MomentumKernel, exact: Samples, point: Array) -> None:
     window = window_of(exact, 0.05)
-    model = window_model(robot, window, point)
+    model = window_model(robot, window, Point(point))
 
     def constants(change: Array) -> Array:
         """Return what is left with the state at the linearisation point."""
         shifted = point + change
-        pose, twist, drift = residuals(window_model(robot, window, shifted), state(shifted))
+        pose, twist, drift = residuals(window_model(robot, window, Point(shifted)), state(shifted))
         return np.concatenate((pose, twist, drift))
 
     expected = central_difference(constants, np.zeros(16), 1e-4 * np.maximum(np.abs(point), 1.0))
@@ -108,7 +109,7 @@ def test_a_measured_pose_that_is_off(robot: MomentumKernel, exact: Samples, poin
         base_linear_velocity=rotate(back, exact.base_linear_velocity),
         base_angular_velocity=rotate(back, exact.base_angular_velocity),
     )
-    model = window_model(robot, window_of(off, 0.05), point)
+    model = window_model(robot, window_of(off, 0.05), Point(point))
     pose, twist, after = residuals(model, state(point, error))
     # What is left is of second order in the error; without F it would be 1e-3 times the speed, 1e-5.
     assert after == pytest.approx(error, abs=2e-7)
@@ -127,7 +128,7 @@ def test_late_joints_act_as_the_delay_says(robot: MomentumKernel, exact: Samples
     first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (START + 0.02, START + LENGTH + 0.02))
     parts = []
     for delay in (LATE, -LATE):
-        model = window_model(robot, window_of(late(exact, delay), 0.05), point)
+        model = window_model(robot, window_of(late(exact, delay), 0.05), Point(point))
         # A chain that is late lies behind by what the base moves in that time.
         parts.append(np.concatenate(residuals(model, state(point, -delay * first, delay))) / (2.0 * LATE))
     pose, twist, after = ((plus - minus) for plus, minus in zip(*(np.split(part, 3) for part in parts), strict=True))
@@ -137,7 +138,7 @@ def test_late_joints_act_as_the_delay_says(robot: MomentumKernel, exact: Samples
     assert twist == pytest.approx(np.zeros(6), abs=3e-3 * size)
     assert after == pytest.approx(-last, abs=3e-3 * size)
     # And the column is not nothing.
-    model = window_model(robot, window_of(exact, 0.05), point)
+    model = window_model(robot, window_of(exact, 0.05), Point(point))
     assert np.abs(model.pose_rows[:, DELAY]).max() > 0.3 * size
     assert np.abs(model.twist_rows[:, DELAY]).max() > 0.01 * size
 
@@ -147,12 +148,26 @@ def _second(values: Array) -> Array:
     return np.concatenate((inner[:1], inner, inner[-1:]))
 
 
+def test_late_joints_leave_nothing_where_the_delay_is_known(
+    robot: MomentumKernel, exact: Samples, point: Array
+) -> None:
+    delay = 0.03
+    parts = []
+    for known in (0.0, delay):
+        model = window_model(robot, window_of(late(exact, delay), 0.05), Point(point, known))
+        first = -(delay - known) * np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)[0]
+        parts.append(np.abs(np.concatenate(residuals(model, state(point, first, delay))[:2])).max())
+    # Not to first order alone: what is left is that of exact joints.
+    assert parts[1] < 2e-7
+    assert parts[0] > 20.0 * parts[1]
+
+
 class JointNoise:
     """How an error of every joint at every node moves what a window says: exact, for it is linear."""
 
     def __init__(self, robot: MomentumKernel, exact: Samples, point: Array) -> None:
         self.window = window_of(exact, 0.05)
-        self.model = window_model(robot, self.window, point)
+        self.model = window_model(robot, self.window, Point(point))
         middle = midpoints(self.window.nodes, self.window.spacing)
         twist = predict(robot, middle, point).twist
         gain = joint_gains(robot, middle, twist, point[6:])[0][:, SWAP]
@@ -177,7 +192,7 @@ class JointNoise:
     def _left(self, robot: MomentumKernel, point: Array, error: Array, first: Array) -> Array:
         nodes = replace(self.window.nodes, joint_position=self.window.nodes.joint_position + error)
         assert isinstance(nodes, Nodes)
-        model = window_model(robot, replace(self.window, nodes=nodes), point)
+        model = window_model(robot, replace(self.window, nodes=nodes), Point(point))
         # The chain begins displaced by what the first node's error makes of the pose.
         pose, twist, _ = residuals(model, state(point, first))
         return np.concatenate((pose, twist))
@@ -202,9 +217,9 @@ def test_what_accumulates_of_the_joints_noise(robot: MomentumKernel, exact: Samp
         after = []
         for size in (JOINT, -JOINT):
             nodes = replace(window.nodes, joint_position=window.nodes.joint_position + size * error)
-            after.append(residuals(window_model(robot, replace(window, nodes=nodes), point), state(point))[2])
+            after.append(residuals(window_model(robot, replace(window, nodes=nodes), Point(point)), state(point))[2])
         columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
     remainder = np.stack(columns, axis=1)
-    claimed = window_model(robot, window, point).process
+    claimed = window_model(robot, window, Point(point)).process
     expected = JOINT * LENGTH / np.sqrt(window.noise.samples) * remainder
     assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
