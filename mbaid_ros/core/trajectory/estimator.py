@@ -18,7 +18,7 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, bridged
 from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Tracker
 from mbaid_ros.core.trajectory.tracks import Track
 
@@ -106,26 +106,31 @@ class TrajectoryEstimator:
         number = int(np.floor((window.time[0] + 1e-9) / self._settings.window))
         count = self._nodes_a_window
         nodes = average(window, number * self._settings.window, self._settings.window / count, count, origin)
-        if nodes is None or number != self._number + 1:
+        linked = nodes is not None and bool(self._sequence) and number == self._number + 1
+        if nodes is None or not linked or (self._sequence[-1].empty[-1] and nodes.empty[0]):
             self._sequence = []  # a gap: what comes next is linked to the past by momentum and body alone
         self._number = number
-        if nodes is None:
+        if nodes is None or (nodes.empty[0] and not self._sequence):
             return None, None
-        self._lowest = np.minimum(self._lowest, np.min(nodes.joint_position, axis=0))
-        self._highest = np.maximum(self._highest, np.max(nodes.joint_position, axis=0))
+        self._lowest = np.minimum(self._lowest, np.nanmin(nodes.joint_position, axis=0))
+        self._highest = np.maximum(self._highest, np.nanmax(nodes.joint_position, axis=0))
         self._sequence = [*self._sequence[-2:], nodes]
         noise, self._noise = self._noise, window_noise(window, self._settings.noise)
         ready = None
         if len(self._sequence) > 1 and noise is not None:
             ready = self._linked(self._sequence[:-2], self._sequence[-2], nodes[:AFTER], noise)
-        return ready, self._linked(self._sequence[:-1], nodes, nodes[:0], self._noise)
+        still_open = None if nodes.empty[-1] else self._linked(self._sequence[:-1], nodes, nodes[:0], self._noise)
+        return ready, still_open
 
     def _linked(self, earlier: list[Nodes], nodes: Nodes, after: Nodes, noise: WindowNoise) -> Window:
         """Return a window with the neighbours it has; the last interval of one without a successor is missing."""
         before = earlier[-1][-BEFORE:] if earlier else nodes[:0]
         number = self._number - 1 if len(after) else self._number
+        # An empty node is bridged from both sides: at the outer ends it is none of the neighbours.
+        before = before[1:] if len(before) and before.empty[0] else before
+        after = after[:-1] if len(after) and after.empty[-1] else after
         return Window(
-            nodes=Nodes.concatenate([before, nodes, after]),
+            nodes=bridged(Nodes.concatenate([before, nodes, after])),
             inside=slice(len(before), len(before) + len(nodes) - (0 if len(after) else 1)),
             spacing=self._settings.window / self._nodes_a_window,
             noise=noise,

@@ -14,18 +14,20 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array, cross, exp, log
+from mbaid_ros.core.geometry import Array, Flags, cross, exp, log
 from mbaid_ros.core.samples import Samples
 
 Integers = npt.NDArray[np.int64]
 
 # Nodes that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
+# What a node is of the two or four around it.
+_LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """J consecutive nodes, equally spaced.
+    """J consecutive nodes, equally spaced; all NaN where one has no sample.
 
     Attributes
     ----------
@@ -47,6 +49,11 @@ class Nodes:
     def __len__(self) -> int:
         """Return the number of nodes."""
         return len(self.spread)
+
+    @property
+    def empty(self) -> Flags:
+        """Which nodes have no sample, (J,)."""
+        return np.isnan(self.spread)
 
     def __getitem__(self, index: slice) -> Nodes:
         """Return a slice of the nodes."""
@@ -151,7 +158,7 @@ class Window:
 
 
 def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Nodes | None:
-    """Return the nodes of one window, None where a node has no sample.
+    """Return the nodes of one window, None where two in a row have no sample.
 
     Parameters
     ----------
@@ -164,15 +171,19 @@ def average(window: Samples, start: float, spacing: float, count: int, origin: A
     number = np.clip(np.floor((window.time - start + 1e-9) / spacing).astype(int), 0, count - 1)
     starts = np.searchsorted(number, np.arange(count))
     sizes = np.diff(np.append(starts, len(window)))
-    if np.any(sizes == 0):
+    empty = sizes == 0
+    if np.any(empty[1:] & empty[:-1]):
         return None
-    share = sizes.astype(float)
+    share = sizes[~empty].astype(float)
 
     def mean(values: Array) -> Array:
-        return np.asarray(np.add.reduceat(values, starts, axis=0) / share.reshape(-1, *(1,) * (values.ndim - 1)))
+        result = np.full((count, *values.shape[1:]), np.nan)
+        total = np.add.reduceat(values, starts[~empty], axis=0)
+        result[~empty] = total / share.reshape(-1, *(1,) * (values.ndim - 1))
+        return result
 
     time = mean(window.time)
-    middle = window.base_rotation[starts + sizes // 2]
+    middle = window.base_rotation[np.minimum(starts + sizes // 2, len(window) - 1)]
     turns = log(window.base_rotation @ np.swapaxes(middle[number], 1, 2))
     return Nodes(
         joint_position=mean(window.joint_position),
@@ -182,6 +193,22 @@ def average(window: Samples, start: float, spacing: float, count: int, origin: A
         spread=mean((window.time - time[number]) ** 2) / spacing**2,
         offset=(time - start) / spacing - np.arange(count) - 0.5,
     )
+
+
+def bridged(nodes: Nodes) -> Nodes:
+    """Return nodes with the empty ones, each between two others, filled in from the two or four around it."""
+    values = {field.name: getattr(nodes, field.name).copy() for field in fields(Nodes)}
+    for index in np.flatnonzero(nodes.empty):
+        far = 2 <= index < len(nodes) - 2 and not np.any(nodes.empty[[index - 2, index + 2]])
+        around = index + (np.array([-2, -1, 1, 2]) if far else np.array([-1, 1]))
+        weights = _CUBIC if far else _LINEAR
+        for name, value in values.items():
+            if name == 'base_rotation':
+                back = value[index - 1].T
+                value[index] = exp(weights @ log(value[around] @ back)) @ value[index - 1]
+            else:
+                value[index] = np.tensordot(weights, value[around], axes=1)
+    return Nodes(**values)
 
 
 def midpoints(nodes: Nodes, spacing: float) -> Midpoints:

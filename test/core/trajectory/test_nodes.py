@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.nodes import Nodes, average, midpoints
+from mbaid_ros.core.trajectory.nodes import Nodes, average, bridged, midpoints
 
 COUNT = 12
 MIDDLE = 1.3  # s
@@ -129,3 +129,30 @@ def test_one_sample_is_a_node_as_it_is() -> None:
     assert np.array_equal(nodes.joint_position, samples.joint_position)
     assert nodes.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
     assert np.array_equal(nodes.spread, np.zeros(2))
+
+
+@pytest.mark.parametrize('place', [1, 5, COUNT - 2])
+def test_a_node_without_samples_is_bridged(place: int) -> None:
+    sizes = []
+    for spacing in (0.1, 0.05):
+        full = nodes_of(spacing, 5)
+        start = MIDDLE - 6.0 * spacing
+        time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + (np.arange(5) - 2.0) / 5.0 * spacing).ravel()
+        nodes = average(sampled(time[np.arange(len(time)) // 5 != place]), start, spacing, COUNT, np.zeros(3))
+        assert nodes is not None
+        assert np.flatnonzero(nodes.empty).tolist() == [place]
+        whole = bridged(nodes)
+        assert not np.any(whole.empty)
+        assert np.array_equal(
+            np.delete(whole.joint_position, place, axis=0), np.delete(full.joint_position, place, axis=0)
+        )
+        turned = log(whole.base_rotation @ np.swapaxes(full.base_rotation, 1, 2))
+        sizes.append([np.abs(whole.joint_position - full.joint_position).max(), np.abs(turned).max()])
+    # Fourth order from four neighbours, second from the two that a node next to the end has.
+    ratio = np.array(sizes[0]) / np.array(sizes[1])
+    assert np.all(ratio > (3.2 if place in (1, COUNT - 2) else 13.0))
+
+
+def test_two_nodes_without_samples_are_a_gap() -> None:
+    time = np.concatenate((np.arange(0.005, 0.2, 0.01), np.arange(0.305, 0.6, 0.01)))
+    assert average(sampled(time), 0.0, 0.05, COUNT, np.zeros(3)) is None
