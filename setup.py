@@ -22,7 +22,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     python_requires='>=3.10',
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    extras_require={'test': ['pytest'], 'dask': ['distributed']},
     zip_safe=True,
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -41,6 +41,7 @@ setup(
             'simulate = mbaid_ros.replay.simulate:main',
             'replay = mbaid_ros.replay.replay:main',
             'calibrate = mbaid_ros.replay.calibrate:main',
+            'campaign = mbaid_ros.replay.campaign:main',
             'export = mbaid_ros.replay.export:main',
         ],
     },

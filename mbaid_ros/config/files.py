@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -56,11 +57,7 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     ParameterError
         The file cannot be read, is no ROS parameter file, or has nothing for this node.
     """
-    text = _read(Path(path))
-    try:
-        content = yaml.load(text, _Loader)
-    except _REFUSED as error:
-        raise ParameterError(f"parameter file '{path}' is not YAML: {_reason(error)}") from error
+    content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
         raise ParameterError(f"parameter file '{path}' has no section '<node name>: {_SECTION}:'")
     target = '/' + node_name.strip('/')
@@ -68,11 +65,31 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     values: dict[str, object] = {}
     for pattern, section in sections:
         if _matches(pattern, target):
-            values.update(_dotted(section, ''))
+            values.update(dotted(section))
     if not any(_matches(pattern, target) for pattern, _ in sections):
         names = ', '.join(pattern for pattern, _ in sections) or 'none'
         raise ParameterError(f"parameter file '{path}' has no section for node '{node_name}'; sections: {names}")
     return values
+
+
+def read_yaml(path: str | Path, kind: str) -> object:
+    """Return the content of a YAML file, its numbers read by the rules of ROS.
+
+    Parameters
+    ----------
+    path : the file
+    kind : what an error calls it
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read, or is no YAML.
+    """
+    text = _read(Path(path), kind)
+    try:
+        return yaml.load(text, _Loader)
+    except _REFUSED as error:
+        raise ParameterError(f"{kind} '{path}' is not YAML: {_reason(error)}") from error
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
@@ -96,16 +113,16 @@ def _reason(error: Exception) -> str:
     return 'nested too deeply' if isinstance(error, RecursionError) else ' '.join(str(error).split())
 
 
-def _read(path: Path) -> str:
+def _read(path: Path, kind: str) -> str:
     try:
         with path.open(encoding='utf-8') as file:
             text = file.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise ParameterError(f"cannot read parameter file '{path}': {error.strerror or error}") from error
+        raise ParameterError(f"cannot read {kind} '{path}': {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise ParameterError(f"parameter file '{path}' is not text in UTF-8") from error
+        raise ParameterError(f"{kind} '{path}' is not text in UTF-8") from error
     if len(text) > LARGEST_FILE:
-        raise ParameterError(f"parameter file '{path}' has more than {LARGEST_FILE} characters, which is the limit")
+        raise ParameterError(f"{kind} '{path}' has more than {LARGEST_FILE} characters, which is the limit")
     return text
 
 
@@ -135,11 +152,12 @@ def _matches(pattern: str, target: str) -> bool:
     return re.fullmatch(expression, target) is not None
 
 
-def _dotted(values: Mapping[object, object], prefix: str) -> dict[str, object]:
+def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
+    """Return the values of nested mappings by dotted name."""
     flat: dict[str, object] = {}
     for key, value in values.items():
         if isinstance(value, dict):
-            flat.update(_dotted(value, f'{prefix}{key}.'))
+            flat.update(dotted(value, f'{prefix}{key}.'))
         else:
             flat[f'{prefix}{key}'] = value
     return flat

@@ -17,9 +17,11 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.replay.feed import Inputs, progress_bar
+from mbaid_ros.replay.many import replay_bags
 from mbaid_ros.replay.results import Run, as_json, summary
 from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
+from mbaid_ros.replay.workers import add_processes_option
 
 NOT_DETERMINED = 3
 STDOUT = '-'
@@ -37,8 +39,11 @@ def _replay(argv: list[str]) -> int:
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
     inputs = Inputs(arguments.joint_states, arguments.odom)
-    with _estimate_writer(arguments.output, with_debris=config.debris.report) as writer:
-        runs = [_replay_one(bag, config, urdf, inputs, writer) for bag in arguments.bags]
+    if len(arguments.bags) > 1:
+        runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
+    else:
+        with _estimate_writer(arguments.output, with_debris=config.debris.report) as writer:
+            runs = [_replay_one(arguments.bags[0], config, urdf, inputs, writer)]
     _write_results(runs, arguments, truths)
     return 0 if all(result.reached for result in runs) else NOT_DETERMINED
 
@@ -62,6 +67,7 @@ def _parser() -> ArgumentParser:
     add('--report', metavar='HTML', help='write a report')
     add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
+    add_processes_option(parser)
     return parser
 
 

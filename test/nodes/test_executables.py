@@ -17,7 +17,18 @@ from graph import LOCAL, Graph, executable, free_domain
 from mbaid_ros.nodes import estimator
 from simulated import CONFIG
 
-NAMES = ('simulator', 'estimator', 'recorder', 'player', 'watch', 'simulate', 'replay', 'calibrate', 'export')
+NAMES = (
+    'simulator',
+    'estimator',
+    'recorder',
+    'player',
+    'watch',
+    'simulate',
+    'replay',
+    'calibrate',
+    'campaign',
+    'export',
+)
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 

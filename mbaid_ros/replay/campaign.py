@@ -1,0 +1,89 @@
+"""The executable `campaign`: many simulated runs, identified, with their statistics."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from tqdm import tqdm
+
+from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.config.campaign import Campaign, CampaignRun, load_campaign
+from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.replay.campaigns.cluster import made_on_cluster
+from mbaid_ros.replay.campaigns.folder import RUNS, SUMMARY, CampaignFolder
+from mbaid_ros.replay.campaigns.local import made_here
+from mbaid_ros.replay.campaigns.make import Result, prepare
+from mbaid_ros.replay.campaigns.statistics import as_json, statistics, table
+from mbaid_ros.replay.workers import add_processes_option
+
+FAILED_RUNS = 3
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable: 0 if every run was made, 3 if one failed, 2 after a user's error."""
+    return run(_campaign, argv)
+
+
+def _campaign(argv: list[str]) -> int:
+    arguments = _parser().parse(argv)
+    campaign = load_campaign(arguments.campaign)
+    _check(campaign, arguments.campaign)
+    output = Path(arguments.output or Path(arguments.campaign).stem)
+    with CampaignFolder(output, campaign, retry_failed=arguments.retry_failed) as folder:
+        runs = list(campaign.runs())
+        missing = [each for each in runs if each.number not in folder.results]
+        with (
+            tqdm(total=len(runs), initial=len(runs) - len(missing), unit=' runs', disable=None, leave=False) as bar,
+            closing(_made(missing, campaign.urdf, arguments)) as results,
+        ):
+            for result in results:
+                folder.add(result)
+                bar.update()
+        folder.sort()
+        made = [folder.results[each.number] for each in runs]
+        cases = statistics(made)
+        summary = as_json(cases, made)
+        folder.write_summary(summary)
+    print(f'{table(cases, made)}\n{output / RUNS}, {output / SUMMARY}')
+    return FAILED_RUNS if summary['failed'] else 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'campaign',
+        'Simulate and identify many times over seeds, motions, noise and methods, on all cores or a Dask cluster.\n'
+        'Stopped by anything, the same command goes on from the runs that were made.\n'
+        'Exit code: 0 every run was made, 3 some failed, 2 bad input.',
+        'campaign config/table1_campaign.yaml --output table1_campaign',
+    )
+    add = parser.add_argument
+    add('campaign', metavar='YAML', help='what is varied, and the parameters of simulator and estimator')
+    add('--output', metavar='FOLDER', help="where results are kept (default: the YAML's name without its ending)")
+    add('--scheduler', metavar='ADDRESS', help='of a Dask cluster that makes the runs, like tcp://10.0.0.1:8786')
+    add('--retry-failed', action='store_true', help='make runs again that failed')
+    add_processes_option(parser)
+    return parser
+
+
+def _check(campaign: Campaign, path: str) -> None:
+    """Refuse before the long work what no run of a case can use."""
+    case = None
+    try:
+        for case in campaign.cases:
+            prepare(case, campaign.urdf)
+    except MbaidError as error:
+        raise type(error)(f"campaign '{path}', {case}: {error}") from error
+
+
+def _made(runs: Sequence[CampaignRun], urdf: str, arguments: argparse.Namespace) -> Generator[Result]:
+    if arguments.scheduler is None:
+        return made_here(runs, urdf, arguments.processes)
+    return made_on_cluster(runs, urdf, arguments.scheduler)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""One run of a campaign, simulated and identified in memory, and the line that is kept of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.bags import message_class
+from mbaid_ros.cli import one_line
+from mbaid_ros.config.campaign import CampaignRun, Case
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun
+
+FAILED = 'failed'
+
+# What a run leads to: plain numbers, texts, lists and dictionaries, as JSON has them.
+Result = dict[str, Any]
+
+_TYPES = MessageTypes(find=message_class, flags=np.asarray)
+_CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers
+
+
+def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
+    """Return the simulated robot at time 0 and the session that is to identify it.
+
+    Raises
+    ------
+    ModelError, ParameterError
+        The robot or the parameters cannot be used, alone or together.
+    """
+    simulated, session = SimulatedRun(case.simulator, urdf, _TYPES), Session(case.estimator, urdf)
+    if simulated.target.name != session.target_link:
+        raise ParameterError(
+            f"'target_link' is '{simulated.target.name}' for the simulator and '{session.target_link}' for the "
+            'estimator; accepted: the same link'
+        )
+    return simulated, session
+
+
+def make(run: CampaignRun, urdf: str) -> Result:
+    """Make a run and return what it leads to; an error of any kind is a result, too, with its reason."""
+    try:
+        return _result(run, urdf)
+    except Exception as error:  # noqa: BLE001 - one run of thousands: it is told of, and the others go on
+        return failed(run, f'{type(error).__name__}: {error}')
+
+
+def failed(run: CampaignRun, reason: str) -> Result:
+    """Return the result of a run that led to nothing."""
+    return {**_head(run), 'status': FAILED, 'reason': one_line(reason)}
+
+
+def _head(run: CampaignRun) -> Result:
+    simulator = run.case.simulator
+    motion = simulator.motion.seed if simulator.motion.kind == 'random' else None
+    return {'run': run.number, 'case': dict(run.case.choices), 'motion': motion, 'seed': simulator.seed}
+
+
+def _result(run: CampaignRun, urdf: str) -> Result:
+    simulated, session = prepare(run.case, urdf)
+    final = _identify(simulated, session) or Estimate(run.case.estimator.method, 'waiting')
+    truth = simulated.target_inertia
+    error = (final.parameters - truth) / final.std
+    return {
+        **_head(run),
+        'status': final.status,
+        'truth': shaped(numbers(truth)),
+        'estimate': shaped(numbers(final.parameters)),
+        'std': shaped_std(final.std),
+        'error': shaped_std(error),
+        'nees': number(nees(final, truth)),
+        'samples': final.samples,
+        'span_s': final.time,
+        'warnings': list(final.warnings),
+    }
+
+
+def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
+    """Return the last estimate of a run, None if there is none."""
+    last = None
+    duration = simulated.config.duration
+    for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
+        for timed in simulated.read(float(end)):
+            if timed.topic == 'joint_states':
+                session.add_joint_state(timed.message)
+            else:
+                session.add_odometry(timed.message)
+        estimates = session.process()
+        last = estimates[-1] if estimates else last
+    return last
+
+
+def nees(estimate: Estimate, truth: Array) -> float:
+    """Return the squared error of an estimate in the metric of its covariance, a parameter: 1 is expected.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    truth : (10,) in the order of PARAMETERS
+
+    Returns
+    -------
+    The normalised estimation error squared, over the number of parameters that are determined; NaN if none is.
+    """
+    known = np.isfinite(estimate.std) & np.isfinite(estimate.parameters)
+    if not np.any(known):
+        return np.nan
+    deviation = estimate.std[known]
+    error = (estimate.parameters - truth)[known] / deviation
+    correlation = estimate.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
+    return float(error @ np.linalg.solve(correlation, error)) / len(error)

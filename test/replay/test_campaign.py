@@ -1,0 +1,334 @@
+"""The executable `campaign`: what its YAML stands for, its results, and how it goes on after whatever stopped it."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.config.campaign import CampaignRun, load_campaign
+from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.replay import campaign, replay, simulate
+from mbaid_ros.replay.campaigns.folder import CampaignFolder
+from mbaid_ros.replay.campaigns.local import made_here
+from mbaid_ros.replay.campaigns.make import Result, make
+from mbaid_ros.replay.campaigns.statistics import statistics
+from simulated import CONFIG
+
+TEXT = f"""
+model: {CONFIG / 'table1.urdf'}
+simulator_params: {CONFIG / 'table1_simulator.yaml'}
+estimator_params: {CONFIG / 'table1_estimator.yaml'}
+simulator: {{duration: 3.0, joint_rate: 20.0, odometry_rate: 20.0}}
+noise: {{base_position: 1e-4}}
+seeds: 4
+cases:
+  noise:
+    low: {{noise: {{joint_position: 1.0e-5}}}}
+    mid: {{noise: {{joint_position: 1.0e-4}}}}
+"""
+RUNS = 8
+FILES = ('runs.jsonl', 'summary.json', 'campaign.json')
+
+
+def written(folder: Path, text: str = TEXT) -> Path:
+    path = folder / 'campaign.yaml'
+    path.write_text(text)
+    return path
+
+
+def lines(folder: Path) -> list[Any]:
+    return [json.loads(line) for line in (folder / 'runs.jsonl').read_text().splitlines()]
+
+
+def content(folder: Path) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in FILES]
+
+
+@pytest.fixture(scope='module', name='whole')
+def made_in_one_go(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('whole')
+    output = folder / 'output'
+    assert campaign.main([str(written(folder)), '--output', str(output), '--processes', '2']) == 0
+    return output
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert campaign.main(list(arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('mbaid_ros campaign: ')
+    assert captured.err.count('\n') == 1
+    return captured.err
+
+
+# -- results
+
+
+def test_a_run_is_that_of_simulate_and_replay_to_the_last_bit(
+    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+) -> None:
+    run = lines(whole)[6]
+    assert (run['run'], run['case'], run['seed'], run['motion']) == (6, {'noise': 'mid'}, 2, None)
+    cases = json.loads((whole / 'campaign.json').read_text())['cases']
+    for node in ('simulator', 'estimator'):
+        section = {'/**': {'ros__parameters': cases[1][node]}}
+        (tmp_path / f'{node}.yaml').write_text(json.dumps(section))
+    bag, model = str(tmp_path / 'bag'), str(CONFIG / 'table1.urdf')
+    simulator, estimator = (str(tmp_path / f'{node}.yaml') for node in ('simulator', 'estimator'))
+    assert simulate.main(['--model', model, '--params', simulator, '--seed', '2', '--output', bag]) == 0
+    capsys.readouterr()
+    assert replay.main([bag, '--model', model, '--params', estimator, '--json', '-']) == 0
+    result = json.loads(capsys.readouterr().out)
+    for key in ('status', 'estimate', 'std', 'samples', 'span_s'):
+        assert run[key] == result[key]
+    truth = json.loads((tmp_path / 'bag' / 'truth.json').read_text())
+    assert run['truth'] == {key: truth[key] for key in ('mass', 'com', 'inertia')}
+    assert run['error']['mass'] == (run['estimate']['mass'] - truth['mass']) / run['std']['mass']
+
+
+def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
+    capsys: pytest.CaptureFixture[str], whole: Path
+) -> None:
+    results = lines(whole)
+    assert [(run['run'], run['case']['noise'], run['seed']) for run in results] == [
+        (number, name, seed) for number, (name, seed) in enumerate((n, s) for n in ('low', 'mid') for s in range(4))
+    ]
+    low, mid = json.loads((whole / 'summary.json').read_text())['cases']
+    errors = np.array([run['estimate']['mass'] - run['truth']['mass'] for run in results[4:]])
+    assert mid['rmse']['mass'] == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert mid['mean_std']['mass'] == pytest.approx(np.mean([run['std']['mass'] for run in results[4:]]))
+    assert mid['inside_95']['mass'] == np.mean([abs(run['error']['mass']) < 1.959964 for run in results[4:]])
+    assert mid['nees'] == pytest.approx(np.mean([run['nees'] for run in results[4:]]))
+    assert mid['determined'] == {
+        'mass': 1.0, 'com': [1.0, 1.0, 0.0], 'inertia': {name: float(name == 'izz') for name in PARAMETERS[4:]}
+    }  # fmt: skip
+    assert low['rmse']['mass'] < mid['rmse']['mass']
+    # Complete: nothing is made, the statistics are told again.
+    before = content(whole)
+    assert campaign.main([str(whole.parent / 'campaign.yaml'), '--output', str(whole)]) == 0
+    told = capsys.readouterr().out
+    assert 'noise=mid: 4 runs, ' in told
+    assert '8 runs, 0 of them failed' in told
+    assert content(whole) == before
+
+
+def test_the_band_is_that_of_a_right_covariance() -> None:
+    rng = np.random.default_rng(0)
+    inertia = dict.fromkeys(PARAMETERS[4:])
+
+    def result(error: float) -> Result:
+        values = {'mass': error, 'com': [None] * 3, 'inertia': inertia}
+        truth, std = ({'mass': value, 'com': [0.0] * 3, 'inertia': dict.fromkeys(inertia, 0.0)} for value in (0.0, 2.0))
+        return {'case': {}, 'status': 'converged', 'estimate': values, 'truth': truth, 'std': std, 'nees': error**2 / 4}
+
+    inside = 0
+    for _ in range(200):
+        (case,) = statistics([result(error) for error in rng.normal(scale=2.0, size=25)])
+        inside += case.nees_band[0] < case.nees < case.nees_band[1]
+    assert 200 * 0.95 - 4 * np.sqrt(200 * 0.95 * 0.05) < inside < 200
+
+
+# -- going on
+
+
+def remade(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that the numbers of the runs that are made are appended to."""
+    numbers: list[int] = []
+
+    def noted(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generator[Result]:
+        numbers.extend(run.number for run in runs)
+        return made_here(runs, urdf, processes)
+
+    monkeypatch.setattr(campaign, 'made_here', noted)
+    return numbers
+
+
+def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
+    monkeypatch: pytest.MonkeyPatch, whole: Path, tmp_path: Path
+) -> None:
+    yaml, output = str(whole.parent / 'campaign.yaml'), tmp_path / 'output'
+    arguments = [yaml, '--output', str(output), '--processes', '1']
+    command = [sys.executable, '-m', 'mbaid_ros.replay.campaign', *arguments]
+    runs = output / 'runs.jsonl'
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while not (runs.exists() and runs.read_bytes().count(b'\n') >= 2):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.01)
+                break
+        process.kill()
+        assert b'Traceback' not in process.communicate()[1]  # until the workers have ended, too
+    kept = {result['run'] for result in lines(output)}
+    assert 2 <= len(kept) < RUNS
+    with runs.open('ab') as file:  # what a full disk or a power cut may leave
+        file.write(b'{"run": 7, "case": {"noi')
+    numbers = remade(monkeypatch)
+    assert campaign.main(arguments) == 0
+    assert numbers == sorted(set(range(RUNS)) - kept)
+    assert content(output) == content(whole)
+
+
+def test_a_changed_campaign_is_refused_with_what_has_changed(
+    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+) -> None:
+    before = content(whole)
+    for change, told in [
+        (('seeds: 4', 'seeds: 5'), 'seeds was [0, 1, 2, 3], is [0, 1, 2, 3, 4];'),
+        (('duration: 3.0', 'duration: 4.0'), 'cases[0].simulator.duration was 3.0, is 4.0;'),
+        (('1.0e-4}', '2.0e-4}'), 'cases[1].simulator.noise.joint_position was 0.0001, is 0.0002;'),
+        (('mid:', 'high:'), 'cases[1].choices.noise was "mid", is "high";'),
+        (('seeds: 4', 'seeds: 4\nmotions: 2\n'), 'accepted: random'),
+    ]:
+        line = refused(capsys, str(written(tmp_path, TEXT.replace(*change))), '--output', str(whole))
+        assert told in line
+    # Comments and layout change nothing.
+    same = TEXT.replace('seeds: 4', 'seeds: [0, 1, 2, 3]  # four')
+    assert campaign.main([str(written(tmp_path, same)), '--output', str(whole)]) == 0
+    assert content(whole) == before
+
+
+def test_a_folder_of_something_else_or_in_use_is_refused(
+    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+) -> None:
+    yaml = str(written(tmp_path))
+    assert 'holds something else' in refused(capsys, yaml, '--output', str(tmp_path))
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ['campaign.yaml']
+    with CampaignFolder(whole, load_campaign(yaml)):
+        assert 'is in use' in refused(capsys, yaml, '--output', str(whole))
+    broken = tmp_path / 'broken'
+    shutil.copytree(whole, broken)
+    (broken / 'runs.jsonl').write_text('{"run": 0}\n')
+    assert "runs.jsonl', line 1, is no result" in refused(capsys, yaml, '--output', str(broken))
+
+
+# -- failures
+
+WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {step: 1.0, initial.joint_velocities: [9.0, 9.0, 9.0, 9.0]}}\n'
+
+
+def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+) -> None:
+    output = str(tmp_path / 'output')
+    arguments = [str(written(tmp_path, TEXT + WILD)), '--output', output]
+    assert campaign.main(arguments) == 3
+    told = capsys.readouterr().out
+    results = lines(tmp_path / 'output')
+    bad = [result for result in results if result['case']['motion'] == 'wild']
+    assert len(bad) == RUNS
+    assert all(result['status'] == 'failed' and result['reason'].startswith('ModelError: ') for result in bad)
+    assert f'16 runs, {RUNS} of them failed' in told
+    assert f'run {bad[0]["run"]}: {bad[0]["reason"]}' in told
+    good = [result['estimate'] for result in results if result['case']['motion'] == 'gentle']
+    assert good == [result['estimate'] for result in lines(whole)]
+    numbers = remade(monkeypatch)
+    assert campaign.main(arguments) == 3
+    assert numbers == []
+    assert campaign.main([*arguments, '--retry-failed']) == 3
+    assert numbers == [result['run'] for result in bad]
+
+
+class Deadly(CampaignRun):
+    """A run that takes down the process that gets it."""
+
+    def __reduce__(self) -> tuple[Callable[[int], object], tuple[int]]:
+        return os._exit, (1,)
+
+
+def test_a_process_that_dies_costs_no_run_but_the_one_that_kills_it(whole: Path) -> None:
+    plan = load_campaign(whole.parent / 'campaign.yaml')
+    runs = list(plan.runs())[:4]
+    runs[2] = Deadly(runs[2].number, runs[2].case)
+    results: list[Result] = []
+    for result in made_here(runs, plan.urdf, 1):
+        if not results:
+            for worker in multiprocessing.active_children():
+                worker.kill()
+        results.append(result)
+    died = results.pop(2)
+    assert (died['run'], died['status']) == (2, 'failed')
+    assert died['reason'].startswith('its process died')
+    assert results == [make(run, plan.urdf) for run in runs if run.number != 2]
+
+
+# -- the YAML
+
+
+def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
+    text = TEXT.replace('seeds: 4', 'seeds: [7, 3]\nmotions: 3').replace(
+        'simulator: {', 'simulator: {motion.kind: random, '
+    )
+    text = text.replace(
+        f'simulator_params: {CONFIG / "table1_simulator.yaml"}', f'simulator_params: {CONFIG / "ets7_simulator.yaml"}'
+    )
+    plan = load_campaign(written(tmp_path, text.replace('table1.urdf', 'ets7.urdf')))
+    runs = list(plan.runs())
+    assert [run.number for run in runs] == list(range(12))
+    assert [(run.case.simulator.motion.seed, run.case.simulator.seed) for run in runs[:6]] == [
+        (0, 7), (0, 3), (1, 7), (1, 3), (2, 7), (2, 3)
+    ]  # fmt: skip
+    assert str(runs[-1].case) == 'noise=mid'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'told'),
+    [
+        (TEXT, '', "the key 'model' is missing"),
+        (TEXT, '- 1', "is [1]; accepted: 'name: value' pairs"),
+        (TEXT, '[', 'is not YAML'),
+        ('seeds: 4', 'seed: 4', "unknown key 'seed'; known: seeds, "),
+        ('seeds: 4', 'seeds: 0', "'seeds' is 0; accepted: a whole number >= 1, of seeds from 0, or a list"),
+        ('seeds: 4', 'seeds: four', "'seeds' is 'four'; accepted"),
+        ('seeds: 4', 'seeds: true', "'seeds' is True; accepted"),
+        ('seeds: 4', 'seeds: [1, 1]', "'seeds' is [1, 1]; accepted: "),
+        ('seeds: 4', 'seeds: [-1]', "'seeds' is [-1]; accepted"),
+        ('seeds: 4', 'seeds: 1000000', 'make 2000000 runs; accepted: 1000000 at most'),
+        ('seeds: 4', 'motions: 2', "'motion.kind' is 'passive'; accepted: random"),
+        ('duration: 3.0', 'duration: 0.0', "'duration' is 0 s"),
+        ('duration: 3.0', 'duration: long', "parameter 'duration' is 'long'; accepted: a number >= 0 s"),
+        ('duration: 3.0', 'length: 3.0', "unknown parameter 'length'; known: "),
+        ('duration: 3.0', 'duration: 3.0, seed: 3', "'simulator.seed' is not accepted; the key for it is 'seeds'"),
+        ('simulator: {', 'simulator: 3 #', "'simulator' is 3; accepted: 'name: value' pairs"),
+        ('mid: {noise', 'mid: {sensors', "'cases.noise.mid' has the unknown key 'sensors'; known: "),
+        ('{joint_position: 1.0e-4}', '{joint_position: -1.0}', "noise=mid: parameter 'noise.joint_position' is -1"),
+        ('    low:', '    1:', "'cases.noise' has the name 1; accepted: text"),
+        ('cases:', 'cases:\n  empty:', "'cases.empty' is None; accepted: 'name: value' pairs"),
+        (
+            'cases:', 'cases:\n  other: {a: {estimator: {noise: {joint_position: 1.0}}}}',
+            "'noise.joint_position' of the estimator is set by the groups 'other' and 'noise'; accepted: by one",
+        ),
+        (
+            'noise: {base', 'estimator: {noise.base_position: 1.0}\nnoise: {base',
+            "'noise.base_position' and 'estimator.noise.base_position' are both given; accepted: one",
+        ),
+        (
+            'noise: {base', 'estimator: {target_link: link3}\nnoise: {base',
+            "noise=low: 'target_link' is 'link4' for the simulator and 'link3' for the estimator",
+        ),
+        ('table1.urdf', 'absent.urdf', 'absent.urdf'),
+        ('table1_estimator.yaml', 'absent.yaml', "absent.yaml': No such file"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    yaml = str(written(tmp_path, TEXT.replace(old, new, 1)))
+    line = refused(capsys, yaml, '--output', str(tmp_path / 'output'))
+    assert told in line
+    assert f"campaign '{yaml}'" in line
+    assert not (tmp_path / 'output').exists()
+
+
+def test_the_campaign_that_ships_is_accepted() -> None:
+    plan = load_campaign(CONFIG / 'table1_campaign.yaml')
+    assert len(list(plan.runs())) == 20

@@ -1,0 +1,110 @@
+"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, one of which dies."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from mbaid_ros.config.campaign import CampaignRun
+from mbaid_ros.replay import campaign
+from mbaid_ros.replay.campaigns import cluster
+from mbaid_ros.replay.campaigns.make import Result
+from simulated import CONFIG
+
+TEXT = f"""
+model: {CONFIG / 'table1.urdf'}
+simulator_params: {CONFIG / 'table1_simulator.yaml'}
+estimator_params: {CONFIG / 'table1_estimator.yaml'}
+simulator: {{duration: 2.0, joint_rate: 20.0, odometry_rate: 20.0}}
+noise: {{joint_position: 1.0e-4, base_position: 1e-4}}
+seeds: 20
+"""
+
+
+@contextmanager
+def dask(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a program of Dask on loopback."""
+    options = ['--host', '127.0.0.1', '--no-dashboard', *arguments]
+    command = [sys.executable, '-m', f'distributed.cli.dask_{program}', *options]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def told(process: subprocess.Popen[str], pattern: str) -> str:
+    """Wait until a program says something; return what stands in the parentheses."""
+    assert process.stderr is not None
+    said = []
+    for line in process.stderr:
+        said.append(line)
+        found = re.search(pattern, line)
+        if found:
+            return found[1]
+    raise AssertionError(''.join(said))
+
+
+def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    yaml = tmp_path / 'campaign.yaml'
+    yaml.write_text(TEXT)
+    with ExitStack() as stack:
+        scheduler = stack.enter_context(dask('scheduler', '--port', '0'))
+        address = told(scheduler, r'Scheduler at:\s+(tcp://\S+)')
+        start = ('worker', address, '--nthreads', '1', '--no-nanny')
+        workers = [stack.enter_context(dask(*start)) for _ in range(2)]
+        for worker in workers:
+            told(worker, r'Starting established connection to (\S+)')
+
+        def with_a_death(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
+            for count, result in enumerate(cluster.made_on_cluster(runs, urdf, scheduler)):
+                if count == 4:
+                    workers[0].kill()
+                    workers[0].wait()
+                yield result
+
+        monkeypatch.setattr(campaign, 'made_on_cluster', with_a_death)
+        assert campaign.main([str(yaml), '--output', str(tmp_path / 'cluster'), '--scheduler', address]) == 0
+        assert workers[1].poll() is None
+    there = capsys.readouterr()
+    assert there.err == ''
+    assert campaign.main([str(yaml), '--output', str(tmp_path / 'here')]) == 0
+    for name in ('runs.jsonl', 'summary.json', 'campaign.json'):
+        assert (tmp_path / 'cluster' / name).read_bytes() == (tmp_path / 'here' / name).read_bytes()
+    assert there.out.replace('/cluster/', '/here/') == capsys.readouterr().out
+
+
+def refused(capsys: pytest.CaptureFixture[str], folder: Path, scheduler: str) -> str:
+    yaml = folder / 'campaign.yaml'
+    yaml.write_text(TEXT)
+    assert campaign.main([str(yaml), '--output', str(folder / 'output'), '--scheduler', scheduler]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.count('\n') == 1
+    return captured.err
+
+
+@pytest.mark.parametrize('address', ['tcp://127.0.0.1:1', 'nowhere', 'ftp://127.0.0.1:1', 'tcp://127.0.0.1:port'])
+def test_a_scheduler_that_is_not_there_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, address: str
+) -> None:
+    monkeypatch.setattr(cluster, '_PATIENCE', 0.2)
+    line = refused(capsys, tmp_path, address)
+    assert line.startswith(f"mbaid_ros campaign: --scheduler '{address}' cannot be reached: ")
+    assert line.endswith('accepted: the address that `dask scheduler` prints\n')
+
+
+def test_without_dask_the_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    assert 'pip install distributed' in refused(capsys, tmp_path, 'tcp://127.0.0.1:8786')
