@@ -218,10 +218,14 @@ class KnownLinksConfig:
         maximum=1.0,
     )
     names: tuple[str, ...] = parameter(
-        (), 'Links with a relative standard deviation of their own (difference), in the order of known_links.stds.'
+        (), 'Links with a relative standard deviation of their own, in the order of known_links.stds.'
     )
     stds: tuple[float, ...] = parameter(
         (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
+    )
+    calibration: str = parameter(
+        '',
+        'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
     )
     mode: str = parameter(
         'consider',

@@ -20,10 +20,10 @@ from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.scale import body_sizes
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
+from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -46,6 +46,7 @@ class Session:
 
     Attributes
     ----------
+    kernel : MomentumKernel, with how well its known bodies are known
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     problem : why it takes no more messages until `reset`; empty while it does
@@ -61,9 +62,10 @@ class Session:
         self._make = make
         self.model = load_model(urdf)
         self.target_link = config.target_link or self.model.last_link
-        self._kernel = MomentumKernel(self.model, self.target_link)
+        kernel = MomentumKernel(self.model, self.target_link)
+        self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         self._marker = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, self._kernel.target)
+        self._debris_frame = debris_frame(config.debris.frame, self.model, self.kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
@@ -129,14 +131,12 @@ class Session:
         """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
         if not self.config.debris.report:
             return None
-        link = self._kernel.target.parameters
-        share = self.config.known_links.relative_std
         return debris(
             estimate,
-            link,
+            self.kernel.target.parameters,
             self._debris_frame,
             in_principal_axes=self.config.debris.frame == PRINCIPAL,
-            link_std=share * body_sizes(link) if share > 0.0 and link[0] > 0.0 else None,
+            link_covariance=self._link_covariance,
         )
 
     @property
@@ -173,8 +173,8 @@ class Session:
         """Return what the capture tells with the latest estimate, None while there was none."""
         if self._capture is None:
             return None
-        link = self._kernel.target.parameters
-        alone = debris(estimate, link, debris_frame('', self.model, self._kernel.target))
+        link = self.kernel.target.parameters
+        alone = debris(estimate, link, debris_frame('', self.model, self.kernel.target))
         return self._capture.capture(None if alone is None else alone.parameters)
 
     def _begin(self) -> None:
@@ -185,8 +185,8 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        method = self._make(config, self._kernel)
-        self._capture = capture_of(config, self._kernel, method)
+        method = self._make(config, self.kernel)
+        self._capture = capture_of(config, self.kernel, method)
         self._identifier = Identifier(self._capture or method, config.window, config.maximum_gap, config.twist_frame)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
