@@ -205,6 +205,7 @@ def _estimate(state: State) -> Report:
     values: Values = [
         ('method', estimate.method),
         ('phase', state.session.phase if state.session else ''),
+        ('known bodies', (state.session.calibrated if state.session else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

@@ -20,7 +20,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
+from mbaid_ros.config.capture import DebrisConfig, KnownLinksConfig, SelfCalibrationConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate
@@ -62,6 +63,7 @@ class EstimatorNode(Node):
         self._state = State()
         self._restarted = 0  # how often the session had started again when that was last told
         self._logged: set[str] = set()
+        self._calibrated = ''  # what was last told of the robot's own bodies
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         self._outlets = Outlets(self, with_debris=self._config.debris.report)
         self._display = Display(self, with_frames=self._config.publish_tf)
@@ -87,7 +89,9 @@ class EstimatorNode(Node):
         if path:
             self._state.session = Session(self._config, read_robot_description(path))
             return ''
-        Session(replace(self._config, target_link='', debris=DebrisConfig()), _ANY_ROBOT)
+        # What is about links can only be checked with the robot.
+        config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
+        Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
         late = SubscriptionEventCallbacks(
             incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
         )
@@ -161,7 +165,8 @@ class EstimatorNode(Node):
                 self._follow_restart(session)
             self._state.estimate = estimate
             frames = self._frames(session)
-            self._outlets.publish(estimate, frames, session.model.urdf)
+            self._outlets.publish(estimate, frames, session.urdf)
+            self._tell_of_calibration(session)
             alone = session.debris(estimate)
             if alone is not None:
                 capture = session.captured(estimate)
@@ -179,6 +184,11 @@ class EstimatorNode(Node):
         self._outlets.clear()
         self._display.clear()
         self._say_what_is_missing()
+
+    def _tell_of_calibration(self, session: Session) -> None:
+        if session.calibrated and session.calibrated != self._calibrated:
+            self._calibrated = session.calibrated
+            self._log.info(session.calibrated)
 
     @staticmethod
     def _frames(session: Session) -> Frames:

@@ -94,7 +94,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         warnings=warnings,
-        urdf=urdf,
+        urdf=session.urdf,
         pose=intake.pose(),
         settings=values_of(config),
         debris=session.debris(history.last) if history.last else None,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.difference.problem import Beside
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -16,20 +18,42 @@ from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.session.known import declared_errors
+from mbaid_ros.session.self_calibration import self_calibration
 
 
-def capture_of(config: EstimatorConfig, kernel: MomentumKernel, after: Estimator) -> CaptureEstimator | None:
-    """Return what stands before a method in a run that begins before the capture, None in any other run."""
+def capture_of(
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[MomentumKernel], Estimator]
+) -> CaptureEstimator | None:
+    """Return what stands before a method in a run that begins before the capture, None in any other run.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    kernel : of the robot as it is known before
+    make : what makes the method after the capture
+
+    Raises
+    ------
+    ModelError, ParameterError
+        A calibration is asked for, and its parameters cannot be used.
+    """
+    calibrate = self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
+        if calibrate is not None:
+            raise ParameterError(
+                "parameter 'calibration.enabled' is true in a run that begins after the capture; accepted: with "
+                'capture.phase: pre_capture or a capture.time'
+            )
         return None
     noise = SensorNoise(**vars(config.noise))
     capture = CaptureEstimator(
         kernel,
-        after,
+        make(kernel),
         noise,
         config.capture.margin,
         config.convergence.largest_residual,
         detect=config.capture.detect,
+        calibrate=calibrate,
     )
     capture.time = config.capture.time or None
     return capture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
@@ -46,7 +49,6 @@ class Session:
 
     Attributes
     ----------
-    kernel : MomentumKernel, with how well its known bodies are known
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     problem : why it takes no more messages until `reset`; empty while it does
@@ -61,11 +63,12 @@ class Session:
         self.config = config
         self._make = make
         self.model = load_model(urdf)
+        self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link)
-        self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
+        self._kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         self._marker = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, self.kernel.target)
+        self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
@@ -131,13 +134,36 @@ class Session:
         """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
         if not self.config.debris.report:
             return None
+        learnt = None if self._capture is None else self._capture.handover
         return debris(
             estimate,
             self.kernel.target.parameters,
             self._debris_frame,
             in_principal_axes=self.config.debris.frame == PRINCIPAL,
-            link_covariance=self._link_covariance,
+            link_covariance=self._link_covariance if learnt is None else learnt.link_covariance,
         )
+
+    @property
+    def kernel(self) -> MomentumKernel:
+        """The robot as it is known now, and how well."""
+        return self._kernel if self._capture is None else self._capture.kernel
+
+    @property
+    def calibrated(self) -> str:
+        """What the robot has learnt of itself before the capture, in a line; empty where nothing."""
+        learnt = None if self._capture is None else self._capture.handover
+        return '' if learnt is None else learnt.told
+
+    @property
+    def urdf(self) -> str:
+        """The robot description, with what the robot has learnt of itself before the capture."""
+        if self._written[0] is not self.kernel.model:
+            model, text = self.kernel.model, self.model.urdf
+            for old, new in zip(self.model.links, model.links, strict=True):
+                if new.parameters is not old.parameters:
+                    text = change_inertial(text, new.name, physical(new.parameters))
+            self._written = model, text
+        return self._written[1]
 
     @property
     def phase(self) -> Phase:
@@ -185,9 +211,11 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        method = self._make(config, self.kernel)
-        self._capture = capture_of(config, self.kernel, method)
-        self._identifier = Identifier(self._capture or method, config.window, config.maximum_gap, config.twist_frame)
+        make = partial(self._make, config)
+        self._capture = capture_of(config, self._kernel, make)
+        self._identifier = Identifier(
+            self._capture or make(self._kernel), config.window, config.maximum_gap, config.twist_frame
+        )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
