@@ -39,6 +39,19 @@ class DisturbanceConfig:
 
 
 @dataclass(frozen=True)
+class ThrustConfig:
+    """The commanded thrust, where there is a topic of it."""
+
+    hold: float = parameter(
+        1.0,
+        'Longest time that a commanded wrench is taken to act after its stamp; the next one in its frame ends it.',
+        unit='s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+
+
+@dataclass(frozen=True)
 class CaptureConfig:
     """The capture, where the data begin before it."""
 

@@ -10,6 +10,7 @@ from mbaid_ros.config.capture import (
     DisturbanceConfig,
     KnownLinksConfig,
     SelfCalibrationConfig,
+    ThrustConfig,
 )
 from mbaid_ros.config.parameters import parameter
 
@@ -278,6 +279,7 @@ class EstimatorConfig:
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
+    thrust: ThrustConfig = field(default_factory=ThrustConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -73,7 +74,8 @@ class EstimatorNode(Node):
             'joint_states': Inlet(self, JointState, 'joint_states', self._on_joint_state),
             'odom': Inlet(self, Odometry, 'odom', self._on_odometry),
         }
-        self._diagnostics = Diagnostics(self._inlets, description_topic)
+        self._thrust = Inlet(self, WrenchStamped, 'thrust', self._on_thrust)
+        self._diagnostics = Diagnostics(self._inlets, self._thrust, description_topic)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/capture', self._on_capture)
@@ -142,6 +144,11 @@ class EstimatorNode(Node):
         session = self._open_session()
         if session is not None and session.add_odometry(message):
             self._process(session)
+
+    def _on_thrust(self, message: WrenchStamped) -> None:
+        # Also while paused: it changes the momentum that the next samples have.
+        if self._state.session is not None:
+            self._state.session.add_thrust(message)
 
     def _open_session(self) -> Session | None:
         """Return the session if it takes messages now."""
@@ -236,7 +243,7 @@ class EstimatorNode(Node):
 
     def _on_timer(self) -> None:
         state = self._state
-        for inlet in self._inlets.values():
+        for inlet in (*self._inlets.values(), self._thrust):
             inlet.refresh()
         if state.session is not None:
             # Also what no window waits for: a stream without the other one must not pile up unread.

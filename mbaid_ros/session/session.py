@@ -17,6 +17,7 @@ from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
+from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
@@ -24,7 +25,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
+from mbaid_ros.messages import JointReader, OdometryReader, stamp_of, wrench_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
@@ -51,6 +52,7 @@ class Session:
     ----------
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
+    thrust : what commanded thrust has brought since the run began
     problem : why it takes no more messages until `reset`; empty while it does
 
     Raises
@@ -103,6 +105,17 @@ class Session:
     def add_odometry(self, message: Any) -> bool:
         """Take an Odometry without looking into it; return whether a window may be complete."""
         return self._add(ODOMETRY, JOINTS, message, self._reorder.hold)
+
+    def add_thrust(self, message: Any) -> None:
+        """Take a WrenchStamped of what is commanded, from its stamp on."""
+        frame, stamp, wrench = wrench_of(message)
+        newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
+        if self.thrust.changes(frame, stamp, wrench, newest):
+            # What came before it is worked through without it, however the calls are spread.
+            self._ready += self._work()
+        self.thrust.command(frame, stamp, wrench, newest)
+        if self.thrust.late:
+            self._identifier.note(LATE_THRUST)
 
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
@@ -213,9 +226,9 @@ class Session:
         self._refused: Counter[str] = Counter()
         make = partial(self._make, config)
         self._capture = capture_of(config, self._kernel, make)
-        self._identifier = Identifier(
-            self._capture or make(self._kernel), config.window, config.maximum_gap, config.twist_frame
-        )
+        self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
+        method = self._capture or make(self._kernel)
+        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
@@ -264,6 +277,7 @@ class Session:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
+        self.thrust.odometry_frame = self.odometry_reader.frame
         self.received[JOINTS] += len(joint_states)
         self.received[ODOMETRY] += len(odometry)
         self._refused += dropped_joints + dropped_base
@@ -271,4 +285,6 @@ class Session:
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        return self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped
+        return (
+            self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped + self.thrust.dropped
+        )

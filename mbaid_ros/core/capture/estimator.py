@@ -171,7 +171,7 @@ class CaptureEstimator:
             told = self._told
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], told)
         momentum, covariance = _known_part(
-            total.momentum - chaser.momentum, total.momentum_covariance + chaser.covariance
+            total.momentum - total.impulse - chaser.momentum, total.momentum_covariance + chaser.covariance
         )
         velocity, spin = self._motion(momentum, body)
         return Capture(self.time, chaser, momentum, covariance, velocity, spin, self._told)
@@ -196,9 +196,10 @@ class CaptureEstimator:
         return replace(
             estimate,
             status='inconsistent' if doubts else 'waiting',
-            momentum=chaser.momentum,
+            momentum=chaser.momentum + window.impulse[-1],
             momentum_covariance=chaser.covariance,
             residual=chaser.residual,
+            impulse=window.impulse[-1],
             samples=chaser.samples,
             warnings=(*doubts, BEFORE),
         )

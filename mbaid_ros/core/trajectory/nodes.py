@@ -35,6 +35,7 @@ class Nodes:
     base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
     spread : (J,) variance of the sample times in the node over the square of the nodes' spacing
     offset : (J,) mean of the sample times less the node's centre, over the nodes' spacing
+    impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     """
 
     joint_position: Array
@@ -43,6 +44,7 @@ class Nodes:
     base_twist: Array
     spread: Array
     offset: Array
+    impulse: Array
 
     def __len__(self) -> int:
         """Return the number of nodes."""
@@ -68,6 +70,7 @@ class Midpoints:
     base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
     turn : (J - 1, 3) rad, rotation vector from each node to the next, odometry axes
     step : (J - 1, 3) m, displacement from each node to the next
+    impulse : (J - 1, 6) as of the nodes, the mean of both
     """
 
     joint_position: Array
@@ -77,6 +80,7 @@ class Midpoints:
     base_twist: Array
     turn: Array
     step: Array
+    impulse: Array
 
     def __len__(self) -> int:
         """Return the number of intervals."""
@@ -177,6 +181,7 @@ def average(window: Samples, start: float, spacing: float, count: int, origin: A
         base_twist=mean(np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1)),
         spread=mean((window.time - time[number]) ** 2) / spacing**2,
         offset=(time - start) / spacing - np.arange(count) - 0.5,
+        impulse=mean(_about(window.impulse, origin)),
     )
 
 
@@ -204,7 +209,16 @@ def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
         base_twist=_midway(twist),
         turn=turn,
         step=np.diff(position, axis=0),
+        # It may jump, which the corrections are not for.
+        impulse=0.5 * (nodes.impulse[1:] + nodes.impulse[:-1]),
     )
+
+
+def _about(impulse: Array, origin: Array) -> Array:
+    """Return (N, 6) impulses with L about a point."""
+    moved = impulse.copy()
+    moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
+    return moved
 
 
 def _turns(rotation: Array) -> Array:
