@@ -39,6 +39,13 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def wrench_of(message: Any) -> tuple[str, int, Array]:
+    """Return frame, stamp (ns) and (6,) force and torque (N, N m) of a WrenchStamped."""
+    force, torque = message.wrench.force, message.wrench.torque
+    values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z], dtype=float)
+    return message.header.frame_id.lstrip('/'), stamp_of(message), values
+
+
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 

@@ -34,7 +34,7 @@ from mbaid_ros.core.geometry import Array  # noqa: E402
 from mbaid_ros.core.identifier import Identifier  # noqa: E402
 from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.core.robot.kernel import MomentumKernel  # noqa: E402
-from mbaid_ros.core.robot.scale import body_sizes  # noqa: E402
+from mbaid_ros.core.robot.known_errors import body_sizes  # noqa: E402
 from mbaid_ros.core.simulation.motion import Sinusoids  # noqa: E402
 from mbaid_ros.core.simulation.run import Truth, total_momentum  # noqa: E402
 from mbaid_ros.session import make_estimator  # noqa: E402

@@ -12,6 +12,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import declared
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.scale import unknown_scale
@@ -121,7 +122,9 @@ def make(
     """Return an estimator with the defaults of the parameters."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
     return TrajectoryEstimator(
-        kernel, TrajectorySettings(noise, WINDOW, 10, 40, offset_std, adapt, known_std), reporting
+        kernel.doubted(declared(kernel.known, [known_std] * len(kernel.known))),
+        TrajectorySettings(noise, WINDOW, 10, 40, offset_std, adapt),
+        reporting,
     )
 
 

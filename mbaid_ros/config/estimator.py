@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mbaid_ros.config.capture import (
+    CaptureConfig,
+    DebrisConfig,
+    DisturbanceConfig,
+    KnownLinksConfig,
+    SelfCalibrationConfig,
+    ThrustConfig,
+)
 from mbaid_ros.config.parameters import parameter
 
 METHODS = ('difference', 'trajectory', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
-CONSTANT_FORCES = ('none', 'inertial', 'body')
-KNOWN_LINKS_MODES = ('consider', 'estimate')
 TIME_JUMPS = ('reset', 'error', 'ignore')
-PHASES = ('post_capture', 'pre_capture')
 
 
 @dataclass(frozen=True)
@@ -153,85 +158,6 @@ class TrajectoryConfig:
 
 
 @dataclass(frozen=True)
-class DebrisConfig:
-    """The captured body alone."""
-
-    report: bool = parameter(
-        default=False,
-        description="Also report the captured body alone: what is identified less the target link's <inertial>.",
-    )
-    frame: str = parameter(
-        '',
-        'Frame it is given in: a link fixed to the target link, or principal for its own principal axes through its '
-        "centre of mass; empty is the target link's.",
-    )
-
-
-@dataclass(frozen=True)
-class DisturbanceConfig:
-    """What acts on the robot from outside."""
-
-    constant: str = parameter(
-        'none',
-        'Axes of a constant external force and torque on the base link that are estimated along; none looks for one '
-        '(trajectory: with trajectory.adapt) and estimates it where the data ask for it.',
-        choices=CONSTANT_FORCES,
-    )
-
-
-@dataclass(frozen=True)
-class CaptureConfig:
-    """The capture, where the data begin before it."""
-
-    phase: str = parameter(
-        'post_capture',
-        'Phase to begin in: post_capture identifies from the first sample on; pre_capture checks the known model until '
-        '~/capture is called.',
-        choices=PHASES,
-    )
-    time: float = parameter(
-        0.0,
-        'Time of the capture after the first sample, where it is known beforehand; 0 leaves it to phase.',
-        unit='s',
-        minimum=0.0,
-    )
-    detect: bool = parameter(
-        default=False,
-        description='Take a jump of the momentum for the capture, once pre_capture has lasted some five seconds.',
-    )
-    margin: float = parameter(
-        0.5,
-        'Time before and after the capture in which bodies touch and slip: windows with a sample in it are not used.',
-        unit='s',
-        minimum=0.0,
-    )
-
-
-@dataclass(frozen=True)
-class KnownLinksConfig:
-    """How well the known bodies are known."""
-
-    relative_std: float = parameter(
-        0.0,
-        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
-        minimum=0.0,
-        maximum=1.0,
-    )
-    names: tuple[str, ...] = parameter(
-        (), 'Links with a relative standard deviation of their own (difference), in the order of known_links.stds.'
-    )
-    stds: tuple[float, ...] = parameter(
-        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
-    )
-    mode: str = parameter(
-        'consider',
-        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
-        'target. trajectory always estimates them.',
-        choices=KNOWN_LINKS_MODES,
-    )
-
-
-@dataclass(frozen=True)
 class TimeOffsetConfig:
     """A constant offset between the stamps of JointState and Odometry."""
 
@@ -350,8 +276,10 @@ class EstimatorConfig:
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
+    thrust: ThrustConfig = field(default_factory=ThrustConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.intake.rates import FEWEST, missing_rates, with_rates
 from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.intake.thrust import Thrust
 from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
@@ -57,13 +58,22 @@ class Identifier:
     window : s, length of a window
     maximum_gap : s, longest odometry interval that is interpolated
     twist_frame : 'child' or 'inertial', as the base's twist was read
+    thrust : what is commanded; None where nothing ever is
     """
 
-    def __init__(self, estimator: Estimator, window: float, maximum_gap: float, twist_frame: str = 'child') -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        window: float,
+        maximum_gap: float,
+        twist_frame: str = 'child',
+        thrust: Thrust | None = None,
+    ) -> None:
         self._estimator = estimator
         self._synchroniser = Synchroniser(maximum_gap)
         self._windows = Windows(window)
         self._twist_frame = TwistFrame(twist_frame)
+        self._thrust = thrust
         self._window = window
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
@@ -101,6 +111,8 @@ class Identifier:
     def _prepared(self, window: Samples) -> Samples | None:
         """Return a closed window with the velocities its method needs, None if it cannot have them."""
         start = float(window.time[0])
+        if self._thrust is not None:
+            window = self._thrust.applied(window, self.origin)
         self._twist_frame.update(window)
         if self._twist_frame.contradiction:
             self._notes.setdefault(self._twist_frame.contradiction, start)

@@ -57,6 +57,8 @@ class Samples:
     twist_covariance : (N, 6, 6) linear and angular velocity, in base axes
     joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) where it was taken from the
         positions; NaN, also where not given, is a measured velocity
+    impulse : (N, 6) what known thrust has changed (P, L) by since the first sample, odometry frame, L about its origin:
+        N s, N m s; zero where not given
     """
 
     time: Array
@@ -69,9 +71,12 @@ class Samples:
     pose_covariance: Array
     twist_covariance: Array
     joint_rate_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def __post_init__(self) -> None:
-        """Take velocities as measured where nothing else is said."""
+        """Take velocities as measured, and no thrust, where nothing else is said."""
+        if len(self.impulse) != len(self.time):
+            object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
 

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.intake.thrust import LATE_THRUST
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.session import Session, explain, obstacles
@@ -64,12 +65,15 @@ class Diagnostics:
     ----------
     inlets : mapping
         The subscriptions by what they bring: 'joint_states', 'odom'.
+    thrust : Inlet
+        That of the commanded thrust, which need not come.
     description_topic : str
         Where the robot description is expected; empty: it came from a file.
     """
 
-    def __init__(self, inlets: Mapping[str, Inlet], description_topic: str) -> None:
+    def __init__(self, inlets: Mapping[str, Inlet], thrust: Inlet, description_topic: str) -> None:
         self._inlets = inlets
+        self._thrust_inlet = thrust
         self._description_topic = description_topic
         self._received = dict.fromkeys(inlets, 0)
         self._recent = dict.fromkeys(inlets, 0)  # messages since the last report
@@ -83,6 +87,7 @@ class Diagnostics:
         now = monotonic()
         period, self._time = now - self._time, now
         reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._inlets}
+        reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples(state)
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
@@ -143,6 +148,22 @@ class Diagnostics:
         if silence > STALE_AFTER:
             return STALE, f'no messages on {inlet.topic} for {silence:.0f} s', values
         return OK, f'{count / period:.1f} Hz', values
+
+    def _thrust(self, state: State) -> Report:
+        inlet = self._thrust_inlet
+        values: Values = [('topic', inlet.topic), ('received', inlet.received)]
+        if not inlet.received:
+            return OK, f'none is commanded on {inlet.topic}: what pushes is looked for in the data', values
+        if state.session is None:
+            return WARN, 'thrust cannot be used without a robot description', values
+        thrust = state.session.thrust
+        values += [
+            ('used', thrust.commands),
+            ('linear impulse (N s)', _numbers(thrust.brought[:3])),
+            ('angular impulse (N m s)', _numbers(thrust.brought[3:])),
+        ]
+        wrong = [*explain(state.session, thrust.dropped), *((LATE_THRUST,) if thrust.late else ())]
+        return (WARN, '; '.join(wrong), values) if wrong else (OK, f'{thrust.commands} commands used', values)
 
     def _description(self, state: State) -> Report:
         session = state.session
@@ -205,6 +226,7 @@ def _estimate(state: State) -> Report:
     values: Values = [
         ('method', estimate.method),
         ('phase', state.session.phase if state.session else ''),
+        ('known bodies', (state.session.calibrated if state.session else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

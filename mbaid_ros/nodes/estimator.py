@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -20,7 +21,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
+from mbaid_ros.config.capture import DebrisConfig, KnownLinksConfig, SelfCalibrationConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate
@@ -62,6 +64,7 @@ class EstimatorNode(Node):
         self._state = State()
         self._restarted = 0  # how often the session had started again when that was last told
         self._logged: set[str] = set()
+        self._calibrated = ''  # what was last told of the robot's own bodies
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         self._outlets = Outlets(self, with_debris=self._config.debris.report)
         self._display = Display(self, with_frames=self._config.publish_tf)
@@ -71,7 +74,8 @@ class EstimatorNode(Node):
             'joint_states': Inlet(self, JointState, 'joint_states', self._on_joint_state),
             'odom': Inlet(self, Odometry, 'odom', self._on_odometry),
         }
-        self._diagnostics = Diagnostics(self._inlets, description_topic)
+        self._thrust = Inlet(self, WrenchStamped, 'thrust', self._on_thrust)
+        self._diagnostics = Diagnostics(self._inlets, self._thrust, description_topic)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/capture', self._on_capture)
@@ -87,7 +91,9 @@ class EstimatorNode(Node):
         if path:
             self._state.session = Session(self._config, read_robot_description(path))
             return ''
-        Session(replace(self._config, target_link='', debris=DebrisConfig()), _ANY_ROBOT)
+        # What is about links can only be checked with the robot.
+        config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
+        Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
         late = SubscriptionEventCallbacks(
             incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
         )
@@ -139,6 +145,11 @@ class EstimatorNode(Node):
         if session is not None and session.add_odometry(message):
             self._process(session)
 
+    def _on_thrust(self, message: WrenchStamped) -> None:
+        # Also while paused: it changes the momentum that the next samples have.
+        if self._state.session is not None:
+            self._state.session.add_thrust(message)
+
     def _open_session(self) -> Session | None:
         """Return the session if it takes messages now."""
         state = self._state
@@ -161,7 +172,8 @@ class EstimatorNode(Node):
                 self._follow_restart(session)
             self._state.estimate = estimate
             frames = self._frames(session)
-            self._outlets.publish(estimate, frames, session.model.urdf)
+            self._outlets.publish(estimate, frames, session.urdf)
+            self._tell_of_calibration(session)
             alone = session.debris(estimate)
             if alone is not None:
                 capture = session.captured(estimate)
@@ -179,6 +191,11 @@ class EstimatorNode(Node):
         self._outlets.clear()
         self._display.clear()
         self._say_what_is_missing()
+
+    def _tell_of_calibration(self, session: Session) -> None:
+        if session.calibrated and session.calibrated != self._calibrated:
+            self._calibrated = session.calibrated
+            self._log.info(session.calibrated)
 
     @staticmethod
     def _frames(session: Session) -> Frames:
@@ -226,7 +243,7 @@ class EstimatorNode(Node):
 
     def _on_timer(self) -> None:
         state = self._state
-        for inlet in self._inlets.values():
+        for inlet in (*self._inlets.values(), self._thrust):
             inlet.refresh()
         if state.session is not None:
             # Also what no window waits for: a stream without the other one must not pile up unread.

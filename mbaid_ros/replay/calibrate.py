@@ -39,7 +39,7 @@ def _calibrate(argv: list[str]) -> int:
     urdf = read_robot_description(arguments.model)
     kernel = make_kernel(load_model(urdf), parameters)
     settings = make_settings(kernel, parameters)
-    inputs = Inputs(arguments.joint_states, arguments.odom)
+    inputs = Inputs(arguments.joint_states, arguments.odom, arguments.thrust)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:
@@ -69,6 +69,7 @@ def _parser() -> ArgumentParser:
     add('--params', metavar='YAML', help=f"parameter file with a section for '{NODE}': prior.*, and the estimator's")
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
     add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
     add('--json', metavar='FILE', help='write the result with its covariance as JSON; - for standard output')
     add('--report', metavar='HTML', help='write a report')
     add('--output', metavar='URDF', help='write the robot description with the calibrated values')

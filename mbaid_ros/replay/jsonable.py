@@ -77,4 +77,5 @@ def shaped_capture(capture: Capture) -> dict[str, Any]:
         'target_linear_velocity': numbers(capture.velocity),
         'target_angular_velocity': numbers(capture.spin),
         'chaser': chaser,
+        'calibrated': capture.calibrated or None,
     }

@@ -80,10 +80,7 @@ def read_motions(
     session = Session(config, urdf, collect)
 
     def add(topic: str, message: Any, _time: int) -> None:
-        if topic == inputs.joint_states:
-            session.add_joint_state(message)
-        else:
-            session.add_odometry(message)
+        inputs.add_to(session, topic, message)
 
     notes: tuple[str, ...] = ()
     with BagReader(path) as bag:

@@ -38,7 +38,7 @@ def _replay(argv: list[str]) -> int:
     truths = _truths(arguments)
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
-    inputs = Inputs(arguments.joint_states, arguments.odom)
+    inputs = Inputs(arguments.joint_states, arguments.odom, arguments.thrust)
     if len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:
@@ -63,6 +63,7 @@ def _parser() -> ArgumentParser:
     add('--method', metavar='METHOD', help=f'identification method: {", ".join(METHODS)}')
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
     add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
     add('--json', metavar='FILE', help='write the result as JSON; - for standard output')
     add('--report', metavar='HTML', help='write a report')
     add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')

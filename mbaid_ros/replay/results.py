@@ -214,7 +214,8 @@ def summary(run: Run) -> str:
 
 def _captured(capture: Capture) -> list[str]:
     """Return the captured body's own momentum, for a terminal."""
-    rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
+    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
+    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
     std = np.sqrt(np.diag(capture.covariance))
     for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
         values = ', '.join(map(_with_spread, capture.momentum[part], std[part]))

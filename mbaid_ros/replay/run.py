@@ -81,7 +81,7 @@ def replay_bag(
     session = Session(config, urdf)
     history = History()
     with BagReader(path) as bag:
-        intake = _Intake(session, inputs.topics)
+        intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _take(session.process(), session, history, writer)
         warnings = (*bag.warnings, *intake_warnings(session))
@@ -94,7 +94,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         warnings=warnings,
-        urdf=urdf,
+        urdf=session.urdf,
         pose=intake.pose(),
         settings=values_of(config),
         debris=session.debris(history.last) if history.last else None,
@@ -109,23 +109,22 @@ class _Intake:
     Parameters
     ----------
     session : Session
-    topics : of the joint states and of the odometry
+    inputs, topics : what is read
     """
 
-    def __init__(self, session: Session, topics: tuple[str, str]) -> None:
+    def __init__(self, session: Session, inputs: Inputs, topics: tuple[str, ...]) -> None:
         self._session = session
-        self._joint_states, self._odometry = topics
+        self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
         self._pose = LastPose(session.model)
 
     def add(self, topic: str, message: Any, time: int) -> None:
         """Take a message that was recorded at a time, ns."""
         self._arrivals[topic].add(time)
-        if topic == self._joint_states:
-            self._session.add_joint_state(message)
+        self._inputs.add_to(self._session, topic, message)
+        if topic == self._inputs.joint_states:
             self._pose.add_joint_state(message)
-        else:
-            self._session.add_odometry(message)
+        elif topic == self._inputs.odometry:
             self._pose.add_odometry(message)
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:

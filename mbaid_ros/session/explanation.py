@@ -9,6 +9,7 @@ from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.intake.reorder import LATE
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
+from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 
@@ -28,6 +29,8 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or it stayed away',
         RATE_MISSING: 'a window needs two samples',
+        UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
+        FAR_THRUST: 'more than 10 s: both need the same time source',
     }
     return [f'{cause}: {details[cause]}' if cause in details else cause for cause in sorted(causes)]
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
-from mbaid_ros.config.estimator import EstimatorConfig, KnownLinksConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.difference.problem import Beside
-from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -16,20 +17,43 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from mbaid_ros.session.known import declared_errors
+from mbaid_ros.session.self_calibration import self_calibration
 
 
-def capture_of(config: EstimatorConfig, kernel: MomentumKernel, after: Estimator) -> CaptureEstimator | None:
-    """Return what stands before a method in a run that begins before the capture, None in any other run."""
+def capture_of(
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[MomentumKernel], Estimator]
+) -> CaptureEstimator | None:
+    """Return what stands before a method in a run that begins before the capture, None in any other run.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    kernel : of the robot as it is known before
+    make : what makes the method after the capture
+
+    Raises
+    ------
+    ModelError, ParameterError
+        A calibration is asked for, and its parameters cannot be used.
+    """
+    calibrate = self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
+        if calibrate is not None:
+            raise ParameterError(
+                "parameter 'calibration.enabled' is true in a run that begins after the capture; accepted: with "
+                'capture.phase: pre_capture or a capture.time'
+            )
         return None
     noise = SensorNoise(**vars(config.noise))
     capture = CaptureEstimator(
         kernel,
-        after,
+        make(kernel),
         noise,
         config.capture.margin,
         config.convergence.largest_residual,
         detect=config.capture.detect,
+        calibrate=calibrate,
     )
     capture.time = config.capture.time or None
     return capture
@@ -43,6 +67,8 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
     ParameterError
         The method lacks a parameter.
     """
+    if not kernel.errors.count:
+        kernel = kernel.doubted(declared_errors(kernel, config.known_links))
     convergence = config.convergence
     noise = SensorNoise(**vars(config.noise))
     reporting = Reporting(
@@ -62,7 +88,6 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                 kept=config.trajectory.kept_windows,
                 time_offset_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
                 adapt=config.trajectory.adapt,
-                known_std=config.known_links.relative_std,
                 constant=_axes(config.disturbance.constant),
             ),
             reporting,
@@ -78,7 +103,6 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                 beside=Beside(
                     linear_momentum_std=config.momentum.linear_prior_std,
                     constant=_axes(config.disturbance.constant),
-                    known_std=_known_std(config.known_links, kernel),
                     known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
                     delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
                 ),
@@ -104,25 +128,3 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
 def _axes(name: str) -> Literal['none', 'inertial', 'body']:
     """Return the axes of a constant force that a parameter names."""
     return 'inertial' if name == 'inertial' else 'body' if name == 'body' else 'none'
-
-
-def _known_std(config: KnownLinksConfig, kernel: MomentumKernel) -> tuple[float, ...]:
-    """Return the relative standard deviation of each known body's parameters.
-
-    Raises
-    ------
-    ParameterError
-        Names and standard deviations differ in number, or a name is not that of a link.
-    """
-    if len(config.names) != len(config.stds):
-        raise ParameterError(
-            f"parameter 'known_links.stds' has {len(config.stds)} numbers; accepted: {len(config.names)}, one for each "
-            "of 'known_links.names'"
-        )
-    stds = [config.relative_std] * len(kernel.known)
-    bodies = {link.name: link.body for link in kernel.model.links}
-    for name, std in zip(config.names, config.stds, strict=True):
-        if name not in bodies:
-            raise ParameterError(f"parameter 'known_links.names' has '{name[:60]}'; accepted: {listing(bodies)}")
-        stds[bodies[name]] = std
-    return tuple(stds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,17 @@ from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
+from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.scale import body_sizes
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, stamp_of
+from mbaid_ros.messages import JointReader, OdometryReader, stamp_of, wrench_of
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
+from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -48,6 +52,7 @@ class Session:
     ----------
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
+    thrust : what commanded thrust has brought since the run began
     problem : why it takes no more messages until `reset`; empty while it does
 
     Raises
@@ -60,10 +65,12 @@ class Session:
         self.config = config
         self._make = make
         self.model = load_model(urdf)
+        self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
-        self._kernel = MomentumKernel(self.model, self.target_link)
+        kernel = MomentumKernel(self.model, self.target_link)
+        self._kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         self._marker = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, self._kernel.target)
+        self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
@@ -99,6 +106,17 @@ class Session:
         """Take an Odometry without looking into it; return whether a window may be complete."""
         return self._add(ODOMETRY, JOINTS, message, self._reorder.hold)
 
+    def add_thrust(self, message: Any) -> None:
+        """Take a WrenchStamped of what is commanded, from its stamp on."""
+        frame, stamp, wrench = wrench_of(message)
+        newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
+        if self.thrust.changes(frame, stamp, wrench, newest):
+            # What came before it is worked through without it, however the calls are spread.
+            self._ready += self._work()
+        self.thrust.command(frame, stamp, wrench, newest)
+        if self.thrust.late:
+            self._identifier.note(LATE_THRUST)
+
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
 
@@ -129,15 +147,36 @@ class Session:
         """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
         if not self.config.debris.report:
             return None
-        link = self._kernel.target.parameters
-        share = self.config.known_links.relative_std
+        learnt = None if self._capture is None else self._capture.handover
         return debris(
             estimate,
-            link,
+            self.kernel.target.parameters,
             self._debris_frame,
             in_principal_axes=self.config.debris.frame == PRINCIPAL,
-            link_std=share * body_sizes(link) if share > 0.0 and link[0] > 0.0 else None,
+            link_covariance=self._link_covariance if learnt is None else learnt.link_covariance,
         )
+
+    @property
+    def kernel(self) -> MomentumKernel:
+        """The robot as it is known now, and how well."""
+        return self._kernel if self._capture is None else self._capture.kernel
+
+    @property
+    def calibrated(self) -> str:
+        """What the robot has learnt of itself before the capture, in a line; empty where nothing."""
+        learnt = None if self._capture is None else self._capture.handover
+        return '' if learnt is None else learnt.told
+
+    @property
+    def urdf(self) -> str:
+        """The robot description, with what the robot has learnt of itself before the capture."""
+        if self._written[0] is not self.kernel.model:
+            model, text = self.kernel.model, self.model.urdf
+            for old, new in zip(self.model.links, model.links, strict=True):
+                if new.parameters is not old.parameters:
+                    text = change_inertial(text, new.name, physical(new.parameters))
+            self._written = model, text
+        return self._written[1]
 
     @property
     def phase(self) -> Phase:
@@ -173,8 +212,8 @@ class Session:
         """Return what the capture tells with the latest estimate, None while there was none."""
         if self._capture is None:
             return None
-        link = self._kernel.target.parameters
-        alone = debris(estimate, link, debris_frame('', self.model, self._kernel.target))
+        link = self.kernel.target.parameters
+        alone = debris(estimate, link, debris_frame('', self.model, self.kernel.target))
         return self._capture.capture(None if alone is None else alone.parameters)
 
     def _begin(self) -> None:
@@ -185,9 +224,11 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        method = self._make(config, self._kernel)
-        self._capture = capture_of(config, self._kernel, method)
-        self._identifier = Identifier(self._capture or method, config.window, config.maximum_gap, config.twist_frame)
+        make = partial(self._make, config)
+        self._capture = capture_of(config, self._kernel, make)
+        self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
+        method = self._capture or make(self._kernel)
+        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
@@ -236,6 +277,7 @@ class Session:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
+        self.thrust.odometry_frame = self.odometry_reader.frame
         self.received[JOINTS] += len(joint_states)
         self.received[ODOMETRY] += len(odometry)
         self._refused += dropped_joints + dropped_base
@@ -243,4 +285,6 @@ class Session:
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        return self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped
+        return (
+            self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped + self.thrust.dropped
+        )

@@ -107,6 +107,7 @@ def _midpoints(samples: Samples, step: float) -> Midpoints:
         base_twist=twist,
         turn=step * twist[:, 3:],
         step=step * twist[:, :3],
+        impulse=samples.impulse,
     )
 
 

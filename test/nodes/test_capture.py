@@ -29,7 +29,14 @@ from mbaid_ros.session import Session
 from streams import every_bit
 
 BEGIN = 3.0  # s
-PARAMETERS = {'capture.phase': 'pre_capture', 'debris.report': True}
+PARAMETERS = {
+    'capture.phase': 'pre_capture',
+    'debris.report': True,
+    'calibration.enabled': True,
+    'calibration.mass_relative_std': 2e-3,
+    'calibration.com_std': 4e-3,
+    'calibration.inertia_relative_std': 2e-3,
+}
 CLASSES = {'/joint_states': (JointState, recorded.JOINT_STATE), '/odom': (Odometry, recorded.ODOMETRY)}
 ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
 
@@ -70,6 +77,10 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
         'robot_description_file': tmp_path / 'robot.urdf',
         'capture.phase': 'pre_capture',
         'debris.report': 'true',
+        'calibration.enabled': 'true',
+        'calibration.mass_relative_std': 2e-3,
+        'calibration.com_std': 4e-3,
+        'calibration.inertia_relative_std': 2e-3,
     }
     words = [word for name, value in assigned.items() for word in ('-p', f'{name}:={value}')]
     graph.start('estimator', '--ros-args', *words)
@@ -102,6 +113,7 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
     graph.wait(lambda: bodies and every_bit(bodies[-1], ESTIMATE) == last, 'the captured body')
     assert bodies[-1].inertia.m == pytest.approx(155.0, rel=0.05)
     assert np.isfinite(bodies[-1].angular_momentum.x)
+    graph.wait(lambda: 'bodies calibrated from the 2.49 s before the capture' in str(diagnostics), 'the calibration')
 
 
 def test_a_run_that_began_after_the_capture_has_none_to_tell(graph: Graph, tmp_path: Path) -> None:

@@ -14,12 +14,16 @@ import pinocchio
 import pytest
 
 import recorded
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.replay.calibrate import main
+from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.session import Session
 from observed import MID
 from servicing import LINKS, PRIORS, free_motion, free_servicer, free_urdf, perturbed
 from simulated import CONFIG
@@ -228,3 +232,21 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     recorded.write(tmp_path / 'none', free_servicer(), noisy(Truth(**{**vars(still), **motions}), 1))
     assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
     assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err
+
+
+def test_the_estimator_takes_what_it_leaves_uncertain(
+    place: Path, result: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters = tmp_path / 'estimator.yaml'
+    parameters.write_text(f'estimator: {{ros__parameters: {{known_links.calibration: {place / "out.json"}}}}}')
+    values = {'known_links.calibration': str(place / 'out.json')}
+    session = Session(build(EstimatorConfig, values), (place / 'out.urdf').read_text(encoding='utf-8'))
+    given = np.array(result['covariance']['matrix'])[:70, :70]
+    size = np.sqrt(np.diag(given))
+    used = session.kernel.errors.covariance
+    assert used / np.outer(size, size) == pytest.approx(given / np.outer(size, size), abs=1e-9)
+    arguments = [str(place / 'again'), '--model', str(place / 'cad.urdf'), '--params', str(parameters)]
+    assert replay(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert "link 'base_link' has other values in the robot description than in calibration" in error

@@ -5,7 +5,7 @@ total momentum, which has to stay what it is. After it the method of identificat
 and captured body together. The difference is what the captured body brought along.
 """
 
-from mbaid_ros.core.capture.estimator import BEFORE, Capture, CaptureEstimator, Phase
+from mbaid_ros.core.capture.estimator import BEFORE, Calibrate, Capture, CaptureEstimator, Handover, Phase
 from mbaid_ros.core.capture.known_momentum import Chaser
 
-__all__ = ['BEFORE', 'Capture', 'CaptureEstimator', 'Chaser', 'Phase']
+__all__ = ['BEFORE', 'Calibrate', 'Capture', 'CaptureEstimator', 'Chaser', 'Handover', 'Phase']

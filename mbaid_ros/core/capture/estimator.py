@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
+from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -20,7 +23,32 @@ Phase = Literal['pre_capture', 'capture', 'post_capture']
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie
+_CALIBRATED = 600  # windows that a calibration takes
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
+
+
+@dataclass(frozen=True)
+class Handover:
+    """What a robot has learnt of itself before the capture, and the method that goes on with it.
+
+    Attributes
+    ----------
+    kernel : with the calibrated bodies, and how far they may still be off
+    after : the method
+    chaser : the robot before the capture
+    link_covariance : (10, 10) of the target link's own standard parameters, None where it counts as exact
+    told : the calibration in a line
+    """
+
+    kernel: MomentumKernel
+    after: Estimator
+    chaser: Chaser
+    link_covariance: Array | None
+    told: str
+
+
+# From windows before the capture to what they tell of the robot's own bodies.
+Calibrate = Callable[[list[Samples]], Handover]
 
 
 @dataclass(frozen=True)
@@ -33,6 +61,7 @@ class Capture:
     chaser : the robot before it, None where nothing was measured
     momentum, covariance : (6,), (6, 6) of the captured body before it, as in Chaser; NaN where not known
     velocity, spin : (3,) m/s, rad/s of that body before it, its CoM's and its own, odometry axes; NaN where not known
+    calibrated : what the robot has learnt of itself before it, in a line; empty where nothing
     """
 
     time: float
@@ -41,6 +70,7 @@ class Capture:
     covariance: Array
     velocity: Array
     spin: Array
+    calibrated: str = ''
 
 
 class CaptureEstimator:
@@ -54,10 +84,13 @@ class CaptureEstimator:
     margin : s, before and after the capture, that is used for neither
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
+    calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
 
     Attributes
     ----------
     time : s since the first sample, of the capture; None while there was none
+    kernel : of the robot as it is known now
+    handover : what it has learnt of itself before the capture; None where nothing
     """
 
     def __init__(
@@ -69,11 +102,16 @@ class CaptureEstimator:
         largest_residual: float,
         *,
         detect: bool = False,
+        calibrate: Calibrate | None = None,
     ) -> None:
         self.method = after.method
         self.needs_rates = after.needs_rates
         self.time: float | None = None
-        self._kernel = kernel
+        self.kernel = kernel
+        self.handover: Handover | None = None
+        self._calibrate = calibrate
+        self._kept: deque[Samples] = deque(maxlen=_CALIBRATED)
+        self._refused = ''  # why there is no calibration
         self._after = after
         self._margin = margin
         self._largest_residual = largest_residual
@@ -109,6 +147,7 @@ class CaptureEstimator:
                 continue
             self._use(self.time - self._margin)
             self._waiting.clear()
+            self._hand_over()
             if self._place is None or not self._found:
                 self._look(window, self.time)
             if window.time[0] > self.time + self._margin - _SLACK:
@@ -126,15 +165,16 @@ class CaptureEstimator:
         """
         if self.phase == 'pre_capture' or self.time is None:
             return None
-        chaser, total = self._known.chaser(), self._total()
+        chaser, total = self._chaser(), self._total()
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
-            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3])
+            told = self._told
+            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], told)
         momentum, covariance = _known_part(
-            total.momentum - chaser.momentum, total.momentum_covariance + chaser.covariance
+            total.momentum - total.impulse - chaser.momentum, total.momentum_covariance + chaser.covariance
         )
         velocity, spin = self._motion(momentum, body)
-        return Capture(self.time, chaser, momentum, covariance, velocity, spin)
+        return Capture(self.time, chaser, momentum, covariance, velocity, spin, self._told)
 
     def _before(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
@@ -156,9 +196,10 @@ class CaptureEstimator:
         return replace(
             estimate,
             status='inconsistent' if doubts else 'waiting',
-            momentum=chaser.momentum,
+            momentum=chaser.momentum + window.impulse[-1],
             momentum_covariance=chaser.covariance,
             residual=chaser.residual,
+            impulse=window.impulse[-1],
             samples=chaser.samples,
             warnings=(*doubts, BEFORE),
         )
@@ -176,18 +217,42 @@ class CaptureEstimator:
     def _use(self, end: float) -> None:
         """Let the known model have the windows that end before a time, s."""
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
-            self._known.add(self._waiting.popleft())
+            window = self._waiting.popleft()
+            self._known.add(window)
+            if self._calibrate is not None and len(window) >= FEWEST:
+                self._kept.append(with_rates(window))
+
+    def _hand_over(self) -> None:
+        """Calibrate the robot with all that came before the capture, once."""
+        calibrate, self._calibrate = self._calibrate, None
+        if calibrate is None:
+            return
+        try:
+            self.handover = calibrate(list(self._kept))
+        except MbaidError as error:
+            self._refused = f'not calibrated before the capture: {error}'
+        else:
+            self.kernel, self._after = self.handover.kernel, self.handover.after
+        self._kept.clear()
+
+    @property
+    def _told(self) -> str:
+        return '' if self.handover is None else self.handover.told
+
+    def _chaser(self) -> Chaser | None:
+        return self._known.chaser() if self.handover is None else self.handover.chaser
 
     def _doubts(self) -> tuple[str, ...]:
         """Return why the known model is not to be trusted."""
-        chaser = self._known.chaser()
+        told = (self._refused,) if self._refused else ()
+        chaser = self._chaser()
         if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
-            return ()
+            return told
         doubt = (
             f'before the capture the momentum of the known model changes {chaser.residual:.1f} times as much as the '
             'noise parameters explain: the model, the frames or the noise values are wrong, or something pushes'
         )
-        return (doubt,)
+        return (*told, doubt)
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:
         doubts = self._doubts()
@@ -206,7 +271,7 @@ class CaptureEstimator:
         nearest = int(np.argmin(np.abs(window.time - time)))
         apart = abs(float(window.time[nearest]) - time)
         if self._place is None or apart < self._place[0]:
-            state = self._kernel.states(window[nearest : nearest + 1])
+            state = self.kernel.states(window[nearest : nearest + 1])
             self._place = (apart, state.rotation[0], window.base_position[nearest] + state.position[0])
 
     def _motion(self, momentum: Array, body: Array | None) -> tuple[Array, Array]:

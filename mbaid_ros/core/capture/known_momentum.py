@@ -21,7 +21,7 @@ class Chaser:
 
     Attributes
     ----------
-    momentum, covariance : (6,), (6, 6) its (P, L) in the odometry frame, L about its origin
+    momentum, covariance : (6,), (6, 6) its (P, L) in the odometry frame, L about its origin, before any known thrust
     residual : root mean square of the normalised residuals: 1 is momentum as constant as the noise lets it seem
     samples : number used
     """

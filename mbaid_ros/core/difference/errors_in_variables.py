@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array
 
@@ -44,10 +43,6 @@ class Blocks:
     def __getitem__(self, index: slice) -> Blocks:
         """Return a slice of the blocks."""
         return Blocks(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    def reordered(self, order: npt.NDArray[np.int64]) -> Blocks:
-        """Return the same equations with the unknowns in another order."""
-        return Blocks(self.rows[..., order], self.offset, self.noise, self.noise_rows[..., order])
 
     def widened(self, columns: Array) -> Blocks:
         """Return the same equations with (K, r, w) exact coefficients of w more unknowns."""

@@ -26,6 +26,7 @@ from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Reporting, Solution, inverse
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -68,7 +69,7 @@ class _Run:
     likelihood: SteppedLikelihood
     started: float  # s since the first sample
     restarted: bool = False
-    blame: Array = field(default_factory=lambda: np.zeros(0))  # share of each uncertain body in the variance
+    blame: Array = field(default_factory=lambda: np.zeros(1))  # share of all known bodies in the variance, and of each
 
 
 class DifferenceEstimator:
@@ -112,7 +113,7 @@ class DifferenceEstimator:
         solution = self._solution(run, linear)
         stamp = origin + round(time * 1e9)
         estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        return self._judged(estimate, run)
+        return self._judged(estimate.thrust(window.impulse[-1]), run)
 
     def _judged(self, estimate: Estimate, run: _Run) -> Estimate:
         """Return the estimate with what has disturbed its run."""
@@ -126,12 +127,12 @@ class DifferenceEstimator:
         delay, deviation = _delay(run)
         if deviation > 0.0:
             warnings.append(f'JointState is stamped {1e3 * delay:.1f} ms late relative to Odometry; estimated along')
-        if np.sum(run.blame) > 0.5:
-            worst = int(np.argmax(run.blame))
-            link = next(x.name for x in self._kernel.model.links if x.body == run.problem.bodies[worst])
+        if run.blame[0] > 0.5:
+            worst = int(np.argmax(run.blame[1:]))
+            link = next(x.name for x in self._kernel.model.links if x.body == self._kernel.errors.bodies[worst])
             warnings.append(
-                f'{100.0 * np.sum(run.blame):.0f} % of the variance is due to the known bodies being uncertain, '
-                f'{100.0 * run.blame[worst]:.0f} % to {link} alone'
+                f'{100.0 * run.blame[0]:.0f} % of the variance is due to the known bodies being uncertain, '
+                f'{100.0 * run.blame[1 + worst]:.0f} % to {link} alone'
             )
         return replace(
             estimate,
@@ -155,7 +156,7 @@ class DifferenceEstimator:
         information, noise = linear.information, likelihood.noise_information
         plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
-        run.blame = _blame(plain[0], spreads[0], problem.momentum.start)
+        run.blame = _blame(plain[0], spreads[0], problem.momentum.start, self._kernel.errors)
         covariance, cautious = (
             present @ space.lift((matrix + spread @ spread.T)[np.ix_(own, own)], variance) @ present.T
             for matrix, spread in zip(plain, spreads, strict=True)
@@ -191,17 +192,22 @@ class DifferenceEstimator:
         return _Run(start, problem, likelihood, time, restarted=self._run is not None)
 
 
-def _blame(covariance: Array, spread: Array, body: int) -> Array:
-    """Return the share of each uncertain known body in the variance of the identified one, a mean over its parameters.
+def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> Array:
+    """Return the share of the known bodies in the variance of the identified one, (1 + b,): of all, and of each.
+
+    A mean over its parameters.
 
     Parameters
     ----------
     covariance : (u, u) without them
-    spread : (u, 10 b) standard deviations due to each of their parameters
+    spread : (u, e) standard deviations due to each of the independent errors
     body : number of the identified one's parameters, which come first
+    errors : of the known bodies
     """
-    parts = np.sum(spread[:body].reshape(body, -1, 10) ** 2, axis=2)
-    return np.asarray(np.mean(parts / (np.diag(covariance)[:body, None] + np.sum(parts, axis=1)[:, None]), axis=0))
+    if not spread.shape[1]:
+        return np.zeros(1)
+    parts = np.column_stack((np.sum(spread[:body] ** 2, axis=1), errors.shares(spread[:body])))
+    return np.asarray(np.mean(parts / (np.diag(covariance)[:body] + parts[:, 0])[:, None], axis=0))
 
 
 def _step(jump: Jump, run: _Run) -> Event:

@@ -13,11 +13,11 @@ from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns, delay_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.subspace import subspace
-from mbaid_ros.core.difference.window_rows import LINEAR, UNKNOWNS
+from mbaid_ros.core.difference.window_rows import LINEAR
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import body_sizes, unknown_scale
+from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples
 
 # Standard deviation of the start in typical sizes: far too much to be a prior, and enough to keep every step finite.
@@ -33,14 +33,12 @@ class Beside:
     ----------
     linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
     constant : axes of a constant external force and torque among the unknowns
-    known_std : (n + 1,) relative standard deviation of the parameters of each known body; 0 is exact
-    known_mode : whether these are estimated along, or only widen the covariance
+    known_mode : whether the errors of the known bodies are estimated along, or only widen the covariance
     delay_std : s, of the joints' stamps; 0 takes them as true, else a delay is looked for
     """
 
     linear_momentum_std: float
     constant: Axes | Literal['none']
-    known_std: tuple[float, ...]
     known_mode: Literal['consider', 'estimate']
     delay_std: float
 
@@ -64,25 +62,20 @@ class Problem:
     open_variance : (u,) of x where nothing is known
     momentum : places of the momentum among the unknowns of the subspace
     acting : places of the constant force and torque that was asked for, and its axes
-    bodies : indices of the known bodies whose errors are unknowns or effects
-    estimated : whether their errors are among the unknowns
-    uncertain : which of the effects are errors of these bodies
+    estimated : whether the errors of known bodies are among the unknowns
+    uncertain : which of the effects are errors of known bodies
     watched : constant forces that may act, and a delay that there may be
     effects : number of effects that are not solved for
     """
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
         self._kernel = kernel
-        self.bodies = _uncertain(kernel, beside)
-        sizes = (beside.known_std[body] * body_sizes(kernel.known[body]) for body in self.bodies)
-        errors = np.concatenate([np.zeros(0), *sizes])
-        self.estimated = beside.known_mode == 'estimate' and len(self.bodies) > 0
+        # Of the known bodies' errors the independent numbers of variance one are unknowns or effects.
+        errors = np.ones(kernel.errors.count)
+        self.estimated = beside.known_mode == 'estimate' and len(errors) > 0
         self._acting = () if beside.constant == 'none' else (ConstantForce(beside.constant, origin),)
         self._watched = tuple(ConstantForce(axes, origin) for axes in AXES) if beside.constant == 'none' else ()
         solved = errors if self.estimated else errors[:0]
-        order = np.arange(16 + len(solved) + 6 * len(self._acting))
-        momentum = 10 + len(solved)
-        self._order = np.concatenate((order[:10], order[momentum:], order[10:momentum]))
         self.space = subspace(plane, kernel, len(self._acting), len(solved))
         scale = unknown_scale(kernel)
         sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * len(self._acting), solved))
@@ -121,7 +114,7 @@ class Problem:
         Parameters
         ----------
         window : Samples
-        rows : of this window, in (m, h, I_o, errors of known bodies, P_0, L_0), of `observed`
+        rows : of this window, in (m, h, I_o, parameters of known bodies, P_0, L_0), of `observed`
         """
         acting = np.concatenate([np.zeros((6, 0)), *(force.columns(window) for force in self._acting)], axis=1)
         delay = []
@@ -129,10 +122,22 @@ class Problem:
             known, target = np.split(delay_columns(self._kernel, window, rows), [1], axis=1)
             delay = [known, target @ self.space.basis[:10, : self.momentum.start]]
         rows = rows.widened(acting[None])
-        block = self.space.of(rows.reordered(self._order) if len(self._order) > UNKNOWNS else rows)
+        if self.estimated:
+            rows = rows.restrict(np.eye(6), self._errors_last(rows.rows.shape[-1]))
+        block = self.space.of(rows)
         watched = [force.columns(window) @ self.space.rows.T for force in self._watched]
-        considered = body_columns(self._kernel, window, () if self.estimated else self.bodies)
-        return block, (self.space.rows @ np.concatenate((*watched, *delay, considered), axis=1))[None]
+        errors = self._kernel.errors
+        considered = [] if self.estimated else [body_columns(self._kernel, window, errors.bodies) @ errors.factor]
+        return block, (self.space.rows @ np.concatenate((*watched, *delay, *considered), axis=1))[None]
+
+    def _errors_last(self, columns: int) -> Array:
+        """Return the matrix to (m, h, I_o, known bodies, P_0, L_0, F, T) from (m, h, I_o, P_0, L_0, F, T, errors)."""
+        factor = self._kernel.errors.factor
+        after, count = 10 + len(factor), columns - len(factor)
+        matrix = np.zeros((columns, count + factor.shape[1]))
+        matrix[:10, :10], matrix[after:, 10:count] = np.eye(10), np.eye(count - 10)
+        matrix[10:after, count:] = factor
+        return matrix
 
     def present(self, found: Sequence[Axes]) -> Array:
         """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.
@@ -152,9 +157,4 @@ class Problem:
 
 def observed(kernel: MomentumKernel, beside: Beside) -> MomentumKernel:
     """Return the kernel whose unknown bodies make the windows' rows: with errors of known ones, if estimated."""
-    return kernel.with_errors_of(_uncertain(kernel, beside)) if beside.known_mode == 'estimate' else kernel
-
-
-def _uncertain(kernel: MomentumKernel, beside: Beside) -> tuple[int, ...]:
-    """Return the indices of the known bodies whose parameters may be wrong."""
-    return tuple(int(body) for body in np.flatnonzero((kernel.known[:, 0] > 0.0) & (np.array(beside.known_std) > 0.0)))
+    return kernel.with_errors_of(kernel.errors.bodies) if beside.known_mode == 'estimate' else kernel

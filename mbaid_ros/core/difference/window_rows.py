@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise, Stamps
@@ -51,11 +51,14 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute).
-    halves = [
-        _noise(kernel, states[starts + np.round(part * (counts - 1)).astype(int)], windows, noise) for part in _GAUSS
-    ]
+    chosen = [starts + np.round(part * (counts - 1)).astype(int) for part in _GAUSS]
+    halves = [_noise(kernel, states[index], samples.impulse[index, :3], (windows, noise)) for index in chosen]
     known, target = (np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True))
-    return Blocks(np.concatenate(rows, axis=2), _mean(states.known_momentum, starts, counts), known, target)
+    # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
+    thrust = samples.impulse.copy()
+    thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
+    offset = _mean(states.known_momentum - thrust, starts, counts)
+    return Blocks(np.concatenate(rows, axis=2), offset, known, target)
 
 
 def _transport(position: Array) -> Array:
@@ -67,9 +70,13 @@ def _transport(position: Array) -> Array:
 
 
 def _noise(
-    kernel: MomentumKernel, states: BodyStates, windows: list[Samples], noise: SensorNoise
+    kernel: MomentumKernel, states: BodyStates, brought: Array, data: tuple[list[Samples], SensorNoise]
 ) -> tuple[Array, Array]:
-    """Return G0 (K, 6, z) and G1 (K, 6, z, u): derivatives at one sample of each window by unit errors of its means."""
+    """Return G0 (K, 6, z) and G1 (K, 6, z, u): derivatives at one sample of each window by unit errors of its means.
+
+    `brought` is the linear momentum (K, 3) by known thrust there.
+    """
+    windows, noise = data
     derivative = sensitivity(kernel, states)
     joints = kernel.model.joints
     count = len(windows)
@@ -83,6 +90,7 @@ def _noise(
     target[:, :, place, :bodies] = derivative.target
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
+    known[:, 3:, 2 * joints : 2 * joints + 3] = -skew(brought)
     factor = _error_factors(windows, joints, noise)
     return known @ factor, np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3)
 

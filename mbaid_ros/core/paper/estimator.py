@@ -23,6 +23,7 @@ from mbaid_ros.core.samples import Samples
 # holds back by a second what is right to 1 % already.
 _REMAINING = 0.02
 _SETTLED_WINDOWS = 10
+THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,7 @@ class PaperEstimator:
             body = np.nan_to_num(standard(parameters))
             momentum[:, 3:] = (states.known_momentum + (states.regressor @ body[..., None])[..., 0])[:, 3:]
         status = self._status(parameters[-1], determined[-1])
+        warnings = (THRUST,) if np.any(window.impulse) else ()
         first = self._samples
         self._samples += len(window)
         return [
@@ -156,6 +158,7 @@ class PaperEstimator:
                 identifiable=determined[index],
                 momentum=momentum[index],
                 samples=first + index + 1,
+                warnings=warnings,
             )
             for index in range(len(window))
         ]

@@ -53,7 +53,12 @@ class Debris:
 
 
 def debris(
-    estimate: Estimate, link: Array, frame: Frame, *, in_principal_axes: bool = False, link_std: Array | None = None
+    estimate: Estimate,
+    link: Array,
+    frame: Frame,
+    *,
+    in_principal_axes: bool = False,
+    link_covariance: Array | None = None,
 ) -> Debris | None:
     """Return the captured body, None where not all ten parameters are determined or its mass may as well be zero.
 
@@ -65,7 +70,7 @@ def debris(
     link : (10,) standard parameters (m, h, I_o) of the link itself
     frame : to give it in
     in_principal_axes : in the body's own principal axes through its centre of mass, instead; the frame gives the name
-    link_std : (10,) one standard deviation of the link's parameters; known exactly where not given
+    link_covariance : (10, 10) of the link's parameters; known exactly where not given
     """
     if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
         return None
@@ -82,8 +87,8 @@ def debris(
     onward = physical_jacobian(seen) @ to_frame
     change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
     covariance = change @ estimate.covariance @ change.T
-    if link_std is not None:
-        covariance = covariance + onward @ np.diag(link_std**2) @ onward.T
+    if link_covariance is not None:
+        covariance = covariance + onward @ link_covariance @ onward.T
     if covariance[0, 0] > (_MASS_MAY_VANISH * alone[0]) ** 2:
         return None
     return Debris(frame, physical(seen), covariance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -64,6 +64,7 @@ class Estimate:
     residual : root mean square of the normalised residuals: 1 is as the noise says; NaN where not available
     time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
+    impulse : (6,) what known thrust has changed the momentum by since the first sample
     samples : number of samples used
     events : what disturbed the momentum
     warnings : one line each
@@ -82,6 +83,7 @@ class Estimate:
     time_offset: float = np.nan
     time_offset_std: float = np.nan
     consistency_correction: float = 0.0
+    impulse: Array = field(default_factory=lambda: np.zeros(6))
     samples: int = 0
     events: tuple[Event, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -90,6 +92,12 @@ class Estimate:
     def std(self) -> Array:
         """One standard deviation of each parameter, (10,), NaN where not available."""
         return np.sqrt(np.diag(self.covariance))
+
+    def thrust(self, impulse: Array) -> Estimate:
+        """Return the estimate with the momentum as known thrust has left it, from the one that the run began with."""
+        if not np.any(impulse):
+            return self
+        return replace(self, momentum=self.momentum + impulse, impulse=impulse)
 
 
 def determined(momentum: Array, stds: Array) -> Flags:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
+from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum, regressor
 from mbaid_ros.core.samples import Samples
@@ -76,6 +77,7 @@ class MomentumKernel:
     target : the first of the unknown links
     unknown : all of them
     known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
+    errors : how far these may be off; none where nothing is said
 
     Raises
     ------
@@ -89,11 +91,18 @@ class MomentumKernel:
         self.unknown = (self.target, *map(model.link, others))
         self.kinematics = Kinematics(model)
         self.known = model.body_parameters(without=(target, *others))
+        self.errors = KnownErrors()
 
     def corrected(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
         other = copy(self)
         other.known = self.known + change
+        return other
+
+    def doubted(self, errors: KnownErrors) -> MomentumKernel:
+        """Return a kernel whose known bodies may be off by these errors."""
+        other = copy(self)
+        other.errors = errors
         return other
 
     def with_errors_of(self, bodies: Sequence[int]) -> MomentumKernel:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 
 
@@ -20,14 +19,3 @@ def unknown_scale(kernel: MomentumKernel) -> Array:
     length = max(float(np.sum(np.linalg.norm(steps, axis=1))), 0.1)
     body = np.concatenate(([mass], np.full(3, mass * length), np.full(6, mass * length**2)))
     return np.concatenate((body, np.full(3, mass), np.full(3, mass * length)))
-
-
-def body_sizes(parameters: Array) -> Array:
-    """Return what relative errors of a body's (10,) standard parameters are relative to.
-
-    The mass; the mass times distance of the CoM and radius of gyration together; the mean moment of inertia.
-    """
-    mass, com = parameters[0], physical(parameters)[1:4]
-    mean = float(parameters[[4, 7, 9]].sum()) / 3.0
-    gyration = np.sqrt(max(mean, 0.0) / mass)
-    return np.concatenate(([mass], np.full(3, mass * max(float(np.linalg.norm(com)), gyration)), np.full(6, mean)))

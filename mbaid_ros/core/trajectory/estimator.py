@@ -44,7 +44,6 @@ class TrajectorySettings:
     kept : windows linearised again while the run is young
     time_offset_std : s, of the joints' stamps before they are estimated; 0 takes them as true
     adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
-    known_std : relative standard deviation of the known bodies' parameters, which are then estimated along; 0 is exact
     constant : axes of a constant force and torque that is taken to act
     """
 
@@ -54,7 +53,6 @@ class TrajectorySettings:
     kept: int
     time_offset_std: float
     adapt: bool
-    known_std: float
     constant: Literal['none', 'inertial', 'body'] = 'none'
 
 
@@ -99,7 +97,8 @@ class TrajectoryEstimator:
         tracker = self._tracking()
         tracker.take(ready, still_open, moved=self._moved)
         time = float(window.time[-1])
-        return self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
+        estimate = self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
+        return estimate.thrust(window.impulse[-1])
 
     def _collect(self, window: Samples, origin: Array) -> tuple[Window | None, Window | None]:
         """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
@@ -147,10 +146,10 @@ class TrajectoryEstimator:
         """Return the filter; a new one where the motion has turned out spatial."""
         if self._tracker is None or self._tracker.planar != self._plane.planar:
             settings, kernel = self._settings, self._kernel
-            massive = np.flatnonzero(kernel.known[:, 0] > 0.0) if settings.known_std > 0.0 else ()
-            uncertain = tuple(int(index) for index in massive)
-            variables = coordinates(kernel, self._plane, uncertain, settings.known_std, settings.time_offset_std)
-            self._tracker = Tracker(kernel, variables, uncertain, self._walks(), (settings.start, settings.kept))
+            variables = coordinates(kernel, self._plane, settings.time_offset_std)
+            self._tracker = Tracker(
+                kernel, variables, kernel.errors.bodies, self._walks(), (settings.start, settings.kept)
+            )
         return self._tracker
 
     def _walks(self) -> tuple[Walk, ...]:

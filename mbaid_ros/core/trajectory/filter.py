@@ -8,6 +8,7 @@ covariances, and a factor's square is never negative.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -29,13 +30,18 @@ class Coordinates:
     basis : (s, v) orthonormal columns; fewer than s for a planar motion
     scale : (v,) typical size of each variable
     measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
-    open_variance : (s,) of the state when nothing has been measured
+    open_factor : (s, f) of the covariance of the state when nothing has been measured
     """
 
     basis: Array
     scale: Array
     measured: Array
-    open_variance: Array
+    open_factor: Array
+
+    @cached_property
+    def open_variance(self) -> Array:
+        """Of the state when nothing has been measured, (s,)."""
+        return np.asarray(np.sum(self.open_factor**2, axis=1))
 
     @property
     def spread(self) -> Array:
@@ -55,10 +61,10 @@ class Coordinates:
 
     def open(self, *, force: bool = False) -> Belief:
         """Return the belief before the first measurement, with or without a force that may act."""
-        deviation = np.sqrt(self.open_variance)
+        factor = self.open_factor.copy()
         if not force:
-            deviation[FORCE] = 0.0
-        return Belief(np.zeros(len(self.scale)), _compressed(self.gather * deviation))
+            factor[FORCE] = 0.0
+        return Belief(np.zeros(len(self.scale)), _compressed(self.gather @ factor))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ class Nodes:
     base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
     spread : (J,) variance of the sample times in the node over the square of the nodes' spacing
     offset : (J,) mean of the sample times less the node's centre, over the nodes' spacing
+    impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     """
 
     joint_position: Array
@@ -45,6 +46,7 @@ class Nodes:
     base_twist: Array
     spread: Array
     offset: Array
+    impulse: Array
 
     def __len__(self) -> int:
         """Return the number of nodes."""
@@ -75,6 +77,7 @@ class Midpoints:
     base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
     turn : (J - 1, 3) rad, rotation vector from each node to the next, odometry axes
     step : (J - 1, 3) m, displacement from each node to the next
+    impulse : (J - 1, 6) as of the nodes, the mean of both
     """
 
     joint_position: Array
@@ -84,6 +87,7 @@ class Midpoints:
     base_twist: Array
     turn: Array
     step: Array
+    impulse: Array
 
     def __len__(self) -> int:
         """Return the number of intervals."""
@@ -192,6 +196,7 @@ def average(window: Samples, start: float, spacing: float, count: int, origin: A
         base_twist=mean(np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1)),
         spread=mean((window.time - time[number]) ** 2) / spacing**2,
         offset=(time - start) / spacing - np.arange(count) - 0.5,
+        impulse=mean(_about(window.impulse, origin)),
     )
 
 
@@ -235,6 +240,8 @@ def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
         base_twist=_midway(twist),
         turn=turn,
         step=np.diff(position, axis=0),
+        # It may jump, which the corrections are not for.
+        impulse=0.5 * (nodes.impulse[1:] + nodes.impulse[:-1]),
     )
 
 
@@ -248,6 +255,13 @@ def _with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoi
         joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
         joint_velocity=rate + late * (second + late / 2.0 * third),
     )
+
+
+def _about(impulse: Array, origin: Array) -> Array:
+    """Return (N, 6) impulses with L about a point."""
+    moved = impulse.copy()
+    moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
+    return moved
 
 
 def _turns(rotation: Array) -> Array:

@@ -46,17 +46,19 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
     ----------
     kernel : MomentumKernel
     middle : Midpoints of N intervals
-    parameters : (u,) (P, L, phi) with L about the run's origin, then the errors of the uncertain known bodies, 10 each
+    parameters : (u,) (P, L, phi) with L about the run's origin, both before any known thrust, then the errors of the
+        uncertain known bodies, 10 each
     uncertain : indices of those bodies
     """
-    linear, angular, body = parameters[:3], parameters[3:6], parameters[6:16]
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    body = parameters[6:16]
     kernel = with_errors(kernel, parameters[16:], uncertain)
     still = np.zeros((len(middle), 6))
     states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, still)
     target = express(body, states.rotation, states.position)
     locked = inertia_matrix(np.sum(states.known, axis=1) + target)
-    about_base = angular - cross(middle.base_position, np.broadcast_to(linear, middle.base_position.shape))
-    total = np.concatenate((np.broadcast_to(linear, about_base.shape), about_base), axis=1)
+    about_base = angular - cross(middle.base_position, linear)
+    total = np.concatenate((linear, about_base), axis=1)
     moving = states.known_momentum + momentum(target, states.twist)
     twist = np.linalg.solve(locked, (total - moving)[..., None])[..., 0]
     # M dV = dh - (dM V + db): the second is the target's regressor at the predicted motion.

@@ -19,7 +19,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.scale import body_sizes
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth, total_momentum
 from mbaid_ros.simulated_run import make_motion

@@ -74,7 +74,7 @@ def test_an_uncertain_link_widens_it() -> None:
     rng = np.random.default_rng(5)
     link_std = 0.01 * np.array([35.0, *(7.0,) * 3, *(4.0,) * 6])
     estimate = estimated(random_covariance(rng, 1e-6))
-    found = debris(estimate, LINK, GRASP, link_std=link_std)
+    found = debris(estimate, LINK, GRASP, link_covariance=np.diag(link_std**2))
     assert found is not None
     links = LINK + link_std * rng.normal(size=(4000, 10))
     alone = physical(in_frame(standard(estimate.parameters) - links, GRASP))

@@ -13,7 +13,7 @@ from floating import Push, errors, float_freely, follow, make, normalised, true_
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.scale import body_sizes
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import FORCE

@@ -32,8 +32,8 @@ class Case:
         self.kernel = MomentumKernel(model, model.last_link)
         count = 3
         joints, rates, rotation, twist = random_state(rng, model.joints, count)
-        none = np.zeros((count, 3))
-        self.middle = Midpoints(joints, rates, rotation, rng.normal(size=(count, 3)), twist, none, none)
+        none, thrust = np.zeros((count, 3)), np.zeros((count, 6))
+        self.middle = Midpoints(joints, rates, rotation, rng.normal(size=(count, 3)), twist, none, none, thrust)
         self.uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = 0.01 * rng.normal(size=10 * len(self.uncertain))
         self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, errors))
@@ -74,11 +74,25 @@ def test_the_predicted_twist_is_that_of_the_simulated_motion(servicer: Truth, ve
     twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
     none = np.zeros((len(samples), 3))
     middle = Midpoints(
-        samples.joint_position, samples.joint_velocity, samples.base_rotation, samples.base_position, twist, none, none
+        *(samples.joint_position, samples.joint_velocity, samples.base_rotation, samples.base_position),
+        *(twist, none, none, samples.impulse),
     )
     point = np.concatenate((momentum[0], robot.target.parameters))
     # The integrator's error: 1e-10 of the momentum.
     assert predict(robot, middle, point).twist == pytest.approx(twist, abs=1e-9)
+
+
+def test_known_thrust_is_momentum_that_is_added() -> None:
+    case = Case(0)
+    impulse = np.random.default_rng(9).normal(size=(len(case.middle), 6))
+    pushed = predict(case.kernel, replace(case.middle, impulse=impulse), case.point, case.uncertain)
+    for index, brought in enumerate(impulse):
+        point = case.point.copy()
+        point[:6] += brought
+        expected = predict(case.kernel, case.middle[index : index + 1], point, case.uncertain)
+        assert pushed.twist[index] == pytest.approx(expected.twist[0], rel=1e-12)
+        assert pushed.by_parameters[index] == pytest.approx(expected.by_parameters[0], rel=1e-12)
+        assert pushed.by_pose_error[index] == pytest.approx(expected.by_pose_error[0], rel=1e-12)
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -1,0 +1,83 @@
+"""The file in which `calibrate` says what it has found: read back for what comes after."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+
+LARGEST_FILE = 50_000_000  # characters: some 150 links
+_ACCEPTED = 'accepted: what calibrate --json writes'
+# Parts of the largest variance (all parameters in units of their own deviation) that rounding may make negative.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class CalibratedLinks:
+    """What a calibration found of k links.
+
+    Attributes
+    ----------
+    path : of the file
+    names : of the links
+    values, covariance : (10 k,), (10 k, 10 k) standard parameters (m, h, I_o), each link's in its own frame
+    """
+
+    path: str
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+
+
+def read_calibration(path: str) -> CalibratedLinks:
+    """Return the calibration in a file.
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read, or is none that `calibrate` writes.
+    """
+    try:
+        with Path(path).open(encoding='utf-8') as file:
+            text = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise ParameterError(f"cannot read calibration '{path}': {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ParameterError(f"'{path}' is no calibration: it is not text in UTF-8; {_ACCEPTED}") from error
+    if len(text) > LARGEST_FILE:
+        raise ParameterError(f"calibration '{path}' has more than {LARGEST_FILE} characters, which is the limit")
+    try:
+        return _read(path, text)
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        reason = f'it lacks {error}' if isinstance(error, KeyError) else ' '.join(str(error).split())
+        raise ParameterError(f"'{path}' is no calibration: {reason}; {_ACCEPTED}") from error
+
+
+def _read(path: str, text: str) -> CalibratedLinks:
+    content = json.loads(text)
+    if not isinstance(content, dict):
+        raise TypeError('it is no object of JSON')
+    names = tuple(content['links'])
+    values, covariance = (np.array(content['covariance'][key], dtype=float) for key in ('values', 'matrix'))
+    size = 10 * len(names)
+    if values.shape != (size,) or covariance.shape != (size, size):
+        raise ValueError(
+            f'values and covariance of {len(names)} links have the shapes {values.shape}, {covariance.shape}'
+        )
+    if not np.all(np.isfinite(values)) or not _is_covariance(covariance):
+        raise ValueError('its matrix is no covariance')
+    return CalibratedLinks(path, names, values, covariance)
+
+
+def _is_covariance(matrix: Array) -> bool:
+    if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
+        return False
+    size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    scaled = matrix / size / size[:, None]
+    symmetric = np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING)
+    return bool(symmetric and np.linalg.eigvalsh(scaled)[0] > -_ROUNDING * len(scaled))

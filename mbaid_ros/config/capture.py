@@ -1,0 +1,139 @@
+"""The parameters of the estimator about the capture, the bodies on either side of it, and what disturbs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbaid_ros.config.parameters import parameter
+
+CONSTANT_FORCES = ('none', 'inertial', 'body')
+KNOWN_LINKS_MODES = ('consider', 'estimate')
+PHASES = ('post_capture', 'pre_capture')
+
+
+@dataclass(frozen=True)
+class DebrisConfig:
+    """The captured body alone."""
+
+    report: bool = parameter(
+        default=False,
+        description="Also report the captured body alone: what is identified less the target link's <inertial>.",
+    )
+    frame: str = parameter(
+        '',
+        'Frame it is given in: a link fixed to the target link, or principal for its own principal axes through its '
+        "centre of mass; empty is the target link's.",
+    )
+
+
+@dataclass(frozen=True)
+class DisturbanceConfig:
+    """What acts on the robot from outside."""
+
+    constant: str = parameter(
+        'none',
+        'Axes of a constant external force and torque on the base link that are estimated along; none looks for one '
+        '(trajectory: with trajectory.adapt) and estimates it where the data ask for it.',
+        choices=CONSTANT_FORCES,
+    )
+
+
+@dataclass(frozen=True)
+class ThrustConfig:
+    """The commanded thrust, where there is a topic of it."""
+
+    hold: float = parameter(
+        1.0,
+        'Longest time that a commanded wrench is taken to act after its stamp; the next one in its frame ends it.',
+        unit='s',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+
+
+@dataclass(frozen=True)
+class CaptureConfig:
+    """The capture, where the data begin before it."""
+
+    phase: str = parameter(
+        'post_capture',
+        'Phase to begin in: post_capture identifies from the first sample on; pre_capture checks the known model until '
+        '~/capture is called.',
+        choices=PHASES,
+    )
+    time: float = parameter(
+        0.0,
+        'Time of the capture after the first sample, where it is known beforehand; 0 leaves it to phase.',
+        unit='s',
+        minimum=0.0,
+    )
+    detect: bool = parameter(
+        default=False,
+        description='Take a jump of the momentum for the capture, once pre_capture has lasted some five seconds.',
+    )
+    margin: float = parameter(
+        0.5,
+        'Time before and after the capture in which bodies touch and slip: windows with a sample in it are not used.',
+        unit='s',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class SelfCalibrationConfig:
+    """What a run that begins before the capture learns of the robot's own bodies."""
+
+    enabled: bool = parameter(
+        default=False,
+        description='At the capture, calibrate all links from the latest 600 windows before it, as calibrate does, and '
+        'go on with what that says of them and leaves uncertain.',
+    )
+    mass_relative_std: float = parameter(
+        0.05, 'Relative standard deviation of each mass in the URDF; 0 means that nothing is known of it.', minimum=0.0
+    )
+    com_std: float = parameter(
+        0.01,
+        'Standard deviation of each coordinate of a centre of mass; 0 means that nothing is known of it.',
+        unit='m',
+        minimum=0.0,
+    )
+    inertia_relative_std: float = parameter(
+        0.1,
+        'Standard deviation of each element I_ij about the centre of mass, relative to sqrt(I_ii I_jj); 0 means that '
+        'nothing is known of it.',
+        minimum=0.0,
+    )
+    weighed_links: tuple[str, ...] = parameter(
+        (), 'Links whose mass is known better, in the order of calibration.weighed_stds: one fixes the scale.'
+    )
+    weighed_stds: tuple[float, ...] = parameter(
+        (), 'Relative standard deviation of the mass of each link in calibration.weighed_links.', minimum=0.0
+    )
+
+
+@dataclass(frozen=True)
+class KnownLinksConfig:
+    """How well the known bodies are known."""
+
+    relative_std: float = parameter(
+        0.0,
+        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    names: tuple[str, ...] = parameter(
+        (), 'Links with a relative standard deviation of their own, in the order of known_links.stds.'
+    )
+    stds: tuple[float, ...] = parameter(
+        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
+    )
+    calibration: str = parameter(
+        '',
+        'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
+    )
+    mode: str = parameter(
+        'consider',
+        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
+        'target. trajectory always estimates them.',
+        choices=KNOWN_LINKS_MODES,
+    )

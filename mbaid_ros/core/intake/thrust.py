@@ -1,0 +1,170 @@
+"""Commanded thrust: what it has brought to the momentum by each sample.
+
+A wrench (F, T) about the origin of a frame with axes R at p changes (P, L) about the odometry origin by (R F, p x R F
++ R T) a second. Each command holds until the next of its frame, or for a while. Between two samples the commands are
+integrated exactly, the pose is that of both on average: its noise averages out.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import Counter, deque
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import Samples
+
+NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
+UNKNOWN_FRAME = 'thrust in a frame that is no link'
+FAR_THRUST = 'thrust stamped far from the samples'
+LATE_THRUST = 'thrust was told after samples that it acts on had been used: its impulse counts from then on'
+
+_FAR = 10_000_000_000  # ns, from the newest sample: another clock
+_REMEMBERED = 4 * _FAR  # ns, for commands that come late
+
+
+@dataclass(order=True)
+class _Command:
+    """A wrench from a stamp (ns) on."""
+
+    stamp: int
+    wrench: Array = field(compare=False)
+
+
+class Thrust:
+    """Adds up what commanded thrust does to the momentum.
+
+    Parameters
+    ----------
+    model : RobotModel
+    hold : ns, longest time that a command counts
+
+    Attributes
+    ----------
+    odometry_frame : name of the frame whose axes are the inertial ones; empty while it is not known
+    brought : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
+    commands : number of those that were taken
+    late : whether one came after samples that it acts on
+    dropped : commands that were not used, by cause
+    """
+
+    def __init__(self, model: RobotModel, hold: int) -> None:
+        self._kinematics = Kinematics(model)
+        self._links = {link.name: link for link in model.links}
+        self._hold = hold
+        self._commands: dict[str, list[_Command]] = {}
+        self._origin = 0
+        self._past: deque[Samples] = deque()  # windows that were used, of the last seconds
+        self.odometry_frame = ''
+        self.brought: Array = np.zeros(6)
+        self.commands = 0
+        self.late = False
+        self.dropped: Counter[str] = Counter()
+
+    def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
+        """Tell whether a command is any news: whether samples up to the newest stamp may depend on when it came."""
+        earlier = self._commands.get(frame, [])
+        before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
+        over = newest is not None and newest >= before.stamp + self._hold and bool(np.any(wrench))
+        return over or stamp < before.stamp or not np.array_equal(wrench, before.wrench)
+
+    def command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
+        """Take a command.
+
+        Parameters
+        ----------
+        frame : a link, or the odometry frame
+        stamp : ns, from when on
+        wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
+        newest : ns, latest stamp of the other inputs; None before the first
+        """
+        if not np.all(np.isfinite(wrench)):
+            self.dropped[NOT_FINITE_THRUST] += 1
+        elif newest is not None and abs(stamp - newest) > _FAR:
+            self.dropped[FAR_THRUST] += 1
+        elif frame not in self._links and self.odometry_frame not in {'', frame}:
+            self.dropped[UNKNOWN_FRAME] += 1
+        else:
+            self._take(frame, _Command(stamp, wrench))
+
+    def applied(self, window: Samples, origin: int) -> Samples:
+        """Return a window with what thrust has brought until each of its samples.
+
+        Parameters
+        ----------
+        window : Samples, after those before
+        origin : ns, stamp at time 0
+        """
+        self._origin = origin
+        before = self._past[-1][-1:] if self._past else window[:1]
+        joined = Samples.concatenate([before, window])
+        self._past.append(joined)
+        while window.time[-1] - self._past[0].time[-1] > _FAR * 1e-9:
+            self._past.popleft()
+        if not self.commands:
+            return window
+        total = np.tile(self.brought, (len(window), 1))
+        for frame in list(self._commands):
+            if frame not in self._links and frame != self.odometry_frame:
+                self.dropped[UNKNOWN_FRAME] += len(self._commands.pop(frame))
+                continue
+            total += np.cumsum(self._pulses(frame, joined), axis=0)
+            self._forget(frame, origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED)
+        self.brought = total[-1]
+        return replace(window, impulse=total)
+
+    def _take(self, frame: str, command: _Command) -> None:
+        time = (command.stamp - self._origin) * 1e-9
+        missed = [part for part in self._past if part.time[-1] > time]
+        before = self._in(frame, missed)
+        insort(self._commands.setdefault(frame, []), command)
+        self.commands += 1
+        more = self._in(frame, missed) - before
+        self.brought = self.brought + more
+        self.late = self.late or bool(np.any(more))
+
+    def _in(self, frame: str, parts: list[Samples]) -> Array:
+        """Return what the commands of a frame bring in all of some windows, (6,)."""
+        return sum((np.sum(self._pulses(frame, part), axis=0) for part in parts), np.zeros(6))
+
+    def _pulses(self, frame: str, samples: Samples) -> Array:
+        """Return what the commands of a frame bring from each of N samples to the next, (N - 1, 6)."""
+        impulses = np.diff(self._impulse(frame, samples.time), axis=0)
+        if not np.any(impulses):
+            return impulses
+        gain = self._gain(frame, samples)
+        return np.einsum('nij,nj->ni', 0.5 * (gain[1:] + gain[:-1]), impulses)
+
+    def _impulse(self, frame: str, time: Array) -> Array:
+        """Return the impulses (N, 6), in the frame's axes, of its commands from the first sample until N times, s."""
+        commands = self._commands.get(frame, [])
+        if not commands:
+            return np.zeros((len(time), 6))
+        start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
+        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        # What acted before the first sample is in the momentum that the run begins with.
+        passed = np.clip(time[:, None] - start, 0.0, length) - np.clip(-start, 0.0, length)
+        return np.asarray(passed @ np.array([command.wrench for command in commands]))
+
+    def _gain(self, frame: str, samples: Samples) -> Array:
+        """Return what a wrench makes of (P, L) a second, (N, 6, 6)."""
+        gain = np.zeros((len(samples), 6, 6))
+        gain[:] = np.eye(6)
+        link = self._links.get(frame)
+        if link is None:
+            return gain
+        configuration = self._kinematics.configure(samples.base_rotation, samples.joint_position)
+        rotation, position = configuration.link(link)
+        gain[:, :3, :3] = gain[:, 3:, 3:] = rotation
+        gain[:, 3:, :3] = skew(samples.base_position + position) @ rotation
+        return gain
+
+    def _forget(self, frame: str, oldest: int) -> None:
+        """Drop commands that nothing depends on any more: those whose successor came before a stamp, ns."""
+        known = self._commands[frame]
+        while len(known) > 1 and known[1].stamp < oldest:
+            del known[0]

@@ -1,0 +1,61 @@
+"""The capture after a calibration: what is still uncertain of the servicer enters the target's intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from scipy.stats import chi2
+
+from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import calibrated
+from mbaid_ros.core.simulation.run import Truth
+from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
+from servicing import PRIORS, all_unknown, free_motion, free_servicer, perturbed
+
+SEEDS = range(2)
+
+
+@pytest.fixture(scope='module')
+def afterwards() -> Truth:
+    """Return the servicer with its target in hand."""
+    return configured_motion('servicer7', 12.0, 20.0, 0.05)
+
+
+@pytest.fixture(scope='module')
+def servicers() -> list[MomentumKernel]:
+    """Return the servicer as calibrations of as many runs have it, CAD errors and noise of each its own."""
+    made = []
+    for seed in SEEDS:
+        cad = perturbed(free_servicer(), PRIORS, seed)
+        before = windows(observe(free_motion(1, 60.0), MID, seed))
+        found = calibrate(all_unknown(cad), [before], CalibrationSettings(MID, PRIORS))
+        values = found.theta.reshape(-1, 10)
+        links = tuple(replace(link, parameters=own) for link, own in zip(cad.links, values, strict=True))
+        robot = MomentumKernel(replace(cad, links=links), 'link7')
+        made.append(robot.doubted(calibrated(links, found.covariance, ['link7'])))
+    return made
+
+
+@pytest.mark.parametrize(
+    ('method', 'mode'), [('difference', 'consider'), ('difference', 'estimate'), ('trajectory', 'consider')]
+)
+def test_the_intervals_of_the_target_cover(
+    servicers: list[MomentumKernel], afterwards: Truth, method: str, mode: str
+) -> None:
+    true = true_body(kernel('servicer7'))
+    squares = []
+    for seed, robot in zip(SEEDS, servicers, strict=True):
+        data = windows(observe(afterwards, MID, 1000 + seed))
+        last = estimator(robot, MID, method=method, known_links__mode=mode).update(data, 0)[-1]
+        assert last.identifiable.all()
+        squares.append(nees(last, true))
+    # Twenty chi-squares, neither too large nor too small.
+    assert chi2.ppf(1e-3, 20) < sum(squares) < 1.25 * chi2.isf(1e-3, 20)
+
+
+def test_without_it_they_are_too_narrow(servicers: list[MomentumKernel], afterwards: Truth) -> None:
+    robot = MomentumKernel(servicers[0].model, 'link7')
+    last = estimator(robot, MID, method='trajectory').update(windows(observe(afterwards, MID, 1000)), 0)[-1]
+    assert nees(last, true_body(kernel('servicer7'))) > 3.0 * chi2.isf(1e-3, 10)

@@ -1,0 +1,85 @@
+"""Errors of known bodies: from links to bodies, their factor, and which of them matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import body_sizes, calibrated, declared
+from mbaid_ros.core.robot.model import load_model
+
+LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
+INERTIA = '<inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="2"/>'
+JOINT = (
+    '<joint name="to_{0}" type="{1}"><parent link="{2}"/><child link="{0}"/><axis xyz="0 0 1"/>'
+    '<origin xyz="0.5 -0.2 0.3" rpy="0.3 0.5 -0.7"/></joint>'
+)
+# Tank and base are one body; so are hand and tool.
+URDF = ''.join(
+    (
+        '<robot name="small">',
+        *(LINK.format(name, mass, INERTIA) for name, mass in (('base', 90), ('tank', 20), ('arm', 9), ('hand', 4))),
+        LINK.format('tool', 3, INERTIA),
+        JOINT.format('tank', 'fixed', 'base'),
+        JOINT.format('arm', 'revolute', 'base').replace('</joint>', '<limit effort="1" velocity="1"/></joint>'),
+        JOINT.format('hand', 'continuous', 'arm'),
+        JOINT.format('tool', 'fixed', 'hand'),
+        '</robot>',
+    )
+)
+NAMES = ('base', 'tank', 'arm', 'hand', 'tool')
+
+
+def covariance() -> Array:
+    """Return one of all links, correlated and of widely different sizes."""
+    rng = np.random.default_rng(3)
+    factor = rng.normal(size=(50, 50)) * 10.0 ** rng.uniform(-4.0, 1.0, 50)[:, None]
+    return factor @ factor.T
+
+
+def test_errors_of_links_are_those_of_the_bodies_that_carry_them() -> None:
+    model = load_model(URDF)
+    links = [model.link(name) for name in NAMES]
+    change = 0.1 * np.random.default_rng(4).normal(size=(5, 10))
+    errors = calibrated(links, np.outer(change, change), ['tool'])
+    assert errors.bodies == (0, 1, 2)
+    assert errors.count == 1
+    off = dict(zip(NAMES, change, strict=True))
+    other = replace(model, links=tuple(replace(x, parameters=x.parameters + off[x.name]) for x in model.links))
+    moved = (MomentumKernel(other, 'tool').known - MomentumKernel(model, 'tool').known).ravel()
+    # A factor of rank one is the change itself, up to its sign.
+    assert errors.factor[:, 0] * np.sign(errors.factor[0, 0] * moved[0]) == pytest.approx(moved, abs=1e-9)
+
+
+def test_a_factor_holds_the_covariance_whatever_the_sizes() -> None:
+    model = load_model(URDF)
+    wanted = covariance()[20:40, 20:40]
+    links = [model.link(name) for name in ('arm', 'hand')]
+    size = np.sqrt(np.diag(wanted))
+    found = calibrated(links, wanted).covariance
+    assert found / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)
+
+
+def test_declared_errors_are_independent_and_relative() -> None:
+    robot = MomentumKernel(load_model(URDF), 'tool')
+    errors = declared(robot.known, [0.01, 0.0, 0.02])
+    assert errors.bodies == (0, 2)
+    sizes = np.concatenate((0.01 * body_sizes(robot.known[0]), 0.02 * body_sizes(robot.known[2])))
+    assert errors.covariance == pytest.approx(np.diag(sizes**2))
+    assert declared(robot.known, [0.0] * 3).count == 0
+
+
+def test_the_share_of_a_body_is_what_knowing_it_would_take_away() -> None:
+    model = load_model(URDF)
+    errors = calibrated([model.link(name) for name in ('arm', 'hand')], covariance()[20:40, 20:40])
+    gain = np.random.default_rng(5).normal(size=(4, 20))
+    shares = errors.shares(gain @ errors.factor)
+    full = errors.covariance
+    for body, (own, other) in enumerate(((slice(0, 10), slice(10, 20)), (slice(10, 20), slice(0, 10)))):
+        left = full[other, other] - full[other, own] @ np.linalg.solve(full[own, own], full[own, other])
+        taken = np.diag(gain @ full @ gain.T) - np.diag(gain[:, other] @ left @ gain[:, other].T)
+        assert shares[:, body] == pytest.approx(taken, rel=1e-5)

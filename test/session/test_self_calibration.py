@@ -1,0 +1,184 @@
+"""A run that begins before the capture calibrates the robot with what it has seen of it, and goes on with that."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import recorded
+from captured import Joined, alone, capture, sensed
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.session import Session
+from observed import MID
+from servicing import LINKS, PRIORS, free_servicer, free_urdf, perturbed
+
+BEGIN, END = 20.0, 10.0  # s: the capture, and how long the run goes on after it
+PARAMETERS: dict[str, object] = {
+    'capture.time': BEGIN,
+    'debris.report': True,
+    'calibration.enabled': True,
+    'calibration.inertia_relative_std': 0.05,
+    'calibration.weighed_links': ['base_link'],
+    'calibration.weighed_stds': [0.001],
+}
+LIMIT = float(chi2.isf(1e-4, 10))
+
+
+@cache
+def joined() -> Joined:
+    return capture(BEGIN, END, np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
+
+
+@cache
+def cad() -> str:
+    """Return what CAD says of the servicer."""
+    text = free_urdf()
+    for link in perturbed(free_servicer(), PRIORS, 1).links:
+        text = change_inertial(text, link.name, physical(link.parameters))
+    return text
+
+
+@cache
+def messages() -> list[tuple[str, Any, int]]:
+    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1)))
+
+
+def feed(session: Session, until: float = np.inf) -> list[Estimate]:
+    for topic, message, time in messages():
+        if time <= until * 1e9:
+            (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
+    return session.process()
+
+
+def make(**parameters: object) -> Session:
+    return Session(build(EstimatorConfig, {**PARAMETERS, **parameters}), cad())
+
+
+def error(session: Session, last: Estimate) -> float:
+    """Return the squared error of the captured body in its covariance."""
+    found = session.debris(last)
+    assert found is not None
+    off = found.parameters - physical(alone())
+    return float(off @ np.linalg.solve(found.covariance, off))
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
+    session = make(method=method)
+    assert session.calibrated == ''
+    last = feed(session)[-1]
+    assert error(session, last) < LIMIT
+    found = session.captured(last)
+    assert found is not None
+    assert found.calibrated == session.calibrated
+    assert session.calibrated.startswith('8 bodies calibrated from the 19.5 s before the capture')
+    off = found.momentum - joined().momentum
+    assert float(off @ np.linalg.solve(found.covariance, off)) < chi2.isf(1e-4, 6)
+    assert found.chaser is not None
+    assert found.chaser.residual == pytest.approx(1.0, abs=0.15)
+    # CAD values do not conserve momentum; those that came after do.
+    assert not any('the known model changes' in warning for warning in last.warnings)
+
+
+def test_without_it_the_body_is_wrong() -> None:
+    session = make(**{'calibration.enabled': False})
+    assert error(session, feed(session)[-1]) > 10.0 * LIMIT
+    assert session.urdf == cad()
+
+
+class Collector:
+    """A method that keeps the windows."""
+
+    method, needs_rates = 'none', True
+
+    def __init__(self) -> None:
+        self.windows: list[Samples] = []
+
+    def update(self, windows: list[Samples], _origin: int) -> list[Estimate]:
+        """Take windows."""
+        self.windows += windows
+        return []
+
+
+def test_the_numbers_are_those_of_calibrate() -> None:
+    session, collector = make(), Collector()
+    feed(session)
+
+    def collect(_config: EstimatorConfig, _kernel: MomentumKernel) -> Estimator:
+        return collector
+
+    feed(Session(EstimatorConfig(), cad(), collect), BEGIN - 0.5)
+    found = calibrate(MomentumKernel(load_model(cad()), *LINKS), [collector.windows], CalibrationSettings(MID, PRIORS))
+    used = np.concatenate([session.kernel.model.link(name).parameters for name in LINKS])
+    assert np.array_equal(used, found.theta)
+    size = np.sqrt(np.diag(found.covariance))[:70]
+    wanted = found.covariance[:70, :70] / np.outer(size, size)
+    assert session.kernel.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
+    # The robot description that is given on has them, too.
+    written = load_model(session.urdf)
+    assert written.link('link3').parameters == pytest.approx(used[30:40], rel=1e-9)
+
+
+def test_one_message_after_the_other_leads_to_the_same() -> None:
+    at_once, singly = make(), make()
+    expected, found = feed(at_once), []
+    for topic, message, _ in messages():
+        if (singly.add_joint_state if topic == '/joint_states' else singly.add_odometry)(message):
+            found += singly.process()
+    assert np.array_equal(found[-1].parameters, expected[len(found) - 1].parameters)
+    assert singly.calibrated == at_once.calibrated
+
+
+def test_reset_forgets_it() -> None:
+    session = make()
+    feed(session)
+    session.reset()
+    assert session.calibrated == ''
+    assert session.urdf == cad()
+    assert session.kernel.errors.count == 0
+
+
+def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
+    session = make(**{'capture.time': 0.4})
+    last = feed(session, 5.0)[-1]
+    assert last.warnings[0] != BEFORE
+    assert any(warning.startswith('not calibrated before the capture: the data hold no') for warning in last.warnings)
+    assert session.calibrated == ''
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({'capture.time': 0.0}, "'calibration.enabled' is true in a run that begins after the capture"),
+        ({'calibration.weighed_stds': []}, "'calibration.weighed_stds' has 0 numbers; accepted: 1"),
+        ({'calibration.weighed_links': ['moon']}, "'calibration.weighed_links' has 'moon'; accepted: links with an"),
+        ({'known_links.relative_std': 0.01}, "'known_links.relative_std' is 0.01; with 'calibration.enabled'"),
+        (
+            {
+                'calibration.mass_relative_std': 0.0,
+                'calibration.inertia_relative_std': 0.0,
+                'calibration.weighed_stds': [0.0],
+            },
+            'nothing fixes the scale',
+        ),
+    ],
+)
+def test_what_cannot_be_is_said_at_the_start(parameters: dict[str, object], reason: str) -> None:
+    with pytest.raises(MbaidError, match=reason.replace('.', r'\.')) as caught:
+        make(**parameters)
+    assert '\n' not in str(caught.value)
