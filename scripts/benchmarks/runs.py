@@ -15,6 +15,7 @@ from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed
 from benchmarks.methods import METHODS, Identification
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.replay.campaigns.make import nees
 
 
 @dataclass(frozen=True)
@@ -150,15 +151,5 @@ def _read_off(history: list[Estimate], run: _Run) -> Outcome:
     return Outcome(
         parameters=np.array([estimate.parameters for estimate in chosen]),
         std=np.array([estimate.std for estimate in chosen]),
-        error_norm=np.array([_error_norm(estimate, run.truth) for estimate in chosen]),
+        error_norm=np.array([nees(estimate, run.truth) for estimate in chosen]),
     )
-
-
-def _error_norm(estimate: Estimate, truth: Array) -> float:
-    known = np.isfinite(estimate.std) & np.isfinite(estimate.parameters)
-    if not np.any(known):
-        return np.nan
-    deviation = estimate.std[known]
-    error = (estimate.parameters - truth)[known] / deviation
-    correlation = estimate.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
-    return float(error @ np.linalg.solve(correlation, error)) / len(error)

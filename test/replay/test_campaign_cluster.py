@@ -1,12 +1,18 @@
-"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, one of which dies."""
+"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback.
+
+They die on the way: one of the workers in the first test, the scheduler in the second.
+"""
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import subprocess
 import sys
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -17,13 +23,14 @@ from mbaid_ros.replay.campaigns import cluster
 from mbaid_ros.replay.campaigns.make import Result
 from simulated import CONFIG
 
+RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '20'))
 TEXT = f"""
 model: {CONFIG / 'table1.urdf'}
 simulator_params: {CONFIG / 'table1_simulator.yaml'}
 estimator_params: {CONFIG / 'table1_estimator.yaml'}
 simulator: {{duration: 2.0, joint_rate: 20.0, odometry_rate: 20.0}}
 noise: {{joint_position: 1.0e-4, base_position: 1e-4}}
-seeds: 20
+seeds: {RUNS}
 """
 
 
@@ -52,11 +59,17 @@ def told(process: subprocess.Popen[str], pattern: str) -> str:
     raise AssertionError(''.join(said))
 
 
-def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    yaml = tmp_path / 'campaign.yaml'
-    yaml.write_text(TEXT)
+@dataclass(frozen=True)
+class Cluster:
+    """Processes of a cluster, and the address of its scheduler."""
+
+    address: str
+    scheduler: subprocess.Popen[str]
+    workers: list[subprocess.Popen[str]]
+
+
+@pytest.fixture(scope='module', name='two')
+def cluster_of_two() -> Iterator[Cluster]:
     with ExitStack() as stack:
         scheduler = stack.enter_context(dask('scheduler', '--port', '0'))
         address = told(scheduler, r'Scheduler at:\s+(tcp://\S+)')
@@ -64,23 +77,51 @@ def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
         workers = [stack.enter_context(dask(*start)) for _ in range(2)]
         for worker in workers:
             told(worker, r'Starting established connection to (\S+)')
+        yield Cluster(address, scheduler, workers)
 
-        def with_a_death(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
-            for count, result in enumerate(cluster.made_on_cluster(runs, urdf, scheduler)):
-                if count == 4:
-                    workers[0].kill()
-                    workers[0].wait()
-                yield result
 
-        monkeypatch.setattr(campaign, 'made_on_cluster', with_a_death)
-        assert campaign.main([str(yaml), '--output', str(tmp_path / 'cluster'), '--scheduler', address]) == 0
-        assert workers[1].poll() is None
+def dying(process: subprocess.Popen[str], after: int) -> Callable[..., Generator[Result]]:
+    """Return what makes runs on a cluster, and kills a process of it when some of the results are there."""
+
+    def made(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
+        for count, result in enumerate(cluster.made_on_cluster(runs, urdf, scheduler), start=1):
+            if count == after:
+                process.kill()
+                process.wait()
+            yield result
+
+    return made
+
+
+def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster
+) -> None:
+    yaml = tmp_path / 'campaign.yaml'
+    yaml.write_text(TEXT)
+    monkeypatch.setattr(campaign, 'made_on_cluster', dying(two.workers[0], RUNS // 4))
+    assert campaign.main([str(yaml), '--output', str(tmp_path / 'cluster'), '--scheduler', two.address]) == 0
+    assert [worker.poll() for worker in two.workers] == [-signal.SIGKILL, None]
     there = capsys.readouterr()
     assert there.err == ''
     assert campaign.main([str(yaml), '--output', str(tmp_path / 'here')]) == 0
     for name in ('runs.jsonl', 'summary.json', 'campaign.json'):
         assert (tmp_path / 'cluster' / name).read_bytes() == (tmp_path / 'here' / name).read_bytes()
     assert there.out.replace('/cluster/', '/here/') == capsys.readouterr().out
+
+
+def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster
+) -> None:
+    yaml, output = tmp_path / 'campaign.yaml', tmp_path / 'output'
+    yaml.write_text(TEXT)
+    monkeypatch.setattr(campaign, 'made_on_cluster', dying(two.scheduler, 2))
+    assert campaign.main([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith(f"mbaid_ros campaign: the cluster of scheduler '{two.address}' fails: ")
+    assert captured.err.endswith('what it made is kept, and the same command goes on from there\n')
+    assert captured.err.count('\n') == 1
+    assert (output / 'runs.jsonl').read_text().count('\n') >= 2
 
 
 def refused(capsys: pytest.CaptureFixture[str], folder: Path, scheduler: str) -> str:

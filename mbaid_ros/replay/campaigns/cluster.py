@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Generator, Sequence
 
@@ -34,6 +35,8 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
         raise ParameterError(
             '--scheduler needs Dask, which is not installed; accepted after: pip install distributed'
         ) from error
+    for logger in ('distributed', 'distributed.client'):  # of a lost connection they print tracebacks; it is told below
+        logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
@@ -17,7 +17,7 @@ from mbaid_ros.replay.campaigns.make import FAILED, Result
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 
 _BAND = 0.95
-_QUANTILE = float(norm.ppf(0.5 * (1.0 + _BAND)))
+_QUANTILE = float(ndtri(0.5 * (1.0 + _BAND)))
 _REASONS = 5  # failed runs that the text names
 
 
@@ -63,8 +63,9 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
     estimate, truth, std = (np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in _VALUES)
     nees = np.array([result['nees'] for result in made if result['nees'] is not None])
     freedom = int(np.sum(np.isfinite(estimate) & np.isfinite(std)))
-    tails = (0.5 * (1.0 - _BAND), 0.5 * (1.0 + _BAND))
-    low, high = (float(chi2.ppf(tail, freedom)) / freedom if freedom else np.nan for tail in tails)
+    # chdtri: quantiles of the chi-square distribution from above.
+    tails = (0.5 * (1.0 + _BAND), 0.5 * (1.0 - _BAND))
+    low, high = (float(chdtri(freedom, tail)) / freedom if freedom else np.nan for tail in tails)
     error = estimate - truth
     return CaseStatistics(
         name=name,
