@@ -10,11 +10,13 @@ import numpy as np
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
@@ -57,7 +59,9 @@ class SimulatedRun:
     start : stamp at time 0, ns; to be set before the first message is asked for
     model : RobotModel
     target : the target link
-    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
+    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
+    captured : what is captured, None where nothing is
+    brought : (6,) the momentum that it had before; zero where nothing is captured
 
     Raises
     ------
@@ -72,8 +76,17 @@ class SimulatedRun:
         self._types = types
         self.start = 0
         motion = make_motion(config, self.model)
-        simulation = Simulation(self.model, motion, make_initial_state(config, self.model, motion), config.step)
-        self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+        start = make_initial_state(config, self.model, motion)
+        self.captured = make_target(config, self.target, motion)
+        simulation: Simulation | CaptureSimulation
+        if self.captured is None or not isinstance(motion, Sinusoids):
+            simulation = Simulation(self.model, motion, start, config.step)
+            self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+            self.brought: Array = np.zeros(6)
+        else:
+            simulation = CaptureSimulation(self.model, motion, start, config.step, self.captured)
+            self.momentum, self.brought = simulation.momentum, simulation.brought
+            self.target = simulation.joined.link(self.target.name)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
 
@@ -170,6 +183,32 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
             start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max
         )
     return sinusoids(start, *(np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases)))
+
+
+def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
+    """Return what is captured, None where nothing is.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not make a body, or the joints are not driven.
+    """
+    capture = config.capture
+    if capture.time == 0.0:
+        return None
+    if not isinstance(motion, Sinusoids):
+        raise ParameterError(
+            f"parameter 'capture.time' is {capture.time:g} s with motion.kind '{config.motion.kind}'; accepted: 0, or "
+            'joints that are driven: sinusoids, random'
+        )
+    body = np.array([capture.mass, *capture.com, *(capture.inertia or (0.0,) * 6)])
+    if not capture.mass > 0.0 or not is_physical(standard(body)):
+        raise ParameterError(
+            f"parameters 'capture.mass' {capture.mass:g} kg and 'capture.inertia' {list(capture.inertia)} kg m^2 make "
+            'no body; accepted: a mass > 0 and principal moments > 0, none larger than the sum of the other two'
+        )
+    velocities = np.array(capture.linear_velocity), np.array(capture.angular_velocity)
+    return Target(capture.time, link.name, body, *velocities)
 
 
 def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:

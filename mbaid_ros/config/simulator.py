@@ -70,6 +70,31 @@ class MotionConfig:
 
 
 @dataclass(frozen=True)
+class SimulatedCaptureConfig:
+    """A body that tumbles freely until the target link captures it."""
+
+    time: float = parameter(
+        0.0, 'Time of the capture, for a robot whose joints are driven; 0 means that there is none.', 's', minimum=0.0
+    )
+    mass: float = parameter(0.0, 'Mass of the captured body.', unit='kg', minimum=0.0)
+    com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "Its centre of mass in the target link's frame, once captured.", unit='m', lengths=(3,)
+    )
+    inertia: tuple[float, ...] = parameter(
+        (),
+        "Its inertia about the centre of mass in the target link's axes: ixx, ixy, ixz, iyy, iyz, izz.",
+        unit='kg m^2',
+        lengths=(0, 6),
+    )
+    linear_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Velocity of its centre of mass just before, in odometry axes.', unit='m/s', lengths=(3,)
+    )
+    angular_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Its angular velocity just before, in odometry axes.', unit='rad/s', lengths=(3,)
+    )
+
+
+@dataclass(frozen=True)
 class SimulatedNoiseConfig:
     """One standard deviation of the noise added to each channel of a sample; 0 is none."""
 
@@ -118,4 +143,5 @@ class SimulatorConfig:
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
+    capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

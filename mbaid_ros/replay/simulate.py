@@ -126,6 +126,24 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
             bar.update(until - bar.n)
 
 
+def _captured(run: SimulatedRun) -> dict[str, object] | None:
+    """Return what is captured, its momentum before, and when; None where nothing is."""
+    target = run.captured
+    if target is None:
+        return None
+    body = dict(zip(PARAMETERS, target.body.tolist(), strict=True))
+    return {
+        't': target.time,
+        'mass': body['mass'],
+        'com': [body[name] for name in ('com_x', 'com_y', 'com_z')],
+        'inertia': {name: body[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
+        'target_linear_momentum': run.brought[:3].tolist(),
+        'target_angular_momentum': run.brought[3:].tolist(),
+        'target_linear_velocity': target.velocity.tolist(),
+        'target_angular_velocity': target.spin.tolist(),
+    }
+
+
 def _write_truth(path: Path, run: SimulatedRun) -> None:
     parameters = dict(zip(PARAMETERS, run.target_inertia.tolist(), strict=True))
     truth = {
@@ -135,6 +153,7 @@ def _write_truth(path: Path, run: SimulatedRun) -> None:
         'com': [parameters[name] for name in ('com_x', 'com_y', 'com_z')],
         'inertia': {name: parameters[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
         'momentum': {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
+        'capture': _captured(run),
         'seed': run.config.seed,
         'parameters': values_of(run.config),
     }

@@ -55,6 +55,11 @@ class Sinusoids:
         position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
         return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
 
+    def later(self, time: float) -> Sinusoids:
+        """Return the same motion, begun at a time (s) of this one."""
+        phase = self.phase + 2.0 * np.pi * time * self.frequency
+        return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
+
     def command(self, time: float, position: Array, velocity: Array) -> Array:
         """Return the reference's acceleration, corrected by the tracking error."""
         wanted, speed, acceleration = self.reference(time)
