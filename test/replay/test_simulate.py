@@ -157,3 +157,43 @@ def test_a_capture_that_cannot_be(
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert reason in error
+
+
+THRUST = {'thrust.time': '4.0', 'thrust.duration': '1.3', 'thrust.force': '[1.5, -1.4, 1.2]', 'thrust.link': 'link1'}
+
+
+def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    noise = {f'noise.{name}': str(value) for name, value in NOISE.items()}
+    events = {}
+    for told in ('true', 'false'):
+        bag = tmp_path / told
+        options = assigned({**THRUST, **noise, 'thrust.publish': told})
+        assert main([*model, *SERVICER, '--duration', '12', *options, '--output', str(bag)]) == 0
+        with BagReader(bag) as reader:
+            assert ('/thrust' in reader.topics) == (told == 'true')
+            if told == 'true':
+                assert reader.topics['/thrust'].count == 14  # ten a second, and the end
+        assert json.loads((bag / 'truth.json').read_text())['momentum'] is None
+        capsys.readouterr()
+        assert replay([str(bag), *model, '--json', '-']) == 0
+        events[told] = json.loads(capsys.readouterr().out)['events']
+    assert events['true'] == []
+    assert events['false'] != []
+
+
+@pytest.mark.parametrize(
+    ('changed', 'reason'),
+    [
+        ({'capture.time': '3.0'}, "'thrust.duration' is 1.3 s with capture.time 3 s"),
+        ({'thrust.link': 'jet'}, "link 'jet' is not in the robot description"),
+        ({'thrust.duration': '-1.0'}, "parameter 'thrust.duration' is -1.0 s; accepted: a number >= 0 s"),
+    ],
+)
+def test_thrust_that_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
+) -> None:
+    options = assigned({**CAPTURE, 'capture.time': '0.0', **THRUST, **changed})
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    assert main([*model, *SERVICER, *options, '--output', str(tmp_path / 'bag')]) == 2
+    assert reason in capsys.readouterr().err

@@ -23,6 +23,10 @@ class Motion(Protocol):
         """Return the joint accelerations to give (n,) in rad/s^2 or m/s^2, or None where no torque acts."""
         ...
 
+    def later(self, time: float) -> Motion:
+        """Return the same motion, begun at a time (s) of this one."""
+        ...
+
 
 class Passive:
     """Free joints: no torque (the paper's case)."""
@@ -30,6 +34,10 @@ class Passive:
     def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - the protocol's
         """Return None: nothing drives the joints."""
         return
+
+    def later(self, time: float) -> Passive:  # noqa: ARG002 - the protocol's
+        """Return itself."""
+        return self
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.thrust import ThrustSimulation
 
 # A reading due within this of a limit (in periods) is due at it: k / rate is rounded.
 _ROUNDING = 1e-9
@@ -117,7 +118,11 @@ class SensedSimulation:
     """
 
     def __init__(
-        self, simulation: Simulation | CaptureSimulation, sensors: Sensors, joint_rate: float, odometry_rate: float
+        self,
+        simulation: Simulation | CaptureSimulation | ThrustSimulation,
+        sensors: Sensors,
+        joint_rate: float,
+        odometry_rate: float,
     ) -> None:
         self._simulation = simulation
         self._sensors = sensors
