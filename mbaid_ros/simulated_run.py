@@ -10,18 +10,22 @@ import numpy as np
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
 from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message
 
-Topic = Literal['joint_states', 'odom']
+Topic = Literal['joint_states', 'odom', 'thrust']
+_COMMANDS = 0.1  # s, between two of thrust
 
 _QUATERNION_TOLERANCE = 1e-3
 
@@ -34,7 +38,7 @@ class TimedMessage:
     ----------
     time : s since the start of the run
     topic : the one it belongs on
-    message : JointState or Odometry
+    message : JointState, Odometry or WrenchStamped
     """
 
     time: float
@@ -57,7 +61,10 @@ class SimulatedRun:
     start : stamp at time 0, ns; to be set before the first message is asked for
     model : RobotModel
     target : the target link
-    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
+    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
+    pulse : of thrust, None where there is none; the momentum is then that before it
+    captured : what is captured, None where nothing is
+    brought : (6,) the momentum that it had before; zero where nothing is captured
 
     Raises
     ------
@@ -72,8 +79,23 @@ class SimulatedRun:
         self._types = types
         self.start = 0
         motion = make_motion(config, self.model)
-        simulation = Simulation(self.model, motion, make_initial_state(config, self.model, motion), config.step)
-        self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+        start = make_initial_state(config, self.model, motion)
+        self.captured = make_target(config, self.target, motion)
+        self.pulse = make_pulse(config, self.model)
+        self._commands = _commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
+        simulation: Simulation | CaptureSimulation | ThrustSimulation
+        if self.pulse is not None:
+            simulation = ThrustSimulation(self.model, motion, start, config.step, self.pulse)
+            self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+            self.brought: Array = np.zeros(6)
+        elif self.captured is None or not isinstance(motion, Sinusoids):
+            simulation = Simulation(self.model, motion, start, config.step)
+            self.momentum = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+            self.brought = np.zeros(6)
+        else:
+            simulation = CaptureSimulation(self.model, motion, start, config.step, self.captured)
+            self.momentum, self.brought = simulation.momentum, simulation.brought
+            self.target = simulation.joined.link(self.target.name)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
 
@@ -108,7 +130,10 @@ class SimulatedRun:
             The motion has diverged.
         """
         joints, base = self._sensed.read(until)
+        due = [command for command in self._commands if command[0] <= until]
+        del self._commands[: len(due)]
         messages = [
+            *(TimedMessage(time, 'thrust', self._wrench(time, wrench)) for time, wrench in due),
             *(TimedMessage(float(time), 'odom', self._odometry(base, index)) for index, time in enumerate(base.time)),
             *(TimedMessage(float(time), 'joint_states', self._joints(joints, i)) for i, time in enumerate(joints.time)),
         ]
@@ -122,6 +147,13 @@ class SimulatedRun:
             velocity=readings.velocity[index],
             effort=readings.effort[index],
         )
+
+    def _wrench(self, time: float, wrench: Array) -> Any:
+        find = self._types.find
+        link = self.model.base_link if self.pulse is None else self.pulse.link
+        force, torque = self._of('Vector3', wrench[:3], 'xyz'), self._of('Vector3', wrench[3:], 'xyz')
+        value = find('geometry_msgs/msg/Wrench')(force=force, torque=torque)
+        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(time, link), wrench=value)
 
     def _odometry(self, readings: BaseReadings, index: int) -> Any:
         find = self._types.find
@@ -170,6 +202,60 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
             start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max
         )
     return sinusoids(start, *(np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases)))
+
+
+def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
+    """Return the pulse of thrust, None where there is none.
+
+    Raises
+    ------
+    ModelError
+        It acts on a link that the robot does not have.
+    ParameterError
+        There is a capture, too.
+    """
+    thrust = config.thrust
+    if thrust.duration == 0.0:
+        return None
+    if config.capture.time > 0.0:
+        raise ParameterError(
+            f"parameter 'thrust.duration' is {thrust.duration:g} s with capture.time {config.capture.time:g} s; "
+            'accepted: one of them, the other 0'
+        )
+    link = model.link(thrust.link or model.base_link).name
+    return Pulse(thrust.time, thrust.time + thrust.duration, link, np.array([*thrust.force, *thrust.torque]))
+
+
+def _commands(pulse: Pulse) -> list[tuple[float, Array]]:
+    """Return what is commanded when, s: the thrust again and again, and its end."""
+    times = np.arange(pulse.begin, pulse.end - 1e-9, _COMMANDS).tolist()
+    return [*((time, pulse.wrench) for time in times), (pulse.end, np.zeros(6))]
+
+
+def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
+    """Return what is captured, None where nothing is.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not make a body, or the joints are not driven.
+    """
+    capture = config.capture
+    if capture.time == 0.0:
+        return None
+    if not isinstance(motion, Sinusoids):
+        raise ParameterError(
+            f"parameter 'capture.time' is {capture.time:g} s with motion.kind '{config.motion.kind}'; accepted: 0, or "
+            'joints that are driven: sinusoids, random'
+        )
+    body = np.array([capture.mass, *capture.com, *(capture.inertia or (0.0,) * 6)])
+    if not capture.mass > 0.0 or not is_physical(standard(body)):
+        raise ParameterError(
+            f"parameters 'capture.mass' {capture.mass:g} kg and 'capture.inertia' {list(capture.inertia)} kg m^2 make "
+            'no body; accepted: a mass > 0 and principal moments > 0, none larger than the sum of the other two'
+        )
+    velocities = np.array(capture.linear_velocity), np.array(capture.angular_velocity)
+    return Target(capture.time, link.name, body, *velocities)
 
 
 def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:

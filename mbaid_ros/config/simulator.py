@@ -70,6 +70,46 @@ class MotionConfig:
 
 
 @dataclass(frozen=True)
+class SimulatedThrustConfig:
+    """A pulse of thrust, and whether it is told."""
+
+    time: float = parameter(0.0, 'Begin of a pulse of thrust.', 's', minimum=0.0)
+    duration: float = parameter(0.0, 'Its length; 0 means that there is none.', 's', minimum=0.0)
+    link: str = parameter('', 'Link it acts on, at the origin and in the axes of its frame; empty means the base link.')
+    force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Force.', unit='N', lengths=(3,))
+    torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Torque.', unit='N m', lengths=(3,))
+    publish: bool = parameter(
+        True,  # noqa: FBT003 - a default
+        'Publish what is commanded on thrust, ten times a second while it acts.',
+    )
+
+
+@dataclass(frozen=True)
+class SimulatedCaptureConfig:
+    """A body that tumbles freely until the target link captures it."""
+
+    time: float = parameter(
+        0.0, 'Time of the capture, for a robot whose joints are driven; 0 means that there is none.', 's', minimum=0.0
+    )
+    mass: float = parameter(0.0, 'Mass of the captured body.', unit='kg', minimum=0.0)
+    com: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "Its centre of mass in the target link's frame, once captured.", unit='m', lengths=(3,)
+    )
+    inertia: tuple[float, ...] = parameter(
+        (),
+        "Its inertia about the centre of mass in the target link's axes: ixx, ixy, ixz, iyy, iyz, izz.",
+        unit='kg m^2',
+        lengths=(0, 6),
+    )
+    linear_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Velocity of its centre of mass just before, in odometry axes.', unit='m/s', lengths=(3,)
+    )
+    angular_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Its angular velocity just before, in odometry axes.', unit='rad/s', lengths=(3,)
+    )
+
+
+@dataclass(frozen=True)
 class SimulatedNoiseConfig:
     """One standard deviation of the noise added to each channel of a sample; 0 is none."""
 
@@ -118,4 +158,6 @@ class SimulatorConfig:
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
+    thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
+    capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 
-from geometry_msgs.msg import InertiaStamped
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -56,6 +56,9 @@ class SimulatorNode(Node):
             'joint_states': self.create_publisher(JointState, 'joint_states', qos(_DEPTH)),
             'odom': self.create_publisher(Odometry, 'odom', qos(_DEPTH)),
         }
+        self._inputs = list(self._outlets.values())  # what an estimator needs
+        if self._run.pulse is not None and self._config.thrust.publish:
+            self._outlets['thrust'] = self.create_publisher(WrenchStamped, 'thrust', qos(_DEPTH))
         self._clock_outlet = (
             self.create_publisher(ClockMessage, '/clock', qos(10)) if self._config.publish_clock else None
         )
@@ -84,7 +87,7 @@ class SimulatorNode(Node):
     def _on_timer(self) -> None:
         """Publish what is due."""
         if math.isnan(self._begin):
-            if not all(outlet.get_subscription_count() for outlet in self._outlets.values()):
+            if not all(outlet.get_subscription_count() for outlet in self._inputs):
                 return
             self._start()
         now = (time.monotonic() - self._begin) * self._config.real_time_factor

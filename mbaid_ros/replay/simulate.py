@@ -23,7 +23,8 @@ from mbaid_ros.outgoing import MessageTypes
 from mbaid_ros.simulated_run import SimulatedRun
 
 NODE = 'simulator'
-JOINT_STATES, ODOMETRY, DESCRIPTION, TRUTH = '/joint_states', '/odom', '/robot_description', f'/{NODE}/truth'
+JOINT_STATES, ODOMETRY, THRUST = '/joint_states', '/odom', '/thrust'
+DESCRIPTION, TRUTH = '/robot_description', f'/{NODE}/truth'
 TRUTH_FILE = 'truth.json'
 
 _TYPES = MessageTypes(find=message_class, flags=np.asarray)
@@ -112,7 +113,9 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
     bag.add_topic(TRUTH, 'geometry_msgs/msg/InertiaStamped', latched=True)
     bag.add_topic(JOINT_STATES, 'sensor_msgs/msg/JointState')
     bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
-    topics = {'joint_states': JOINT_STATES, 'odom': ODOMETRY}
+    topics = {'joint_states': JOINT_STATES, 'odom': ODOMETRY, 'thrust': THRUST}
+    if run.pulse is not None and run.config.thrust.publish:
+        bag.add_topic(THRUST, 'geometry_msgs/msg/WrenchStamped')
     bag.write(DESCRIPTION, run.description(), run.stamp(0.0))
     bag.write(TRUTH, run.truth(), run.stamp(0.0))
     duration = run.config.duration
@@ -126,6 +129,24 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
             bar.update(until - bar.n)
 
 
+def _captured(run: SimulatedRun) -> dict[str, object] | None:
+    """Return what is captured, its momentum before, and when; None where nothing is."""
+    target = run.captured
+    if target is None:
+        return None
+    body = dict(zip(PARAMETERS, target.body.tolist(), strict=True))
+    return {
+        't': target.time,
+        'mass': body['mass'],
+        'com': [body[name] for name in ('com_x', 'com_y', 'com_z')],
+        'inertia': {name: body[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
+        'target_linear_momentum': run.brought[:3].tolist(),
+        'target_angular_momentum': run.brought[3:].tolist(),
+        'target_linear_velocity': target.velocity.tolist(),
+        'target_angular_velocity': target.spin.tolist(),
+    }
+
+
 def _write_truth(path: Path, run: SimulatedRun) -> None:
     parameters = dict(zip(PARAMETERS, run.target_inertia.tolist(), strict=True))
     truth = {
@@ -134,7 +155,11 @@ def _write_truth(path: Path, run: SimulatedRun) -> None:
         'mass': parameters['mass'],
         'com': [parameters[name] for name in ('com_x', 'com_y', 'com_z')],
         'inertia': {name: parameters[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
-        'momentum': {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
+        # With thrust it is not one momentum.
+        'momentum': None
+        if run.pulse is not None
+        else {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
+        'capture': _captured(run),
         'seed': run.config.seed,
         'parameters': values_of(run.config),
     }

@@ -6,10 +6,13 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mbaid_ros.bags import BagReader
+from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.replay.simulate import main
+from servicing import free_urdf
 from simulated import CONFIG
 
 TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']
@@ -91,3 +94,106 @@ def test_a_bag_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['--help']) == 0
     assert 'simulate --model config/table1.urdf' in capsys.readouterr().out
+
+
+CAPTURE = {
+    'capture.time': '8.0',
+    'capture.mass': '155.0',
+    'capture.com': '[0.34, -0.22, 0.78]',
+    'capture.inertia': '[24.0, -2.5, 2.0, 33.0, -0.5, 29.0]',
+    'capture.linear_velocity': '[0.004, -0.006, 0.003]',
+    'capture.angular_velocity': '[0.02, -0.03, 0.015]',
+}
+NOISE = {'joint_position': 1e-4, 'joint_velocity': 1e-3, 'base_position': 1e-3, 'base_orientation': 1e-4}
+SERVICER = ['--params', str(CONFIG / 'servicer7_simulator.yaml'), '--duration', '20']
+
+
+def assigned(values: dict[str, str]) -> list[str]:
+    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
+
+
+def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf, parameters, bag = tmp_path / 'free.urdf', tmp_path / 'estimator.yaml', tmp_path / 'bag'
+    urdf.write_text(free_urdf(), encoding='utf-8')
+    noise = {**NOISE, 'base_linear_velocity': 1e-3, 'base_angular_velocity': 1e-4}
+    options = assigned({**CAPTURE, **{f'noise.{name}': str(value) for name, value in noise.items()}})
+    assert main(['--model', str(urdf), *SERVICER, *options, '--output', str(bag)]) == 0
+    truth = json.loads((bag / 'truth.json').read_text())
+    assert truth['mass'] == pytest.approx(162.0)
+    told = truth['capture']
+    assert (told['t'], told['mass'], told['inertia']['iyy']) == (8.0, 155.0, 33.0)
+    assert told['target_linear_momentum'] == pytest.approx([0.62, -0.93, 0.465])
+    parameters.write_text('estimator: {ros__parameters: {capture.time: 8.0, debris.report: true, method: trajectory}}')
+    capsys.readouterr()
+    assert replay([str(bag), '--model', str(urdf), '--params', str(parameters), '--json', '-']) == 0
+    result = json.loads(capsys.readouterr().out)
+    found = result['capture']
+    for key in ('target_linear_momentum', 'target_angular_momentum'):
+        assert np.all(np.abs(np.array(found[key]) - told[key]) < 4.0 * np.array(found[f'{key}_std']))
+    for part in ('linear', 'angular'):
+        momentum, std = (np.array(result['momentum'][name]) for name in (part, f'{part}_std'))
+        assert np.all(np.abs(momentum - truth['momentum'][part]) < 4.0 * std)
+    body = result['debris']
+    off = np.array([body['mass'], *body['com'], *body['inertia'].values()])
+    off -= [told['mass'], *told['com'], *told['inertia'].values()]
+    assert off @ np.linalg.solve(np.array(body['covariance']), off) < 36.0  # ten chi-squares: 1 in 10 000
+
+
+@pytest.mark.parametrize(
+    ('changed', 'reason'),
+    [
+        ({'motion.kind': 'passive'}, "'capture.time' is 8 s with motion.kind 'passive'"),
+        ({'capture.mass': '0.0'}, "'capture.mass' 0 kg"),
+        ({'capture.inertia': '[1.0, 0.0, 0.0, 1.0, 0.0, 9.0]'}, 'make no body'),
+        ({'capture.inertia': '[1.0]'}, "parameter 'capture.inertia'"),
+    ],
+)
+def test_a_capture_that_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
+) -> None:
+    options = assigned({**CAPTURE, **changed})
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    assert main([*model, *SERVICER, *options, '--output', str(tmp_path / 'bag')]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert reason in error
+
+
+THRUST = {'thrust.time': '4.0', 'thrust.duration': '1.3', 'thrust.force': '[1.5, -1.4, 1.2]', 'thrust.link': 'link1'}
+
+
+def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    noise = {f'noise.{name}': str(value) for name, value in NOISE.items()}
+    events = {}
+    for told in ('true', 'false'):
+        bag = tmp_path / told
+        options = assigned({**THRUST, **noise, 'thrust.publish': told})
+        assert main([*model, *SERVICER, '--duration', '12', *options, '--output', str(bag)]) == 0
+        with BagReader(bag) as reader:
+            assert ('/thrust' in reader.topics) == (told == 'true')
+            if told == 'true':
+                assert reader.topics['/thrust'].count == 14  # ten a second, and the end
+        assert json.loads((bag / 'truth.json').read_text())['momentum'] is None
+        capsys.readouterr()
+        assert replay([str(bag), *model, '--json', '-']) == 0
+        events[told] = json.loads(capsys.readouterr().out)['events']
+    assert events['true'] == []
+    assert events['false'] != []
+
+
+@pytest.mark.parametrize(
+    ('changed', 'reason'),
+    [
+        ({'capture.time': '3.0'}, "'thrust.duration' is 1.3 s with capture.time 3 s"),
+        ({'thrust.link': 'jet'}, "link 'jet' is not in the robot description"),
+        ({'thrust.duration': '-1.0'}, "parameter 'thrust.duration' is -1.0 s; accepted: a number >= 0 s"),
+    ],
+)
+def test_thrust_that_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
+) -> None:
+    options = assigned({**CAPTURE, 'capture.time': '0.0', **THRUST, **changed})
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    assert main([*model, *SERVICER, *options, '--output', str(tmp_path / 'bag')]) == 2
+    assert reason in capsys.readouterr().err

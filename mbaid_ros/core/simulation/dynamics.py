@@ -11,7 +11,7 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.robot.model import Link, RobotModel, parse
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -64,12 +64,34 @@ class State:
 TorqueLaw = Callable[[float, State], Array]
 
 
+@dataclass(frozen=True)
+class Push:
+    """A force and torque on a body.
+
+    Attributes
+    ----------
+    body : index of the moving body
+    force, torque : (3,) N, N m, about the body frame's origin, in its axes
+    """
+
+    body: int
+    force: Array
+    torque: Array
+
+    @staticmethod
+    def on(link: Link, wrench: Array) -> Push:
+        """Return a (6,) force and torque about a link frame's origin, in its axes, as its body has it."""
+        force = link.rotation @ wrench[:3]
+        return Push(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
+
+
 class Dynamics:
     """Forward and inverse dynamics of one robot, without gravity.
 
     Parameters
     ----------
     model : RobotModel
+    push : what acts on it from outside
 
     Raises
     ------
@@ -77,7 +99,7 @@ class Dynamics:
         The mass matrix is singular or not positive: something that moves has no inertia.
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, push: Push | None = None) -> None:
         self.model = model
         self._pinocchio = parse(model.urdf)
         self._data = self._pinocchio.createData()
@@ -85,6 +107,10 @@ class Dynamics:
         self._place = np.array([joint.idx_q for joint in joints], dtype=int)
         self._turning = np.array(model.continuous, dtype=bool)
         self._sine_place = self._place[self._turning] + 1
+        self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
+        if push is not None:
+            # pinocchio's universe comes before the bodies.
+            self._forces[push.body + 1] = pinocchio.Force(push.force, push.torque)
         self._refuse_singular()
 
     def acceleration(self, state: State, torque: Array) -> Array:
@@ -105,7 +131,8 @@ class Dynamics:
             The result is not finite: the mass matrix is singular in this state, or the motion has diverged.
         """
         generalised = np.concatenate((np.zeros(6), torque))
-        result = pinocchio.aba(self._pinocchio, self._data, self._configuration(state), state.velocity, generalised)
+        configuration = self._configuration(state)
+        result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
             message = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
             raise ModelError(message)

@@ -23,6 +23,10 @@ class Motion(Protocol):
         """Return the joint accelerations to give (n,) in rad/s^2 or m/s^2, or None where no torque acts."""
         ...
 
+    def later(self, time: float) -> Motion:
+        """Return the same motion, begun at a time (s) of this one."""
+        ...
+
 
 class Passive:
     """Free joints: no torque (the paper's case)."""
@@ -30,6 +34,10 @@ class Passive:
     def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - the protocol's
         """Return None: nothing drives the joints."""
         return
+
+    def later(self, time: float) -> Passive:  # noqa: ARG002 - the protocol's
+        """Return itself."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,11 @@ class Sinusoids:
         sine, speed = self.amplitude * np.sin(angle), self.amplitude * rate
         position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
         return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
+
+    def later(self, time: float) -> Sinusoids:
+        """Return the same motion, begun at a time (s) of this one."""
+        phase = self.phase + 2.0 * np.pi * time * self.frequency
+        return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
 
     def command(self, time: float, position: Array, velocity: Array) -> Array:
         """Return the reference's acceleration, corrected by the tracking error."""

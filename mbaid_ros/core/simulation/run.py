@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.dynamics import Dynamics, State
+from mbaid_ros.core.simulation.dynamics import Dynamics, Push, State
 from mbaid_ros.core.simulation.hermite import Nodes
 from mbaid_ros.core.simulation.motion import Motion
 
@@ -65,6 +65,7 @@ class Simulation:
     motion : what drives the joints
     initial : state at time 0
     step : s, of the integrator
+    push : what acts on the robot from outside all the time
 
     Raises
     ------
@@ -72,11 +73,13 @@ class Simulation:
         The robot's mass matrix is singular.
     """
 
-    def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float) -> None:
+    def __init__(
+        self, model: RobotModel, motion: Motion, initial: State, step: float, push: Push | None = None
+    ) -> None:
         self.model = model
         self.motion = motion
         self.step = step
-        self._dynamics = Dynamics(model)
+        self._dynamics = Dynamics(model, push)
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
         start = replace(initial, base_position=np.zeros(3))

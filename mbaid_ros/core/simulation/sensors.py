@@ -10,7 +10,9 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.thrust import ThrustSimulation
 
 # A reading due within this of a limit (in periods) is due at it: k / rate is rounded.
 _ROUNDING = 1e-9
@@ -115,7 +117,13 @@ class SensedSimulation:
     joint_rate, odometry_rate : readings a second, from time 0 on
     """
 
-    def __init__(self, simulation: Simulation, sensors: Sensors, joint_rate: float, odometry_rate: float) -> None:
+    def __init__(
+        self,
+        simulation: Simulation | CaptureSimulation | ThrustSimulation,
+        sensors: Sensors,
+        joint_rate: float,
+        odometry_rate: float,
+    ) -> None:
         self._simulation = simulation
         self._sensors = sensors
         self._rates = (joint_rate, odometry_rate)

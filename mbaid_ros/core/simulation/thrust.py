@@ -1,0 +1,88 @@
+"""A pulse of thrust: a force and torque that are constant in the axes of a link, for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.simulation.dynamics import Push, State
+from mbaid_ros.core.simulation.motion import Motion
+from mbaid_ros.core.simulation.run import Simulation, Truth
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A force and torque that act on a link.
+
+    Attributes
+    ----------
+    begin, end : s since the start of the run
+    link : name of the link
+    wrench : (6,) force, N, and torque about the link frame's origin, N m, in its axes
+    """
+
+    begin: float
+    end: float
+    link: str
+    wrench: Array
+
+
+class ThrustSimulation:
+    """A run of the free-floating robot with a pulse of thrust; what it gives and takes is as of Simulation.
+
+    The integrator begins anew where the pulse begins and ends: its steps stay smooth.
+
+    Parameters
+    ----------
+    model : RobotModel
+    motion : what drives the joints
+    initial : state at time 0
+    step : s, of the integrator
+    pulse : Pulse
+
+    Raises
+    ------
+    ModelError
+        The robot's mass matrix is singular, or it has no such link.
+    """
+
+    def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
+        self._model, self._motion, self._step = model, motion, step
+        push = Push.on(model.link(pulse.link), pulse.wrench)
+        self._changes: list[tuple[float, Push | None]] = [(pulse.begin, push), (pulse.end, None)]
+        self._start = 0.0
+        self._simulation = Simulation(model, motion, initial, step)
+
+    def advance(self, instants: Array) -> Truth:
+        """Return the true motion at instants (s, in order), and forget what lies before the last of them.
+
+        Raises
+        ------
+        DataError
+            An instant lies before one already passed.
+        ModelError
+            The motion has diverged.
+        """
+        parts: list[Truth] = []
+        while self._changes and len(instants) and instants[-1] >= self._changes[0][0]:
+            time, push = self._changes.pop(0)
+            early = instants < time
+            part = self._now(np.append(instants[early], time))
+            parts.append(part[: len(part) - 1])
+            instants = instants[~early]
+            self._start = time
+            self._simulation = Simulation(self._model, self._motion.later(time), _state(part), self._step, push)
+        parts.append(self._now(instants))
+        return Truth(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Truth)))
+
+    def _now(self, instants: Array) -> Truth:
+        return replace(self._simulation.advance(instants - self._start), time=instants)
+
+
+def _state(truth: Truth) -> State:
+    """Return the last of some instants as a state."""
+    twist = (truth.base_linear_velocity[-1], truth.base_angular_velocity[-1], truth.joint_velocity[-1])
+    return State(truth.base_position[-1], truth.base_orientation[-1], truth.joint_position[-1], np.concatenate(twist))
