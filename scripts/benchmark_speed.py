@@ -94,9 +94,9 @@ def _core(arguments: argparse.Namespace, _folder: Path) -> str:
     ratio = _middle([ours / peer for ours, peer in zip(rates.rows, rates.peer, strict=True)])
     kilo = [number(1e-3 * float(np.median(values)), 1) for values in (rates.rows, rates.peer)]
     made = (
-        f'Regressor and known momentum of a sample, by the kernel for {_ROWS} samples at once, and one by one in a '
-        f'loop over pinocchio, which gives the same numbers: {kilo[0]} and {kilo[1]} thousand samples a second, a ratio of '
-        f'{ratio}. Wanted: 400 thousand, and 10.'
+        f'Regressor and known momentum of a sample, by the kernel for {_ROWS} samples at once, and one by one '
+        f'in a loop over pinocchio, which gives the same numbers: {kilo[0]} and {kilo[1]} thousand samples a second, a '
+        f'ratio of {ratio}. Wanted: 400 thousand, and 10.'
     )
     joints: dict[str, Mapping[int, float]] = {'rows': speed_core.rows_by_joints(_ROWS, arguments.repeats)}
     joints |= {name: speed_core.identification_by_joints(name, _SHORT, arguments.repeats) for name in METHODS[:1]}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
+from mbaid_ros.replay.inputs import Inputs
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
@@ -20,25 +20,6 @@ _MESSAGES_AT_ONCE = 2_000
 
 # Called now and then with the number of messages read and that of all.
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """The topics to read.
-
-    Attributes
-    ----------
-    joint_states : of type sensor_msgs/JointState
-    odometry : of type nav_msgs/Odometry
-    """
-
-    joint_states: str = '/joint_states'
-    odometry: str = '/odom'
-
-    @property
-    def topics(self) -> tuple[str, str]:
-        """Both of them."""
-        return self.joint_states, self.odometry
 
 
 def feed(

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.disturbances import Jump
 from mbaid_ros.core.difference.effects import Axes
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
@@ -247,4 +247,4 @@ def _delay(run: _Run) -> tuple[float, float]:
 
 def _tells(value: Array, covariance: Array, chance: float) -> bool:
     """Return whether an estimate would be so far from zero by chance less often than that."""
-    return bool(float(value @ np.linalg.solve(covariance, value)) > chi2.isf(chance, len(value)))
+    return bool(float(value @ np.linalg.solve(covariance, value)) > chi_square.limit(chance, len(value)))
