@@ -143,7 +143,7 @@ class SteppedLikelihood:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
         white, coupling = likelihood.whitened()
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
-        effects = np.linalg.solve(white.factor, likelihood.columns[..., places])
+        effects = white.whitener @ likelihood.columns[..., places]
         own = np.diag(coupling.own)[places] * size**2
         left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
         self.surplus = float(np.sum(np.maximum(left, 0.0)))
