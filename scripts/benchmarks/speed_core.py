@@ -16,6 +16,7 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model, parse
+from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import random_sinusoids
@@ -186,8 +187,8 @@ def _taken(work: Callable[..., object], *arguments: object) -> float:
 
 def _rows(ours: MomentumKernel, samples: Samples) -> tuple[Array, Array]:
     """Return the (N, 6, 10) regressor of the target link and the (N, 6) momentum of the known bodies."""
-    states = ours.states(samples)
-    return states.regressor, states.known_momentum
+    found = momentum_rows(ours, samples)
+    return np.moveaxis(found.regressors[0], -1, 0), found.known.T
 
 
 class _Peer:

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.disturbances import Jump
-from mbaid_ros.core.difference.effects import Axes
+from mbaid_ros.core.difference.effects import Axes, delay_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -96,13 +96,16 @@ class DifferenceEstimator:
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows = window_rows(self._observed, windows, self._settings.noise, start)
-        return [self._window(window, rows[k : k + 1], start, origin) for k, window in enumerate(windows)]
+        delays: Array = np.zeros((len(windows), 6, 11))
+        if self._settings.beside.delay_std > 0.0:
+            delays = delay_columns(self._kernel, windows, rows)
+        return [self._window(window, rows[k : k + 1], delays[k], start, origin) for k, window in enumerate(windows)]
 
-    def _window(self, window: Samples, rows: Blocks, start: Array, origin: int) -> Estimate:
+    def _window(self, window: Samples, rows: Blocks, delay: Array, start: Array, origin: int) -> Estimate:
         self._plane.update(window)
         run = self._run = self._running(start, float(window.time[0]))
         time = float(window.time[-1])
-        block, columns = run.problem.of(window, rows)
+        block, columns = run.problem.of(window, rows, delay)
         linear = run.likelihood.add(block, columns, (float(window.time[0]), time))
         self._samples += len(window)
         solution = self._solution(run, linear)

@@ -16,8 +16,9 @@ import numpy as np
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
-from mbaid_ros.core.samples import Samples, SensorNoise, Stamps
+from mbaid_ros.core.samples import Samples, SensorNoise
 
 UNKNOWNS = 16
 BODY = slice(0, 10)
@@ -41,21 +42,33 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
-    samples = Samples.concatenate(windows)
-    counts = np.array([len(window) for window in windows])
-    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
-    states = kernel.states(samples)
-    position = samples.base_position - origin
-    rows = [_mean(states.regressor_of(link), starts, counts) for link in kernel.unknown]
-    rows.append(-_transport(_mean(position, starts, counts)))
+    known, target = mean_rows(kernel, windows)
+    position = np.array([np.mean(window.base_position - origin, axis=0) for window in windows])
+    rows = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute).
-    halves = [
-        _noise(kernel, states[starts + np.round(part * (counts - 1)).astype(int)], windows, noise) for part in _GAUSS
-    ]
-    known, target = (np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True))
-    return Blocks(np.concatenate(rows, axis=2), _mean(states.known_momentum, starts, counts), known, target)
+    points = [Samples.concatenate([window[_at(part * (len(window) - 1))] for window in windows]) for part in _GAUSS]
+    halves = [_noise(kernel, kernel.states(samples), windows, noise) for samples in points]
+    noise_known, noise_rows = (
+        np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True)
+    )
+    return Blocks(rows, known, noise_known, noise_rows)
+
+
+def mean_rows(kernel: MomentumKernel, windows: list[Samples]) -> tuple[Array, Array]:
+    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k)."""
+    rows = momentum_rows(kernel, Samples.concatenate(windows))
+    counts = np.array([len(window) for window in windows])
+    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known, *rows.regressors))
+    known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
+    return known, np.concatenate(regressors, axis=2)
+
+
+def _at(place: float) -> slice:
+    """Return the slice of one sample."""
+    return slice(round(place), round(place) + 1)
 
 
 def _transport(position: Array) -> Array:
@@ -106,8 +119,3 @@ def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> A
     factor[:, twist, twist] = np.linalg.cholesky(twist_covariance)
     counts = np.array([len(window) for window in windows])
     return factor / np.sqrt(counts)[:, None, None]
-
-
-def _mean(values: Array, starts: Stamps, counts: Stamps) -> Array:
-    total = np.add.reduceat(values, starts, axis=0)
-    return total / counts.reshape(-1, *(1,) * (values.ndim - 1))
