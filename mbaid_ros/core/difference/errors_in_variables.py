@@ -75,7 +75,7 @@ class Blocks:
             selection @ self.rows @ basis,
             self.offset @ selection.T,
             selection @ self.noise,
-            np.moveaxis(noise_rows, -1, 1),
+            np.ascontiguousarray(np.moveaxis(noise_rows, -1, 1)),
         )
 
 

@@ -97,7 +97,8 @@ def _noise(
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     factor = _error_factors(windows, joints, noise)
-    return known @ factor, np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3)
+    # In the order that the solver goes through them, thousands of times.
+    return known @ factor, np.ascontiguousarray(np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3))
 
 
 def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> Array:
