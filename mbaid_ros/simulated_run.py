@@ -77,6 +77,7 @@ class SimulatedRun:
         self.model = load_model(urdf)
         self.target = self.model.link(config.target_link or self.model.last_link)
         self._types = types
+        self._messages = SensorMessages(types, self.model, config.odom_frame)
         self.start = 0
         motion = make_motion(config, self.model)
         start = make_initial_state(config, self.model, motion)
@@ -115,7 +116,7 @@ class SimulatedRun:
 
     def clock(self, time: float) -> Any:
         """Return a rosgraph_msgs/Clock of a time (s) since the start of the run."""
-        return self._types.find('rosgraph_msgs/msg/Clock')(clock=self._time(time))
+        return self._types.find('rosgraph_msgs/msg/Clock')(clock=self._messages.time(self.stamp(time)))
 
     def stamp(self, time: float) -> int:
         """Return the stamp in ns of a time (s) since the start of the run."""
@@ -132,30 +133,53 @@ class SimulatedRun:
         joints, base = self._sensed.read(until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
+        link = '' if self.pulse is None else self.pulse.link
+        odometry, joint_state = self._messages.odometry, self._messages.joint_state
         messages = [
-            *(TimedMessage(time, 'thrust', self._wrench(time, wrench)) for time, wrench in due),
-            *(TimedMessage(float(time), 'odom', self._odometry(base, index)) for index, time in enumerate(base.time)),
-            *(TimedMessage(float(time), 'joint_states', self._joints(joints, i)) for i, time in enumerate(joints.time)),
+            *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, link, self.stamp(t))) for t, wrench in due),
+            *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
+            *(
+                TimedMessage(t, 'joint_states', joint_state(joints, i, self.stamp(t)))
+                for i, t in enumerate(joints.time.tolist())
+            ),
         ]
         return sorted(messages, key=lambda message: message.time)
 
-    def _joints(self, readings: JointReadings, index: int) -> Any:
+
+class SensorMessages:
+    """Makes the messages of a robot's sensors.
+
+    Parameters
+    ----------
+    types : MessageTypes
+    model : RobotModel
+    odometry_frame : name
+    """
+
+    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str) -> None:
+        self._types = types
+        self._model = model
+        self._frame = odometry_frame
+
+    def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
         return self._types.find('sensor_msgs/msg/JointState')(
-            header=self._header(readings.time[index], ''),
-            name=list(self.model.joint_names),
+            header=self._header(stamp, ''),
+            name=list(self._model.joint_names),
             position=readings.position[index],
             velocity=readings.velocity[index],
             effort=readings.effort[index],
         )
 
-    def _wrench(self, time: float, wrench: Array) -> Any:
+    def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
+        """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
         find = self._types.find
-        link = self.model.base_link if self.pulse is None else self.pulse.link
         force, torque = self._of('Vector3', wrench[:3], 'xyz'), self._of('Vector3', wrench[3:], 'xyz')
         value = find('geometry_msgs/msg/Wrench')(force=force, torque=torque)
-        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(time, link), wrench=value)
+        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(stamp, link), wrench=value)
 
-    def _odometry(self, readings: BaseReadings, index: int) -> Any:
+    def odometry(self, readings: BaseReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as a nav_msgs/Odometry stamped in ns."""
         find = self._types.find
         pose = find('geometry_msgs/msg/Pose')(
             position=self._of('Point', readings.position[index], 'xyz'),
@@ -166,23 +190,24 @@ class SimulatedRun:
             angular=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
         )
         return find('nav_msgs/msg/Odometry')(
-            header=self._header(readings.time[index], self.config.odom_frame),
-            child_frame_id=self.model.base_link,
+            header=self._header(stamp, self._frame),
+            child_frame_id=self._model.base_link,
             pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=readings.pose_covariance.ravel()),
             twist=find('geometry_msgs/msg/TwistWithCovariance')(
                 twist=twist, covariance=readings.twist_covariance.ravel()
             ),
         )
 
+    def time(self, stamp: int) -> Any:
+        """Return a stamp in ns as a builtin_interfaces/Time."""
+        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+
     def _of(self, name: str, values: Array, fields: str) -> Any:
         return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))
 
-    def _header(self, time: float, frame: str) -> Any:
-        return self._types.find('std_msgs/msg/Header')(stamp=self._time(time), frame_id=frame)
-
-    def _time(self, time: float) -> Any:
-        seconds, nanoseconds = divmod(self.stamp(time), 1_000_000_000)
-        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+    def _header(self, stamp: int, frame: str) -> Any:
+        return self._types.find('std_msgs/msg/Header')(stamp=self.time(stamp), frame_id=frame)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:

@@ -20,7 +20,8 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
-from mbaid_ros.replay.feed import Inputs, progress_bar
+from mbaid_ros.replay.feed import progress_bar
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.motions import BagMotions, read_motions
 
 NOT_DETERMINED = 3

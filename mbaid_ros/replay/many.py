@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.replay.feed import Inputs
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.workers import Workers

@@ -11,7 +11,8 @@ from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.replay.feed import Inputs, Progress, feed
+from mbaid_ros.replay.feed import Progress, feed
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session import Session, intake_warnings
 
 

@@ -14,7 +14,8 @@ from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
-from mbaid_ros.replay.feed import Inputs, Progress, feed
+from mbaid_ros.replay.feed import Progress, feed
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
 from mbaid_ros.session import Session, intake_warnings

@@ -19,7 +19,7 @@ import pytest
 
 import recorded
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.replay.feed import Inputs
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.run import replay_bag

@@ -17,7 +17,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.feed import Inputs
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import ESTIMATE_TOPIC, replay_bag
 from simulated import CONFIG, robot

@@ -49,7 +49,7 @@ class Coupling:
         x : (u,)
         """
         equations = white.residual.size
-        weighed = np.linalg.solve(white.factor, columns).reshape(equations, columns.shape[-1])
+        weighed = (white.whitener @ columns).reshape(equations, columns.shape[-1])
         cross = white.rows.reshape(equations, -1).T @ weighed
         return Coupling(cross, weighed.T @ weighed, weighed.T @ white.residual.reshape(-1) - cross.T @ x)
 

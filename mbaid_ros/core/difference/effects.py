@@ -19,6 +19,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.window_rows import mean_rows
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import regressor
@@ -96,24 +97,29 @@ def with_joints_later(window: Samples, delay: float) -> Samples:
     )
 
 
-def delay_columns(kernel: MomentumKernel, window: Samples, rows: Blocks) -> Array:
-    """Return the window's mean rate of the momentum by the motion of the joints alone.
+def delay_columns(kernel: MomentumKernel, windows: list[Samples], rows: Blocks) -> Array:
+    """Return each window's mean rate of the momentum by the motion of the joints alone.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    window : Samples
-    rows : of this window
+    windows : list of K Samples
+    rows : of these windows
 
     Returns
     -------
-    (6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target
+    (K, 6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target; zero of a single sample
     """
+    known, regressors = mean_rows(kernel, [_later(window) for window in windows])
+    moved = np.concatenate((known[..., None], regressors[..., :10]), axis=2)
+    return np.asarray((moved - np.concatenate((rows.offset[..., None], rows.rows[..., :10]), axis=2)) / _LATER)
+
+
+def _later(window: Samples) -> Samples:
+    """Return a window with the joints where they are a little later."""
     if len(window) < 2:
-        return np.zeros((6, 11))
-    states = kernel.states(with_joints_later(window, _LATER))
-    moved = np.column_stack((np.mean(states.known_momentum, axis=0), np.mean(states.regressor, axis=0)))
-    return np.asarray((moved - np.column_stack((rows.offset[0], rows.rows[0, :, :10]))) / _LATER)
+        return window
+    return with_joints_later(window, _LATER)
 
 
 def body_columns(kernel: MomentumKernel, window: Samples, bodies: tuple[int, ...]) -> Array:

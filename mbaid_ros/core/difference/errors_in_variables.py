@@ -70,7 +70,7 @@ class Blocks:
             selection @ self.rows @ basis,
             self.offset @ selection.T,
             selection @ self.noise,
-            np.moveaxis(noise_rows, -1, 1),
+            np.ascontiguousarray(np.moveaxis(noise_rows, -1, 1)),
         )
 
 
@@ -100,12 +100,24 @@ class White:
     ----------
     residual : (K, r)
     rows : (K, r, u) corrected for the noise in them
-    factor : (K, r, r) L with L L^T the covariance of the residuals
+    noise : (K, r, z) W G, with orthonormal rows
+    whitener : (K, r, r) W with W^T W the inverse of the covariance of the residuals
     """
 
     residual: Array
     rows: Array
-    factor: Array
+    noise: Array
+    whitener: Array
+
+    @staticmethod
+    def nothing() -> White:
+        """Return no blocks."""
+        return White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0)))
+
+    @property
+    def cost(self) -> float:
+        """The sum of the squared normalised residuals."""
+        return float(np.sum(self.residual**2))
 
 
 def cost(blocks: Blocks, x: Array) -> float:
@@ -129,12 +141,18 @@ def whitened(blocks: Blocks, x: Array) -> White:
     """
     residual = blocks.rows @ x + blocks.offset
     noise = blocks.noise + blocks.noise_rows @ x
-    factor = _factor_or_raise(noise)
-    solved = np.linalg.solve(factor, np.concatenate((residual[..., None], noise), axis=-1))
-    white_residual, white_noise = solved[..., 0], solved[..., 1:]
-    adjustment = -(np.swapaxes(white_noise, 1, 2) @ white_residual[..., None])  # u, (K, z, 1)
-    corrected = blocks.rows + (np.swapaxes(blocks.noise_rows, 2, 3) @ adjustment[:, None])[..., 0]
-    return White(white_residual, np.linalg.solve(factor, corrected), factor)
+    whitener = _whitener(noise)
+    white_residual = (whitener @ residual[..., None])[..., 0]
+    white_noise = whitener @ noise
+    adjustment = -(white_residual[:, None] @ white_noise)  # u, (K, 1, z)
+    corrected = blocks.rows + (adjustment[:, None] @ blocks.noise_rows)[:, :, 0]
+    return White(white_residual, whitener @ corrected, white_noise, whitener)
+
+
+def normal_equations(white: White) -> Linearisation:
+    """Return the likelihood's gradient and Gauss-Newton information where the blocks were whitened."""
+    rows, residual = white.rows.reshape(-1, white.rows.shape[-1]), white.residual.reshape(-1)
+    return Linearisation(white.cost, rows.T @ residual, rows.T @ rows, len(residual))
 
 
 def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
@@ -145,15 +163,7 @@ def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
     FloatingPointError
         The covariance of a block is not positive definite at this x.
     """
-    white = whitened(blocks, x)
-    white_rows = white.rows.reshape(-1, white.rows.shape[-1])
-    white_residual = white.residual.reshape(-1)
-    return Linearisation(
-        cost=float(white_residual @ white_residual),
-        gradient=white_rows.T @ white_residual,
-        information=white_rows.T @ white_rows,
-        equations=len(white_residual),
-    )
+    return normal_equations(whitened(blocks, x))
 
 
 def noise_information(blocks: Blocks, x: Array) -> Array:
@@ -164,12 +174,16 @@ def noise_information(blocks: Blocks, x: Array) -> Array:
     FloatingPointError
         The covariance of a block is not positive definite at this x.
     """
-    noise = blocks.noise + blocks.noise_rows @ x
-    whitener = np.linalg.inv(_factor_or_raise(noise))
-    weight = np.swapaxes(whitener, 1, 2) @ whitener
-    # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W G.
-    seen = (whitener @ noise)[:, None] @ blocks.noise_rows
-    return _weighted_square(weight, blocks.noise_rows) - _weighted_square(weight, seen)
+    return own_information(blocks, whitened(blocks, x))
+
+
+def own_information(blocks: Blocks, white: White) -> Array:
+    """Return `noise_information` where the blocks were whitened."""
+    shape = blocks.noise_rows.shape
+    rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
+    # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
+    seen = white.noise[:, None] @ rows
+    return _square(rows) - _square(seen)
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
@@ -195,7 +209,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
     noise = blocks.noise + blocks.noise_rows @ x
     count, equations = blocks.offset.shape
     uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
-    whitener = np.linalg.inv(_factor_or_raise(np.concatenate((noise, uncertain), axis=2)))
+    whitener = _whitener(np.concatenate((noise, uncertain), axis=2))
     weight = np.swapaxes(whitener, 1, 2) @ whitener
     own = _weighted_square(weight, blocks.noise_rows)
     known, offset = weight @ blocks.noise, (weight @ blocks.offset[..., None])[..., 0]
@@ -219,15 +233,15 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
     """
     noise = blocks.noise + blocks.noise_rows @ x
     uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
-    factor = _factor_or_raise(np.concatenate((noise, uncertain), axis=2))
-    solved = np.linalg.solve(factor, np.concatenate((blocks.offset[..., None], blocks.rows), axis=-1))
-    return White(solved[..., 0], solved[..., 1:], factor)
+    whitener = _whitener(np.concatenate((noise, uncertain), axis=2))
+    residual = (whitener @ blocks.offset[..., None])[..., 0]
+    return White(residual, whitener @ blocks.rows, whitener @ noise, whitener)
 
 
 def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
     """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
     count, equations = blocks.offset.shape
-    whitener = np.linalg.inv(_factor_or_raise(blocks.noise + blocks.noise_rows @ x))
+    whitener = _whitener(blocks.noise + blocks.noise_rows @ x)
     uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
     return float(np.sum(uncertain**2)) / blocks.offset.size
 
@@ -251,19 +265,24 @@ def weighted(blocks: Blocks, x: Array, *, compensate: bool) -> tuple[Array, Arra
         The covariance of a block is not positive definite at this x.
     """
     noise = blocks.noise + blocks.noise_rows @ x
-    factor = _factor_or_raise(noise)
-    white_rows = np.linalg.solve(factor, blocks.rows)
-    white_offset = np.linalg.solve(factor, blocks.offset[..., None])[..., 0]
-    information = np.tensordot(white_rows, white_rows, axes=((0, 1), (0, 1)))
+    whitener = _whitener(noise)
+    white_rows = whitener @ blocks.rows
+    white_offset = (whitener @ blocks.offset[..., None])[..., 0]
+    information = _square(white_rows)
     right_side = -np.tensordot(white_rows, white_offset, axes=((0, 1), (0, 1)))
     if compensate:
-        count, equations, sources, unknowns = blocks.noise_rows.shape
-        white = np.linalg.solve(factor, blocks.noise_rows.reshape(count, equations, -1))
-        white = white.reshape(count * equations * sources, unknowns)
-        white_known = np.linalg.solve(factor, blocks.noise).reshape(-1)
-        information = information - white.T @ white
+        count, equations, _, unknowns = blocks.noise_rows.shape
+        white = (whitener @ blocks.noise_rows.reshape(count, equations, -1)).reshape(-1, unknowns)
+        white_known = (whitener @ blocks.noise).reshape(-1)
+        information = information - _square(white)
         right_side = right_side + white.T @ white_known
     return information, right_side
+
+
+def _square(rows: Array) -> Array:
+    """Return the (u, u) sum of rows^T rows, for rows (..., u)."""
+    flat = rows.reshape(-1, rows.shape[-1])
+    return np.asarray(flat.T @ flat)
 
 
 def _weighted_square(weight: Array, rows: Array) -> Array:
@@ -279,8 +298,8 @@ def _factor(noise: Array) -> Array | None:
         return None
 
 
-def _factor_or_raise(noise: Array) -> Array:
+def _whitener(noise: Array) -> Array:
     factor = _factor(noise)
     if factor is None or not np.all(np.isfinite(factor)):
         raise FloatingPointError('the covariance of the momentum equations is not positive definite')
-    return factor
+    return np.linalg.inv(factor)

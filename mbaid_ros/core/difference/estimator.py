@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.disturbances import Jump
-from mbaid_ros.core.difference.effects import Axes, with_joints_later
+from mbaid_ros.core.difference.effects import Axes, delay_columns, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -96,19 +96,30 @@ class DifferenceEstimator:
         origin : ns, stamp at time 0
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
-        rows = window_rows(self._observed, windows, self._settings.noise, start)
-        return [self._window(window, rows[k : k + 1], start, origin) for k, window in enumerate(windows)]
+        rows, delays = self._equations(windows, start)
+        return [
+            self._window(window, (rows[k : k + 1], delays[k : k + 1]), start, origin)
+            for k, window in enumerate(windows)
+        ]
 
-    def _window(self, window: Samples, rows: Blocks, start: Array, origin: int) -> Estimate:
+    def _equations(self, windows: list[Samples], start: Array) -> tuple[Blocks, Array]:
+        """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
+        rows = window_rows(self._observed, windows, self._settings.noise, start)
+        if self._settings.beside.delay_std > 0.0:
+            return rows, delay_columns(self._kernel, windows, rows)
+        return rows, np.zeros((len(windows), 6, 11))
+
+    def _window(self, window: Samples, equations: tuple[Blocks, Array], start: Array, origin: int) -> Estimate:
+        rows, delays = equations
         self._plane.update(window)
         run = self._run = self._running(start, float(window.time[0]))
         time = float(window.time[-1])
-        delay = float(np.nan_to_num(_delay(run)[0]))
-        if delay != 0.0:
-            window = with_joints_later(window, delay)
-            rows = window_rows(self._observed, [window], self._settings.noise, start)
-        block, columns = run.problem.of(window, rows)
-        linear = run.likelihood.add(block, columns, (float(window.time[0]), time), delay)
+        late = float(np.nan_to_num(_delay(run)[0]))
+        if late != 0.0:
+            window = with_joints_later(window, late)
+            rows, delays = self._equations([window], start)
+        block, columns = run.problem.of(window, rows, delays[0])
+        linear = run.likelihood.add(block, columns, (float(window.time[0]), time), late)
         self._samples += len(window)
         solution = self._solution(run, linear)
         stamp = origin + round(time * 1e9)
@@ -257,4 +268,4 @@ def _delay(run: _Run) -> tuple[float, float]:
 
 def _tells(value: Array, covariance: Array, chance: float) -> bool:
     """Return whether an estimate would be so far from zero by chance less often than that."""
-    return bool(float(value @ np.linalg.solve(covariance, value)) > chi2.isf(chance, len(value)))
+    return bool(float(value @ np.linalg.solve(covariance, value)) > chi_square.limit(chance, len(value)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
-from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns, delay_columns
+from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.subspace import subspace
 from mbaid_ros.core.difference.window_rows import LINEAR
@@ -108,19 +108,20 @@ class Problem:
         self.uncertain = Uncertain(count + np.arange(len(considered)), considered)
         self.effects = count + len(considered)
 
-    def of(self, window: Samples, rows: Blocks) -> tuple[Blocks, Array]:
+    def of(self, window: Samples, rows: Blocks, delay: Array) -> tuple[Blocks, Array]:
         """Return a window's equations in the unknowns, and how they depend on the effects, (1, r, e).
 
         Parameters
         ----------
         window : Samples
         rows : of this window, in (m, h, I_o, parameters of known bodies, P_0, L_0), of `observed`
+        delay : (6, 11) of this window, as `delay_columns` has it
         """
         acting = np.concatenate([np.zeros((6, 0)), *(force.columns(window) for force in self._acting)], axis=1)
-        delay = []
+        delays = []
         if self._delayed:
-            known, target = np.split(delay_columns(self._kernel, window, rows), [1], axis=1)
-            delay = [known, target @ self.space.basis[:10, : self.momentum.start]]
+            known, target = np.split(delay, [1], axis=1)
+            delays = [known, target @ self.space.basis[:10, : self.momentum.start]]
         rows = rows.widened(acting[None])
         if self.estimated:
             rows = rows.restrict(np.eye(6), self._errors_last(rows.rows.shape[-1]))
@@ -128,7 +129,7 @@ class Problem:
         watched = [force.columns(window) @ self.space.rows.T for force in self._watched]
         errors = self._kernel.errors
         considered = [] if self.estimated else [body_columns(self._kernel, window, errors.bodies) @ errors.factor]
-        return block, (self.space.rows @ np.concatenate((*watched, *delay, *considered), axis=1))[None]
+        return block, (self.space.rows @ np.concatenate((*watched, *delays, *considered), axis=1))[None]
 
     def _errors_last(self, columns: int) -> Array:
         """Return the matrix to (m, h, I_o, known bodies, P_0, L_0, F, T) from (m, h, I_o, P_0, L_0, F, T, errors)."""

@@ -67,6 +67,7 @@ class RollingLikelihood:
         self.information: Array = prior
         self.coupling = Coupling.nothing(len(prior), effects)
         self._columns: list[Array] = []
+        self._white = White.nothing()  # the blocks at the solution
 
     def __len__(self) -> int:
         """Return the number of windows that are solved again."""
@@ -98,10 +99,9 @@ class RollingLikelihood:
         if not self._sure:
             # A negative mass can fit better while little is known, and the way back leads through infinity.
             self.x = min([*self._starts(blocks), self.x], key=lambda x: (x[0] <= 0.0, self._cost(blocks, x)))
-        self.x = self._refine(blocks, iterations)
-        linear = self._linearise(blocks, self.x)
+        linear = self._refine(blocks, iterations)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
-        own = eiv.noise_information(blocks, self.x)
+        own = eiv.own_information(blocks, self._white)
         self.noise_information = self._folded.noise_information + own
         self._signal = linear.information - _CERTAIN * own - self._prior
         self.information = linear.information
@@ -114,8 +114,7 @@ class RollingLikelihood:
 
     def whitened(self) -> tuple[White, Coupling]:
         """Return the windows that are solved again, at the solution, and how all windows depend on the effects."""
-        white = eiv.whitened(Blocks.concatenate(self._blocks), self.x)
-        return white, self.coupling + Coupling.of(white, self.columns, self.x)
+        return self._white, self.coupling + Coupling.of(self._white, self.columns, self.x)
 
     def certain(self, block: Blocks) -> bool:
         """Return whether the uncertainty of the solution hardly matters for the noise of a block's equations."""
@@ -199,9 +198,10 @@ class RollingLikelihood:
         plausible, spread = self._plausible()
         self._sure = eiv.uncertain_share(oldest, plausible, spread) < _LARGEST_SHARE
         if self._sure:
-            linear, own = eiv.maximum_likelihood(oldest, self.x), eiv.noise_information(oldest, self.x)
+            white = eiv.whitened(oldest, self.x)
+            linear, own = eiv.normal_equations(white), eiv.own_information(oldest, white)
             self._folded.add(replace(linear, information=linear.information - own), own, self.x)
-            self.coupling += Coupling.of(eiv.whitened(oldest, self.x), columns, self.x)
+            self.coupling += Coupling.of(white, columns, self.x)
         else:
             zero = np.zeros(len(self.x))
             self._folded.add(*eiv.compensated(oldest, plausible, spread), zero)
@@ -239,34 +239,53 @@ class RollingLikelihood:
             starts.append(x)
         return starts
 
-    def _refine(self, blocks: Blocks, iterations: int) -> Array:
-        """Return x after guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost."""
-        x = self.x
-        current = self._cost(blocks, x)
+    def _refine(self, blocks: Blocks, iterations: int) -> Linearisation:
+        """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
+
+        Returns the form at the x that is reached, where the blocks then are whitened, too.
+        """
+        self._white = eiv.whitened(blocks, self.x)
+        linear = self._linearise(self._white, self.x)
         for _ in range(iterations):
-            linear = self._linearise(blocks, x)
             step = -solve_symmetric(linear.information, linear.gradient)
+            current = self._whole(self._white.cost, self.x)
             for _ in range(_HALVINGS):
-                trial = x + step
-                value = self._cost(blocks, trial)
-                if np.isfinite(value) and value <= current and (trial[0] > 0.0 or x[0] <= 0.0):
-                    break
+                trial = self.x + step
+                white = _whitened(blocks, trial)
+                if white is not None and (trial[0] > 0.0 or self.x[0] <= 0.0):
+                    value = self._whole(white.cost, trial)
+                    if np.isfinite(value) and value <= current:
+                        break
                 step = 0.5 * step
             else:
-                return x
-            x, current = trial, value
-            if np.all(np.abs(step) < _SMALL_STEP / np.sqrt(np.diag(linear.information))):
-                return x
-        return x
+                return linear
+            small = np.all(np.abs(step) < _SMALL_STEP / np.sqrt(np.diag(linear.information)))
+            self.x, self._white = trial, white
+            linear = self._linearise(white, trial)
+            if small:
+                return linear
+        return linear
 
     def _cost(self, blocks: Blocks, x: Array) -> float:
-        return eiv.cost(blocks, x) + self._folded.cost(x) + float(x @ self._prior @ x)
+        return self._whole(eiv.cost(blocks, x), x)
 
-    def _linearise(self, blocks: Blocks, x: Array) -> Linearisation:
-        linear = eiv.maximum_likelihood(blocks, x)
+    def _whole(self, cost: float, x: Array) -> float:
+        """Return the cost at x of everything, from that of the blocks."""
+        return cost + self._folded.cost(x) + float(x @ self._prior @ x)
+
+    def _linearise(self, white: White, x: Array) -> Linearisation:
+        linear = eiv.normal_equations(white)
         return Linearisation(
             cost=linear.cost + self._folded.cost(x),
             gradient=linear.gradient + self._folded.gradient(x) + self._prior @ x,
             information=linear.information + self._folded.information + self._prior,
             equations=linear.equations + self._folded.equations,
         )
+
+
+def _whitened(blocks: Blocks, x: Array) -> White | None:
+    """Return blocks in units of their noise at x, None where that cannot be computed."""
+    try:
+        return eiv.whitened(blocks, x)
+    except FloatingPointError:
+        return None

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import monitor
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Found, Jump, Uncertain, View, Watched
@@ -144,7 +144,7 @@ class SteppedLikelihood:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
         white, coupling = likelihood.whitened()
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
-        effects = np.linalg.solve(white.factor, likelihood.columns[..., places])
+        effects = white.whitener @ likelihood.columns[..., places]
         own = np.diag(coupling.own)[places] * size**2
         left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
         self.surplus = float(np.sum(np.maximum(left, 0.0)))
@@ -177,18 +177,22 @@ class SteppedLikelihood:
         count = block.offset.shape[1]
         last = self._open[-1] if self._open else None
         since = len(self._spans) - last.after if last is not None and last.given_up < _LONGEST else _APART
-        if last is not None and since < _APART and surprise > chi2.isf(_PART if since == 1 else _FALSE_ALARM, count):
+        if (
+            last is not None
+            and since < _APART
+            and surprise > chi_square.limit(_PART if since == 1 else _FALSE_ALARM, count)
+        ):
             # Still jumping: the windows that seemed to come after it are others in it.
             self.likelihood.drop(last.after, len(self._spans))
             del self._spans[last.after :]
             last.given_up += since
             last.jump.end = span[1]
-        elif surprise > chi2.isf(_FALSE_ALARM, count):
+        elif surprise > chi_square.limit(_FALSE_ALARM, count):
             self._jump(len(self._spans), span, view)
 
     def _look_back(self, view: View) -> bool:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
-        limit = float(chi2.isf(_FALSE_ALARM, len(self._start)))
+        limit = chi_square.limit(_FALSE_ALARM, len(self._start))
         first = max([2, *(item.after + _APART for item in self._open)])
         jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)[first:]
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
@@ -246,7 +250,7 @@ class SteppedLikelihood:
         self._open.append(item)
         # The window before may already hold part of it.
         misfit = float(np.sum(view.white.residual[place - 1] ** 2)) / view.scale
-        if misfit > chi2.isf(_PART, more) and place > 1:
+        if misfit > chi_square.limit(_PART, more) and place > 1:
             likelihood.drop(place - 1, place)
             jump.start = self._spans.pop(place - 1)[0]
             item.after -= 1

@@ -16,8 +16,9 @@ import numpy as np
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
-from mbaid_ros.core.samples import Samples, SensorNoise, Stamps
+from mbaid_ros.core.samples import Samples, SensorNoise
 
 UNKNOWNS = 16
 BODY = slice(0, 10)
@@ -41,24 +42,37 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
-    samples = Samples.concatenate(windows)
-    counts = np.array([len(window) for window in windows])
-    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
-    states = kernel.states(samples)
-    position = samples.base_position - origin
-    rows = [_mean(states.regressor_of(link), starts, counts) for link in kernel.unknown]
-    rows.append(-_transport(_mean(position, starts, counts)))
+    known, target = mean_rows(kernel, windows)
+    position = np.array([np.mean(window.base_position - origin, axis=0) for window in windows])
+    rows = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute).
-    chosen = [starts + np.round(part * (counts - 1)).astype(int) for part in _GAUSS]
-    halves = [_noise(kernel, states[index], samples.impulse[index, :3], (windows, noise)) for index in chosen]
-    known, target = (np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True))
+    points = [Samples.concatenate([window[_at(part * (len(window) - 1))] for window in windows]) for part in _GAUSS]
+    halves = [_noise(kernel, kernel.states(samples), samples.impulse[:, :3], (windows, noise)) for samples in points]
+    noise_known, noise_rows = (
+        np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True)
+    )
+    return Blocks(rows, known, noise_known, noise_rows)
+
+
+def mean_rows(kernel: MomentumKernel, windows: list[Samples]) -> tuple[Array, Array]:
+    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k)."""
+    samples = Samples.concatenate(windows)
+    rows = momentum_rows(kernel, samples)
     # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
     thrust = samples.impulse.copy()
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    offset = _mean(states.known_momentum - thrust, starts, counts)
-    return Blocks(np.concatenate(rows, axis=2), offset, known, target)
+    counts = np.array([len(window) for window in windows])
+    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
+    known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
+    return known, np.concatenate(regressors, axis=2)
+
+
+def _at(place: float) -> slice:
+    """Return the slice of one sample."""
+    return slice(round(place), round(place) + 1)
 
 
 def _transport(position: Array) -> Array:
@@ -92,7 +106,8 @@ def _noise(
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3] = -skew(brought)
     factor = _error_factors(windows, joints, noise)
-    return known @ factor, np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3)
+    # In the order that the solver goes through them, thousands of times.
+    return known @ factor, np.ascontiguousarray(np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3))
 
 
 def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> Array:
@@ -114,8 +129,3 @@ def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> A
     factor[:, twist, twist] = np.linalg.cholesky(twist_covariance)
     counts = np.array([len(window) for window in windows])
     return factor / np.sqrt(counts)[:, None, None]
-
-
-def _mean(values: Array, starts: Stamps, counts: Stamps) -> Array:
-    total = np.add.reduceat(values, starts, axis=0)
-    return total / counts.reshape(-1, *(1,) * (values.ndim - 1))

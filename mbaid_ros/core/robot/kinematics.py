@@ -49,12 +49,19 @@ class Kinematics:
         self._constant = model.rotations @ (np.eye(3) + np.where(turns, square, 0.0))
         self._sine = np.where(turns, model.rotations @ generator, 0.0)
         self._cosine = np.where(turns, -model.rotations @ square, 0.0)
-        self._axes = rotate(model.rotations, model.axes)  # in the parent body's frame
+        self.axes = rotate(model.rotations, model.axes)  # in the parent body's frame
         # ancestors[b, j] is 1 where joint j moves body b.
         self.ancestors = np.zeros((count + 1, count))
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
             self.ancestors[joint + 1, joint] = 1.0
+
+    def local(self, sine: Array, cosine: Array) -> Array:
+        """Return the (3, 3, n, N) rotations of the joints in their parents, for (n, N) sines and cosines of angles."""
+        constant, by_sine, by_cosine = (
+            np.moveaxis(part, 0, -1)[..., None] for part in (self._constant, self._sine, self._cosine)
+        )
+        return np.asarray(constant + by_sine * sine + by_cosine * cosine)
 
     def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
         """Return poses and joint twists.
@@ -78,7 +85,7 @@ class Kinematics:
         rotation[:, 0] = base_rotation
         for joint, parent in enumerate(model.parents):
             carrier = rotation[:, parent]
-            axis = carrier @ self._axes[joint]
+            axis = carrier @ self.axes[joint]
             place = position[:, parent] + carrier @ model.positions[joint]
             rotation[:, joint + 1] = carrier @ local[:, joint]
             if model.prismatic[joint]:

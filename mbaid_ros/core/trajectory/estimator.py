@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -220,7 +220,9 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
 
 def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
     """Return the constant force and torque (6,) on the base link's origin, if there is one and it is not nothing."""
-    if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi2.isf(_NOTHING, len(value)):
+    if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi_square.limit(
+        _NOTHING, len(value)
+    ):
         return ()
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(track.walk.force)),)
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point, window_models
@@ -45,7 +45,7 @@ class _Result:
     def sound(self) -> bool:
         """Whether the result also explains the windows."""
         belief = self.track.belief
-        return self.settled and belief.surprise < float(chi2.isf(_UNLIKELY, belief.measured))
+        return self.settled and belief.surprise < chi_square.limit(_UNLIKELY, belief.measured)
 
     @property
     def merit(self) -> tuple[bool, float]:

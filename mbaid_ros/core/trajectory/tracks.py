@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.stats import chi2
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
 from mbaid_ros.core.trajectory.filter import Belief, Coordinates, Step, Walk, advance, jolted, unlinked, update
@@ -100,4 +100,4 @@ def _surprised(belief: Belief) -> bool:
 
 @cache
 def _limit(measured: int) -> float:
-    return float(chi2.isf(_FALSE_ALARM, measured))
+    return chi_square.limit(_FALSE_ALARM, measured)

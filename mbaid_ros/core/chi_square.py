@@ -1,0 +1,10 @@
+"""The chi-square distribution: what a sum of squared normalised residuals is compared with."""
+
+from __future__ import annotations
+
+from scipy.special import chdtri
+
+
+def limit(chance: float, degrees: int) -> float:
+    """Return what a chi-square variable of some degrees of freedom exceeds by a given chance."""
+    return float(chdtri(degrees, chance))

@@ -1,0 +1,157 @@
+"""Speed, as ratios to what the work cannot do without: replay, live node, core and start-up, side by side in one run.
+
+usage: benchmark_speed.py [--minutes M] [--seconds S] [--lengths MINUTES ...] [--repeats N]
+                          [--parts a b c d] [--output docs]
+
+What is compared is measured in turn, pair by pair, on the same machine under the same load; medians are given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks import speed_core, speed_live, speed_replay
+from benchmarks.pages import number, provenance, table
+from benchmarks.speed_replay import METHODS
+
+RATE = 1000.0  # Hz, of each topic of the live run
+_ROWS = 3_000  # samples whose rows are made at a time
+_SHORT = 20.0  # s, of the runs that say how the work grows
+
+_PAGE = """\
+# Speed
+
+How far the project is above what no program of its kind can do without: reading a bag, receiving a message. Ratios of
+times taken in turn in one run, medians of {repeats}; robot `servicer7` with seven joints, `mid` noise. {provenance}
+
+{parts}
+"""
+
+
+def main() -> None:
+    """Measure, print and write the page."""
+    arguments = _parse()
+    parts = {'a': _replays, 'b': _live, 'c': _core, 'd': _starts}
+    texts = []
+    with TemporaryDirectory() as folder:
+        for part in arguments.parts:
+            texts.append(parts[part](arguments, Path(folder)))
+            print(texts[-1], flush=True)
+    if arguments.output:
+        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'
+        page = _PAGE.format(repeats=arguments.repeats, provenance=provenance(command), parts='\n\n'.join(texts))
+        (arguments.output / 'speed.md').write_text(page, encoding='utf-8')
+
+
+def _replays(arguments: argparse.Namespace, folder: Path) -> str:
+    found = speed_replay.replays(folder, arguments.minutes, arguments.repeats)
+    rows = [
+        [
+            f'`{method}`',
+            _middle(pairs.ratios),
+            number(pairs.cost.wall, 1),
+            number(pairs.floor.wall, 1),
+            number(pairs.cost.memory),
+            number(pairs.floor.memory),
+        ]
+        for method, pairs in found.items()
+    ]
+    header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
+    return (
+        f'## Replay\n\nWall time of `replay` on a bag of {arguments.minutes:g} min at 100 Hz, as many JointState '
+        'as Odometry, over that of a process which reads and deserialises the same bag with rosbags and does nothing '
+        'else. '
+        f'Wanted: at most 1.5, and below 400 MB.\n\n{table(header, rows)}'
+    )
+
+
+def _live(arguments: argparse.Namespace, folder: Path) -> str:
+    found = speed_live.runs(folder, RATE, arguments.seconds, arguments.repeats)
+    rows = []
+    for method, runs in found.items():
+        latencies = 1e3 * np.concatenate([run.latencies for run in runs])
+        middle, late = np.percentile(latencies, [50.0, 99.0])
+        ratio = _middle([run.cpu / run.floor for run in runs])
+        lost = str(sum(run.lost for run in runs))
+        rows.append([f'`{method}`', ratio, number(float(middle), 1), number(float(late), 1), lost])
+    return (
+        f'## Live node\n\nProcessor time of `estimator` while two topics come at 1 kHz each for '
+        f'{arguments.seconds:g} s, over that of a bare node with the same two subscriptions; time from the last sample '
+        'of a window to the arrival of its estimate; messages that did not '
+        'arrive. Wanted: at most 1.25, p99 below 20 ms, none lost.\n\n'
+        f'{table(["method", "ratio", "p50, ms", "p99, ms", "lost"], rows)}'
+    )
+
+
+def _core(arguments: argparse.Namespace, _folder: Path) -> str:
+    rates = speed_core.rows(_ROWS, arguments.repeats)
+    ratio = _middle([ours / peer for ours, peer in zip(rates.rows, rates.peer, strict=True)])
+    kilo = [number(1e-3 * float(np.median(values)), 1) for values in (rates.rows, rates.peer)]
+    made = (
+        f'Regressor and known momentum of a sample, by the kernel for {_ROWS} samples at once, and one by one '
+        f'in a loop over pinocchio, which gives the same numbers: {kilo[0]} and {kilo[1]} thousand samples a second, a '
+        f'ratio of {ratio}. Wanted: 400 thousand, and 10.'
+    )
+    joints: dict[str, Mapping[int, float]] = {'rows': speed_core.rows_by_joints(_ROWS, arguments.repeats)}
+    joints |= {name: speed_core.identification_by_joints(name, _SHORT, arguments.repeats) for name in METHODS[:1]}
+    windows = {name: speed_core.identification_by_window(name, _SHORT, arguments.repeats) for name in METHODS[:1]}
+    lengths = {name: speed_core.identification_by_length(name, arguments.lengths) for name in METHODS}
+    return '\n\n'.join(
+        [
+            '## Core',
+            made,
+            'Thousand samples a second of one core, by number of joints:',
+            _growth(joints, 'joints'),
+            f'by length of the windows (runs of {_SHORT:g} s):',
+            _growth(windows, 'window, s'),
+            'and at the end of runs of some length:',
+            _growth(lengths, 'run, min'),
+        ]
+    )
+
+
+def _starts(arguments: argparse.Namespace, folder: Path) -> str:
+    found = speed_replay.starts(folder, arguments.repeats)
+    rows = [
+        [f'`{name}`' if '--' in name else name, *(number(value) for value in (cost.wall, cost.cpu, cost.memory))]
+        for name, cost in found.items()
+    ]
+    return (
+        '## Start\n\nThe whole process, from its start to its end. Wanted: the help within 0.5 s.\n\n'
+        f'{table(["", "wall, s", "processor, s", "peak, MB"], rows)}'
+    )
+
+
+def _growth(rates: Mapping[str, Mapping[int, float] | Mapping[float, float]], name: str) -> str:
+    """Return a table of thousand samples a second, a column for each size."""
+    sizes = list(next(iter(rates.values())))
+    rows = [[f'{what}', *(number(1e-3 * rate) for rate in found.values())] for what, found in rates.items()]
+    return table([name, *(f'{size:g}' for size in sizes)], rows)
+
+
+def _middle(ratios: Sequence[float]) -> str:
+    """Return the median of ratios and their range."""
+    return f'{np.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})'
+
+
+def _parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--minutes', type=float, metavar='M', default=60.0, help='length of the bag that is replayed')
+    parser.add_argument('--seconds', type=float, metavar='S', default=30.0, help='length of the live runs')
+    parser.add_argument(
+        '--lengths', type=int, nargs='+', metavar='MINUTES', default=[1, 10, 60], help='runs that the cost is told at'
+    )
+    parser.add_argument('--repeats', type=int, metavar='N', default=5, help='pairs, of which medians are given')
+    parser.add_argument('--parts', nargs='+', choices=list('abcd'), default=list('abcd'), help='what is measured')
+    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write speed.md there')
+    return parser.parse_args()
+
+
+if __name__ == '__main__':
+    main()

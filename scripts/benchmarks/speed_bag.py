@@ -1,0 +1,45 @@
+"""Bags of any length for measurements of speed: the endless motion of a robot, with fresh noise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.data import DURATION, LEVELS, RATE, endless_motion, model
+from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.core.geometry import Flags
+from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.simulated_run import SensorMessages
+
+ROBOT = 'servicer7'
+LEVEL = 'mid'
+TOPICS = {'/joint_states': 'sensor_msgs/msg/JointState', '/odom': 'nav_msgs/msg/Odometry'}
+START = 1_700_000_000_000_000_000  # ns, stamp at time 0
+
+
+def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
+    """Write a bag of servicer7, a JointState and an Odometry a sample.
+
+    Parameters
+    ----------
+    path : folder to make
+    minutes : length
+    rate : samples a second
+    """
+    truth, sensors = endless_motion(ROBOT, rate), Sensors(LEVELS[LEVEL], seed=0)
+    messages = SensorMessages(MessageTypes(message_class, _as_it_is), model(ROBOT), 'odom')
+    left = round(minutes * len(truth))
+    with BagWriter(path) as bag:
+        for topic, kind in TOPICS.items():
+            bag.add_topic(topic, kind)
+        for minute in range(-(-left // len(truth))):
+            part = truth[: left - minute * len(truth)]
+            joints, base = sensors.joints(part), sensors.base(part)
+            for index, time in enumerate(part.time):
+                stamp = START + round((minute * DURATION + time) * 1e9)
+                bag.write('/odom', messages.odometry(base, index, stamp), stamp)
+                bag.write('/joint_states', messages.joint_state(joints, index, stamp), stamp)
+
+
+def _as_it_is(flags: Flags) -> Flags:
+    return flags

@@ -1,0 +1,24 @@
+"""The floor under a replay: read a bag and deserialise its messages with rosbags, and do nothing else.
+
+usage: speed_floor.py BAG
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+
+def main() -> None:
+    """Read the bag."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(Path(sys.argv[1])) as bag:
+        for connection, _, data in bag.messages():
+            store.deserialize_cdr(data, connection.msgtype)
+
+
+if __name__ == '__main__':
+    main()

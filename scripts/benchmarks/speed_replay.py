@@ -1,0 +1,110 @@
+"""How long `replay` takes, over reading and deserialising the same bag; and how long it takes to start."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.data import CONFIG
+from benchmarks.speed_bag import ROBOT, make_bag
+
+HERE = Path(__file__).parent
+METHODS = ('difference', 'trajectory')
+SHORT = 10.0 / 60.0  # min, of the bag whose first estimate is waited for
+NOT_DETERMINED = 3  # exit code of a replay whose data do not determine an estimate
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a process took.
+
+    Attributes
+    ----------
+    wall, cpu : s
+    memory : MB, its peak
+    """
+
+    wall: float
+    cpu: float
+    memory: float
+
+
+def median(costs: Sequence[Cost]) -> Cost:
+    """Return the medians."""
+    return Cost(*(float(np.median([getattr(cost, name) for cost in costs])) for name in ('wall', 'cpu', 'memory')))
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A process and its floor, measured in turn.
+
+    Attributes
+    ----------
+    ratios : of the wall times, one a pair
+    cost, floor : medians
+    """
+
+    ratios: tuple[float, ...]
+    cost: Cost
+    floor: Cost
+
+
+def replays(folder: Path, minutes: float, repeats: int) -> dict[str, Pairs]:
+    """Return, by method, what a replay takes beside its floor.
+
+    Parameters
+    ----------
+    folder : where the bag is made
+    minutes : length of the bag
+    repeats : number of pairs
+    """
+    bag = folder / 'long'
+    make_bag(bag, minutes)
+    costs: dict[str, list[Cost]] = {name: [] for name in ('floor', *METHODS)}
+    for _ in range(repeats):
+        costs['floor'].append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
+        for method in METHODS:
+            costs[method].append(_measured(_replay(bag, method)))
+    return {
+        method: Pairs(
+            tuple(cost.wall / floor.wall for cost, floor in zip(costs[method], costs['floor'], strict=True)),
+            median(costs[method]),
+            median(costs['floor']),
+        )
+        for method in METHODS
+    }
+
+
+def starts(folder: Path, repeats: int) -> dict[str, Cost]:
+    """Return the medians of what the help, and a replay of 10 s with each method, take."""
+    bag = folder / 'short'
+    make_bag(bag, SHORT)
+    commands = {
+        'replay --help': [*_PROGRAM, '--help'],
+        **{f'replay of 10 s, {method}': _replay(bag, method) for method in METHODS},
+    }
+    return {name: median([_measured(command) for _ in range(repeats)]) for name, command in commands.items()}
+
+
+# The executable that `ros2 run` starts is these two lines with a shebang.
+_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.replay import main; sys.exit(main())']
+
+
+def _replay(bag: Path, method: str) -> list[str]:
+    files = ['--model', str(CONFIG / f'{ROBOT}.urdf'), '--params', str(CONFIG / f'{ROBOT}_estimator.yaml')]
+    return [*_PROGRAM, str(bag), *files, '--method', method]
+
+
+def _measured(command: Sequence[str]) -> Cost:
+    run = subprocess.run(
+        [sys.executable, str(HERE / 'speed_measured.py'), *command], stdout=subprocess.PIPE, text=True, check=False
+    )
+    if run.returncode not in {0, NOT_DETERMINED}:
+        raise RuntimeError(f'exit code {run.returncode} of {" ".join(command)}')
+    return Cost(**json.loads(run.stdout))
