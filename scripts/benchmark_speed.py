@@ -9,7 +9,6 @@ What is compared is measured in turn, pair by pair, on the same machine under th
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,31 +21,47 @@ from benchmarks.speed_replay import METHODS
 
 RATE = 1000.0  # Hz, of each topic of the live run
 _ROWS = 3_000  # samples whose rows are made at a time
-_SHORT = 20.0  # s, of the runs that say how the work grows
+_SHORT = 10.0  # s, of the runs that say how the work grows
 
-_PAGE = """\
+_HEAD = """\
 # Speed
 
 How far the project is above what no program of its kind can do without: reading a bag, receiving a message. Ratios of
-times taken in turn in one run, medians of {repeats}; robot `servicer7` with seven joints, `mid` noise. {provenance}
-
-{parts}
+times taken in turn in one run, with the median first and the range behind it; robot `servicer7` with seven joints,
+`mid` noise. `make benchmark-speed` measures all of it anew, a part with `ARGS="--parts a"`.
 """
 
 
 def main() -> None:
-    """Measure, print and write the page."""
+    """Measure, print and write the page: the parts that were measured anew, the others as they were."""
     arguments = _parse()
     parts = {'a': _replays, 'b': _live, 'c': _core, 'd': _starts}
-    texts = []
     with TemporaryDirectory() as folder:
         for part in arguments.parts:
-            texts.append(parts[part](arguments, Path(folder)))
-            print(texts[-1], flush=True)
-    if arguments.output:
-        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'
-        page = _PAGE.format(repeats=arguments.repeats, provenance=provenance(command), parts='\n\n'.join(texts))
-        (arguments.output / 'speed.md').write_text(page, encoding='utf-8')
+            text = f'{parts[part](arguments, Path(folder))}\n\n{_provenance(part, arguments)}\n'
+            print(text, flush=True)
+            if arguments.output:
+                _put(arguments.output / 'speed.md', text)
+
+
+def _provenance(part: str, arguments: argparse.Namespace) -> str:
+    own = {
+        'a': f'--minutes {arguments.minutes:g} ',
+        'b': f'--seconds {arguments.seconds:g} ',
+        'c': f'--lengths {" ".join(map(str, arguments.lengths))} ',
+        'd': '',
+    }
+    command = f'scripts/{Path(__file__).name} --parts {part} {own[part]}--repeats {arguments.repeats} --output docs'
+    return provenance(command, f'medians of {arguments.repeats}')
+
+
+def _put(page: Path, text: str) -> None:
+    """Write a section into the page, in the place of the one with its heading."""
+    sections = page.read_text(encoding='utf-8').split('\n## ')[1:] if page.is_file() else []
+    known = {section.partition('\n')[0]: section.rstrip('\n') for section in sections}
+    known[text.removeprefix('## ').partition('\n')[0]] = text.removeprefix('## ').rstrip('\n')
+    ordered = [known[heading] for heading in ('Replay', 'Live node', 'Core', 'Start') if heading in known]
+    page.write_text('\n'.join([_HEAD, *(f'## {section}\n' for section in ordered)]), encoding='utf-8')
 
 
 def _replays(arguments: argparse.Namespace, folder: Path) -> str:

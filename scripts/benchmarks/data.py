@@ -122,8 +122,8 @@ def motion(robot: str, rate: float = RATE) -> Truth:
     return simulation.advance(np.arange(round(DURATION * rate) + 1) / rate)
 
 
-def endless_motion(robot: str, rate: float = RATE) -> Truth:
-    """Return one period (60 s) of a motion that repeats exactly, at rest at its start, with no momentum at all.
+def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) -> Truth:
+    """Return one period (60 s), or its beginning, of a motion that repeats exactly, from rest and without momentum.
 
     All joints follow cosines with whole numbers of periods a minute: in the second half minute they go back the way
     they came. Without momentum the base's pose depends on their path alone, so it comes back too.
@@ -138,7 +138,7 @@ def endless_motion(robot: str, rate: float = RATE) -> Truth:
         phase=np.full(cycles.shape, 0.5 * np.pi),
     )
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(DURATION * rate)) / rate)
+    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def moved(truth: Truth, case: Case) -> Truth:

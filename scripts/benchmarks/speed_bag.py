@@ -26,9 +26,10 @@ def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
     minutes : length
     rate : samples a second
     """
-    truth, sensors = endless_motion(ROBOT, rate), Sensors(LEVELS[LEVEL], seed=0)
+    truth = endless_motion(ROBOT, rate, min(60.0 * minutes, DURATION))
+    sensors = Sensors(LEVELS[LEVEL], seed=0)
     messages = SensorMessages(MessageTypes(message_class, _as_it_is), model(ROBOT), 'odom')
-    left = round(minutes * len(truth))
+    left = round(minutes * 60.0 * rate)
     with BagWriter(path) as bag:
         for topic, kind in TOPICS.items():
             bag.add_topic(topic, kind)
