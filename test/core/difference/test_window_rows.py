@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mbaid_ros.core.difference.effects import delay_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, skew
@@ -144,3 +145,14 @@ def test_the_noise_of_a_mean_is_the_mean_noise_over_the_number(spatial: Truth) -
     assert off(whole) < 0.03  # ten samples: the nearest ones to the two places
     # One sample in the middle would not do.
     assert off(single[5] / 10.0) > 3.0 * off(whole)
+
+
+def test_known_thrust_is_no_motion_of_the_joints(spatial: Truth) -> None:
+    servicer = kernel('servicer7')
+    plain = observe(spatial, MID, 0)[:50]
+    pushed = replace(plain, impulse=np.tile([3.0, -2.0, 1.0, 0.5, 4.0, -1.0], (len(plain), 1)))
+    found = [
+        delay_columns(servicer, [window], window_rows(servicer, [window], MID, ORIGIN)) for window in (plain, pushed)
+    ]
+    # Differences over a millisecond of numbers of size 1e3.
+    assert found[1] == pytest.approx(found[0], abs=1e-8)
