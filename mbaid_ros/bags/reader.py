@@ -129,13 +129,20 @@ class BagReader:
         self.close()
 
     def _typestore(self, topic: Topic) -> Typestore:
-        """Return the types as the bag defines them, or as they are known where it does not."""
+        """Return the types as the bag defines them, or as they are known where it does not.
+
+        Raises
+        ------
+        DataError
+            The type is not defined, or lacks what it is known to have.
+        """
         with suppress(TypesysError, *DAMAGE):  # then as they are known
             if topic.definition:
                 parse = _types_from_idl if topic.idl else get_types_from_msg
                 store = get_typestore(Stores.EMPTY)
                 store.register(parse(topic.definition, topic.type))
                 store.get_msgdef(topic.type)
+                self._compare_with_known(store, topic)
                 return store
         if topic.type not in message_types().types:
             raise DataError(
@@ -143,6 +150,16 @@ class BagReader:
                 'Jazzy defines'
             )
         return message_types()
+
+    def _compare_with_known(self, store: Typestore, topic: Topic) -> None:
+        known = message_types().fielddefs
+        for name in store.fielddefs.keys() & known.keys():
+            lost = {field for field, _ in known[name][1]} - {field for field, _ in store.fielddefs[name][1]}
+            if lost:
+                raise DataError(
+                    f"topic '{topic.name}' of bag '{self.path}' cannot be read: the bag defines {name} without "
+                    f"'{min(lost)}'"
+                )
 
     def _open(self) -> list[Source]:
         if not self.path.exists():

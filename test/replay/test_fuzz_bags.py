@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import runpy
+from pathlib import Path
 
+import pytest
+from mcap.writer import CompressionType
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.errors import DataError
 from simulated import CONFIG
 
 
@@ -13,3 +19,19 @@ def test_damaged_bags_end_with_an_exit_code_and_a_line() -> None:
     assert wrong == []
     assert sum(codes.values()) == 50
     assert len(codes) > 1
+
+
+def test_a_definition_that_lacks_what_its_type_has_is_told(tmp_path: Path) -> None:
+    whole_bag = runpy.run_path(str(CONFIG.parent / 'scripts' / 'fuzz_bags.py'))['whole_bag']
+    path = tmp_path / 'bag.mcap'
+    path.write_bytes(
+        whole_bag(
+            CompressionType.NONE,
+            lambda text: text.replace('Vector3  linear', 'Vector3  lin').replace('Vector3 linear', 'Vector3 lin'),
+        )
+    )
+    with (
+        BagReader(path) as bag,
+        pytest.raises(DataError, match=r"the bag defines geometry_msgs/msg/Twist without 'linear'"),
+    ):
+        list(bag.read(['/odom']))
