@@ -57,7 +57,7 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
     assert '>truth</th>' in report
     result = json.loads((tmp_path / 'report.json').read_text())
     assert result['estimate']['mass'] == pytest.approx(934.45, rel=0.01)
-    assert result['span_s'] > 9.0
+    assert result['span_s'] > 6.0  # the recorder finds the topics a moment after they appear, six times as fast as real
 
 
 def test_an_interrupted_demo_leaves_no_process_behind(tmp_path: Path) -> None:

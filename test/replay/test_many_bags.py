@@ -71,7 +71,14 @@ def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], It
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack('4H', 24, 100, 0, 0))  # a terminal without a width shows no bar
     command = [sys.executable, '-m', 'mbaid_ros.replay.replay', *arguments]
-    process = subprocess.Popen(command, stdin=its, stdout=its, stderr=its, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        stdin=its,
+        stdout=its,
+        stderr=its,
+        start_new_session=True,
+        preexec_fn=_interruptible,  # noqa: PLW1509 - one call of the kernel
+    )
     os.close(its)
     try:
         yield process, shown_on(ours)
@@ -79,6 +86,11 @@ def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], It
         process.kill()
         process.wait()
         os.close(ours)
+
+
+def _interruptible() -> None:
+    """Take interrupts as on a terminal: what a shell starts in the background ignores them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def shown_on(terminal: int) -> Iterator[str]:
