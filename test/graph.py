@@ -19,6 +19,7 @@ from typing import IO, Any
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -34,6 +35,7 @@ LOCAL = {
 }
 EVERYTHING = qos(10_000, latched=True)  # what was published last, and all from then on
 PATIENCE = 60.0  # s, for anything
+RESPONSE = 10.0  # s, for the first response of a service, before it is asked again
 DOMAINS = range(1, 102)  # those whose ports Linux does not hand out to others
 
 
@@ -148,6 +150,7 @@ class Graph:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.node = Node('test', context=self._context, start_parameter_services=False)
+        self._clients: dict[str, Client] = {}
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
@@ -172,9 +175,18 @@ class Graph:
         return publisher
 
     def call(self, service: str, service_type: Any, request: Any) -> Any:
-        """Call a service and return its response."""
-        client = self.node.create_client(service_type, service)
-        self.wait(client.service_is_ready, f'service {service}')
+        """Call a service and return its response.
+
+        The first call of one may come twice: a service can be ready before it has found who is to get its response,
+        which then is lost.
+        """
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.create_client(service_type, service)
+            self.wait(client.service_is_ready, f'service {service}')
+            future = client.call_async(request)
+            if self._spin_until(future.done, RESPONSE):
+                return future.result()  # type: ignore[no-untyped-call]
         future = client.call_async(request)
         self.wait(future.done, f'an answer of {service}')
         return future.result()  # type: ignore[no-untyped-call]
@@ -187,12 +199,18 @@ class Graph:
         AssertionError
             It does not come to hold in time; the text has what the processes wrote.
         """
+        if not self._spin_until(condition, timeout):
+            outputs = [f'-- {p.name} (running: {p.running})\n{p.stdout}{p.stderr}' for p in self.processes]
+            raise AssertionError('\n'.join([f'waited {timeout:g} s in vain for {what}', *outputs]))
+
+    def _spin_until(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Take messages until a condition holds or the time (s) is over; return whether it holds."""
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
-                outputs = [f'-- {p.name} (running: {p.running})\n{p.stdout}{p.stderr}' for p in self.processes]
-                raise AssertionError('\n'.join([f'waited {timeout:g} s in vain for {what}', *outputs]))
+                return False
             self._executor.spin_once(timeout_sec=0.1)
+        return True
 
     def close(self) -> None:
         """End every process and leave the domain."""
