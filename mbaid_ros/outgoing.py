@@ -1,4 +1,4 @@
-"""Estimates to messages, duck-typed: one builder for rclpy's classes and rosbags', so that both faces say the same."""
+"""Estimates and sensor readings to messages, duck-typed: one builder for rclpy's classes and rosbags'."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings
 
 
 @dataclass(frozen=True)
@@ -121,3 +123,67 @@ def _inertia(parameters: Array, types: MessageTypes) -> Any:
 
 def _vector(values: Array, types: MessageTypes) -> Any:
     return types.find('geometry_msgs/msg/Vector3')(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+class SensorMessages:
+    """Makes the messages of a robot's sensors.
+
+    Parameters
+    ----------
+    types : MessageTypes
+    model : RobotModel
+    odometry_frame : name
+    """
+
+    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str) -> None:
+        self._types = types
+        self._model = model
+        self._frame = odometry_frame
+
+    def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
+        return self._types.find('sensor_msgs/msg/JointState')(
+            header=self._header(stamp, ''),
+            name=list(self._model.joint_names),
+            position=readings.position[index],
+            velocity=readings.velocity[index],
+            effort=readings.effort[index],
+        )
+
+    def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
+        """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
+        find = self._types.find
+        force, torque = self._of('Vector3', wrench[:3], 'xyz'), self._of('Vector3', wrench[3:], 'xyz')
+        value = find('geometry_msgs/msg/Wrench')(force=force, torque=torque)
+        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(stamp, link), wrench=value)
+
+    def odometry(self, readings: BaseReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as a nav_msgs/Odometry stamped in ns."""
+        find = self._types.find
+        pose = find('geometry_msgs/msg/Pose')(
+            position=self._of('Point', readings.position[index], 'xyz'),
+            orientation=self._of('Quaternion', readings.orientation[index], 'xyzw'),
+        )
+        twist = find('geometry_msgs/msg/Twist')(
+            linear=self._of('Vector3', readings.linear_velocity[index], 'xyz'),
+            angular=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
+        )
+        return find('nav_msgs/msg/Odometry')(
+            header=self._header(stamp, self._frame),
+            child_frame_id=self._model.base_link,
+            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=readings.pose_covariance.ravel()),
+            twist=find('geometry_msgs/msg/TwistWithCovariance')(
+                twist=twist, covariance=readings.twist_covariance.ravel()
+            ),
+        )
+
+    def time(self, stamp: int) -> Any:
+        """Return a stamp in ns as a builtin_interfaces/Time."""
+        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+
+    def _of(self, name: str, values: Array, fields: str) -> Any:
+        return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))
+
+    def _header(self, stamp: int, frame: str) -> Any:
+        return self._types.find('std_msgs/msg/Header')(stamp=self.time(stamp), frame_id=frame)

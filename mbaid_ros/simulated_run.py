@@ -20,9 +20,9 @@ from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
-from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
 
 Topic = Literal['joint_states', 'odom', 'thrust']
 _COMMANDS = 0.1  # s, between two of thrust
@@ -84,21 +84,22 @@ class SimulatedRun:
         self.captured = make_target(config, self.target, motion)
         self.pulse = make_pulse(config, self.model)
         self._commands = _commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
-        simulation: Simulation | CaptureSimulation | ThrustSimulation
-        if self.pulse is not None:
-            simulation = ThrustSimulation(self.model, motion, start, config.step, self.pulse)
-            self.momentum: Array = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
-            self.brought: Array = np.zeros(6)
-        elif self.captured is None or not isinstance(motion, Sinusoids):
-            simulation = Simulation(self.model, motion, start, config.step)
-            self.momentum = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
-            self.brought = np.zeros(6)
-        else:
-            simulation = CaptureSimulation(self.model, motion, start, config.step, self.captured)
+        simulation = self._simulation(motion, start)
+        if isinstance(simulation, CaptureSimulation):
             self.momentum, self.brought = simulation.momentum, simulation.brought
             self.target = simulation.joined.link(self.target.name)
+        else:
+            self.momentum = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+            self.brought = np.zeros(6)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
+
+    def _simulation(self, motion: Motion, start: State) -> Simulation | CaptureSimulation | ThrustSimulation:
+        if self.pulse is not None:
+            return ThrustSimulation(self.model, motion, start, self.config.step, self.pulse)
+        if self.captured is not None and isinstance(motion, Sinusoids):
+            return CaptureSimulation(self.model, motion, start, self.config.step, self.captured)
+        return Simulation(self.model, motion, start, self.config.step)
 
     @property
     def target_inertia(self) -> Array:
@@ -144,70 +145,6 @@ class SimulatedRun:
             ),
         ]
         return sorted(messages, key=lambda message: message.time)
-
-
-class SensorMessages:
-    """Makes the messages of a robot's sensors.
-
-    Parameters
-    ----------
-    types : MessageTypes
-    model : RobotModel
-    odometry_frame : name
-    """
-
-    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str) -> None:
-        self._types = types
-        self._model = model
-        self._frame = odometry_frame
-
-    def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
-        """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
-        return self._types.find('sensor_msgs/msg/JointState')(
-            header=self._header(stamp, ''),
-            name=list(self._model.joint_names),
-            position=readings.position[index],
-            velocity=readings.velocity[index],
-            effort=readings.effort[index],
-        )
-
-    def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
-        """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
-        find = self._types.find
-        force, torque = self._of('Vector3', wrench[:3], 'xyz'), self._of('Vector3', wrench[3:], 'xyz')
-        value = find('geometry_msgs/msg/Wrench')(force=force, torque=torque)
-        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(stamp, link), wrench=value)
-
-    def odometry(self, readings: BaseReadings, index: int, stamp: int) -> Any:
-        """Return one of the readings as a nav_msgs/Odometry stamped in ns."""
-        find = self._types.find
-        pose = find('geometry_msgs/msg/Pose')(
-            position=self._of('Point', readings.position[index], 'xyz'),
-            orientation=self._of('Quaternion', readings.orientation[index], 'xyzw'),
-        )
-        twist = find('geometry_msgs/msg/Twist')(
-            linear=self._of('Vector3', readings.linear_velocity[index], 'xyz'),
-            angular=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
-        )
-        return find('nav_msgs/msg/Odometry')(
-            header=self._header(stamp, self._frame),
-            child_frame_id=self._model.base_link,
-            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=readings.pose_covariance.ravel()),
-            twist=find('geometry_msgs/msg/TwistWithCovariance')(
-                twist=twist, covariance=readings.twist_covariance.ravel()
-            ),
-        )
-
-    def time(self, stamp: int) -> Any:
-        """Return a stamp in ns as a builtin_interfaces/Time."""
-        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
-
-    def _of(self, name: str, values: Array, fields: str) -> Any:
-        return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))
-
-    def _header(self, stamp: int, frame: str) -> Any:
-        return self._types.find('std_msgs/msg/Header')(stamp=self.time(stamp), frame_id=frame)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:

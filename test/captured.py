@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
@@ -106,7 +106,7 @@ def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined
         base_orientation=quaternion_from_rotation(rotation @ rotation_from_quaternion(second.base_orientation)),
     )
     parts = (first[:-1], moved)
-    return Joined(Truth(*(np.concatenate([getattr(part, x.name) for part in parts]) for x in fields(Truth))), brought)
+    return Joined(Truth.concatenate(parts), brought)
 
 
 def _momentum(rotation: Array, position: Array, joints: Array, velocity: Array, spin: Array) -> Array:

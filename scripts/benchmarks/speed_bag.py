@@ -8,8 +8,7 @@ from benchmarks.data import DURATION, LEVELS, RATE, endless_motion, model
 from mbaid_ros.bags import BagWriter, message_class
 from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.outgoing import MessageTypes
-from mbaid_ros.simulated_run import SensorMessages
+from mbaid_ros.outgoing import MessageTypes, SensorMessages
 
 ROBOT = 'servicer7'
 LEVEL = 'mid'

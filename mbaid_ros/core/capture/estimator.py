@@ -196,13 +196,12 @@ class CaptureEstimator:
         return replace(
             estimate,
             status='inconsistent' if doubts else 'waiting',
-            momentum=chaser.momentum + window.impulse[-1],
+            momentum=chaser.momentum,
             momentum_covariance=chaser.covariance,
             residual=chaser.residual,
-            impulse=window.impulse[-1],
             samples=chaser.samples,
             warnings=(*doubts, BEFORE),
-        )
+        ).after_thrust(window.impulse[-1])
 
     def _watch(self, window: Samples) -> None:
         """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""

@@ -124,7 +124,7 @@ class DifferenceEstimator:
         solution = self._solution(run, linear)
         stamp = origin + round(time * 1e9)
         estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        return self._judged(estimate.thrust(window.impulse[-1]), run)
+        return self._judged(estimate.after_thrust(window.impulse[-1]), run)
 
     def _judged(self, estimate: Estimate, run: _Run) -> Estimate:
         """Return the estimate with what has disturbed its run."""

@@ -93,7 +93,7 @@ class Estimate:
         """One standard deviation of each parameter, (10,), NaN where not available."""
         return np.sqrt(np.diag(self.covariance))
 
-    def thrust(self, impulse: Array) -> Estimate:
+    def after_thrust(self, impulse: Array) -> Estimate:
         """Return the estimate with the momentum as known thrust has left it, from the one that the run began with."""
         if not np.any(impulse):
             return self

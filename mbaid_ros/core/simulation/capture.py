@@ -6,7 +6,7 @@ their rates, as they are driven: the base's twist jumps, such that the momentum 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class CaptureSimulation:
         if not np.all(early):
             after = self._after.advance(instants[~early] - self._target.time)
             parts.append(replace(after, time=instants[~early]))
-        return Truth(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Truth)))
+        return Truth.concatenate(parts)
 
 
 def _momentum(model: RobotModel, at: Truth, target: Target) -> Array:

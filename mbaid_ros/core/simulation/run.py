@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -51,6 +52,11 @@ class Truth:
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> Truth:
         """Return the instants of a slice, mask or index array."""
         return Truth(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @staticmethod
+    def concatenate(parts: Sequence[Truth]) -> Truth:
+        """Return the instants of the parts, joined in order."""
+        return Truth(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Truth)))
 
 
 class Simulation:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class ThrustSimulation:
             self._start = time
             self._simulation = Simulation(self._model, self._motion.later(time), _state(part), self._step, push)
         parts.append(self._now(instants))
-        return Truth(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Truth)))
+        return Truth.concatenate(parts)
 
     def _now(self, instants: Array) -> Truth:
         return replace(self._simulation.advance(instants - self._start), time=instants)

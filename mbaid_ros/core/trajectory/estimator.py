@@ -98,7 +98,7 @@ class TrajectoryEstimator:
         tracker.take(ready, still_open, moved=self._moved)
         time = float(window.time[-1])
         estimate = self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
-        return estimate.thrust(window.impulse[-1])
+        return estimate.after_thrust(window.impulse[-1])
 
     def _collect(self, window: Samples, origin: Array) -> tuple[Window | None, Window | None]:
         """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
