@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
-from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.dynamics import Push, State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
@@ -134,10 +134,10 @@ class SimulatedRun:
         joints, base = self._sensed.read(until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
-        link = '' if self.pulse is None else self.pulse.link
+        frame = '' if self.pulse is None else self.pulse.frame
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
         messages = [
-            *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, link, self.stamp(t))) for t, wrench in due),
+            *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
             *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
             *(
                 TimedMessage(t, 'joint_states', joint_state(joints, i, self.stamp(t)))
@@ -184,8 +184,13 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
             f"parameter 'thrust.duration' is {thrust.duration:g} s with capture.time {config.capture.time:g} s; "
             'accepted: one of them, the other 0'
         )
-    link = model.link(thrust.link or model.base_link).name
-    return Pulse(thrust.time, thrust.time + thrust.duration, link, np.array([*thrust.force, *thrust.torque]))
+    wrench = np.array([*thrust.force, *thrust.torque])
+    if thrust.link == config.odom_frame:
+        frame, push = thrust.link, Push(None, wrench[:3], wrench[3:])
+    else:
+        link = model.link(thrust.link or model.base_link)
+        frame, push = link.name, Push.on(link, wrench)
+    return Pulse(thrust.time, thrust.time + thrust.duration, frame, wrench, push)
 
 
 def _commands(pulse: Pulse) -> list[tuple[float, Array]]:

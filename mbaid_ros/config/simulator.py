@@ -75,7 +75,11 @@ class SimulatedThrustConfig:
 
     time: float = parameter(0.0, 'Begin of a pulse of thrust.', 's', minimum=0.0)
     duration: float = parameter(0.0, 'Its length; 0 means that there is none.', 's', minimum=0.0)
-    link: str = parameter('', 'Link it acts on, at the origin and in the axes of its frame; empty means the base link.')
+    link: str = parameter(
+        '',
+        'Link it acts on, at the origin and in the axes of its frame; empty means the base link. The name of the '
+        'odometry frame makes it one on the base that is constant in that frame.',
+    )
     force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Force.', unit='N', lengths=(3,))
     torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Torque.', unit='N m', lengths=(3,))
     publish: bool = parameter(

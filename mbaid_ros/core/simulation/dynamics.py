@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
@@ -12,6 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import Link, RobotModel, parse
+from mbaid_ros.core.simulation import quaternions
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -66,15 +67,15 @@ TorqueLaw = Callable[[float, State], Array]
 
 @dataclass(frozen=True)
 class Push:
-    """A force and torque on a body.
+    """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame.
 
     Attributes
     ----------
-    body : index of the moving body
-    force, torque : (3,) N, N m, about the body frame's origin, in its axes
+    body : index of the moving body; None for the odometry frame
+    force, torque : (3,) N, N m, about the frame's origin, in its axes
     """
 
-    body: int
+    body: int | None
     force: Array
     torque: Array
 
@@ -83,6 +84,10 @@ class Push:
         """Return a (6,) force and torque about a link frame's origin, in its axes, as its body has it."""
         force = link.rotation @ wrench[:3]
         return Push(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
+
+    def about(self, origin: Array) -> Push:
+        """Return the same where positions count from another place (3,) of the odometry frame."""
+        return self if self.body is not None else replace(self, torque=self.torque - np.cross(origin, self.force))
 
 
 class Dynamics:
@@ -108,9 +113,7 @@ class Dynamics:
         self._turning = np.array(model.continuous, dtype=bool)
         self._sine_place = self._place[self._turning] + 1
         self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
-        if push is not None:
-            # pinocchio's universe comes before the bodies.
-            self._forces[push.body + 1] = pinocchio.Force(push.force, push.torque)
+        self._push = push
         self._refuse_singular()
 
     def acceleration(self, state: State, torque: Array) -> Array:
@@ -132,6 +135,7 @@ class Dynamics:
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
+        self._set_forces(state)
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
             message = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
@@ -187,6 +191,18 @@ class Dynamics:
             slopes[stage, size:] = self.acceleration(reached, torque)
         moved = length * (_WEIGHTS @ slopes)
         return _moved(state, moved[:size], state.velocity + moved[size:])
+
+    def _set_forces(self, state: State) -> None:
+        """Tell pinocchio what acts from outside."""
+        if self._push is None:
+            return
+        body, force, torque = self._push.body, self._push.force, self._push.torque
+        if body is None:
+            back = quaternions.conjugate(state.base_orientation)
+            about_base = self._push.about(state.base_position)
+            body, force, torque = 0, quaternions.rotate(back, force), quaternions.rotate(back, about_base.torque)
+        # pinocchio's universe comes before the bodies.
+        self._forces[body + 1] = pinocchio.Force(force, torque)
 
     def _configuration(self, state: State) -> Array:
         """Return pinocchio's configuration vector, in which a continuous joint is (cos, sin)."""

@@ -85,9 +85,9 @@ class Simulation:
         self.model = model
         self.motion = motion
         self.step = step
-        self._dynamics = Dynamics(model, push)
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
+        self._dynamics = Dynamics(model, None if push is None else push.about(self._origin))
         start = replace(initial, base_position=np.zeros(3))
         self._first = 0  # index of the first step kept
         self._states = [start]

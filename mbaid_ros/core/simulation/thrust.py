@@ -1,4 +1,4 @@
-"""A pulse of thrust: a force and torque that are constant in the axes of a link, for a while."""
+"""A pulse of thrust: a force and torque that are constant in the axes of a link or of the world, for a while."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from mbaid_ros.core.simulation.run import Simulation, Truth
 
 @dataclass(frozen=True)
 class Pulse:
-    """A force and torque that act on a link.
+    """A force and torque that act on a link; or on the base, constant in the odometry frame.
 
     Attributes
     ----------
     begin, end : s since the start of the run
-    link : name of the link
-    wrench : (6,) force, N, and torque about the link frame's origin, N m, in its axes
+    frame : name of the link, or of the odometry frame
+    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
+    push : what this is on the robot
     """
 
     begin: float
     end: float
-    link: str
+    frame: str
     wrench: Array
+    push: Push
 
 
 class ThrustSimulation:
@@ -46,13 +48,12 @@ class ThrustSimulation:
     Raises
     ------
     ModelError
-        The robot's mass matrix is singular, or it has no such link.
+        The robot's mass matrix is singular.
     """
 
     def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
         self._model, self._motion, self._step = model, motion, step
-        push = Push.on(model.link(pulse.link), pulse.wrench)
-        self._changes: list[tuple[float, Push | None]] = [(pulse.begin, push), (pulse.end, None)]
+        self._changes: list[tuple[float, Push | None]] = [(pulse.begin, pulse.push), (pulse.end, None)]
         self._start = 0.0
         self._simulation = Simulation(model, motion, initial, step)
 
