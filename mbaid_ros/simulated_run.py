@@ -79,12 +79,10 @@ class SimulatedRun:
         self._types = types
         self._messages = SensorMessages(types, self.model, config.odom_frame)
         self.start = 0
-        motion = make_motion(config, self.model)
-        start = make_initial_state(config, self.model, motion)
-        self.captured = make_target(config, self.target, motion)
-        self.pulse = make_pulse(config, self.model)
+        simulation = make_simulation(config, self.model)
+        self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
+        self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
         self._commands = _commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
-        simulation = self._simulation(motion, start)
         if isinstance(simulation, CaptureSimulation):
             self.momentum, self.brought = simulation.momentum, simulation.brought
             self.target = simulation.joined.link(self.target.name)
@@ -93,13 +91,6 @@ class SimulatedRun:
             self.brought = np.zeros(6)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
-
-    def _simulation(self, motion: Motion, start: State) -> Simulation | CaptureSimulation | ThrustSimulation:
-        if self.pulse is not None:
-            return ThrustSimulation(self.model, motion, start, self.config.step, self.pulse)
-        if self.captured is not None and isinstance(motion, Sinusoids):
-            return CaptureSimulation(self.model, motion, start, self.config.step, self.captured)
-        return Simulation(self.model, motion, start, self.config.step)
 
     @property
     def target_inertia(self) -> Array:
@@ -145,6 +136,27 @@ class SimulatedRun:
             ),
         ]
         return sorted(messages, key=lambda message: message.time)
+
+
+def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | CaptureSimulation | ThrustSimulation:
+    """Return the robot in motion, as the parameters ask for, without sensors.
+
+    Raises
+    ------
+    ModelError
+        The robot cannot be simulated, or lacks a link that the parameters name.
+    ParameterError
+        The parameters do not fit the robot, or each other.
+    """
+    motion = make_motion(config, model)
+    start = make_initial_state(config, model, motion)
+    target = make_target(config, model.link(config.target_link or model.last_link), motion)
+    pulse = make_pulse(config, model)
+    if pulse is not None:
+        return ThrustSimulation(model, motion, start, config.step, pulse)
+    if target is not None and isinstance(motion, Sinusoids):
+        return CaptureSimulation(model, motion, start, config.step, target)
+    return Simulation(model, motion, start, config.step)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:

@@ -14,6 +14,8 @@ from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
 
+_ROUNDING = 1e-12  # part of a whole, of which what is left after subtraction is nothing
+
 
 @dataclass(frozen=True)
 class Nuisance:
@@ -121,7 +123,7 @@ def _fall(*, cross: Array, own: Array, gradient: Array, effects: Array, nuisance
     slope = gradient - np.swapaxes(weighed, -1, -2) @ nuisance.gradient
     unsure = effects * nuisance.size - back @ nuisance.spread
     covariance = own - back @ weighed + unsure @ np.swapaxes(unsure, -1, -2)
-    return np.asarray(np.sum((inverse(covariance) @ slope[..., None])[..., 0] * slope, axis=-1))
+    return np.asarray(np.sum((inverse(covariance, own) @ slope[..., None])[..., 0] * slope, axis=-1))
 
 
 def _from_the_end(values: Array) -> Array:
@@ -129,11 +131,19 @@ def _from_the_end(values: Array) -> Array:
     return np.cumsum(values[::-1], axis=0)[::-1]
 
 
-def inverse(information: Array) -> Array:
-    """Return the inverse of (..., k, k) information, zero where there is none to double precision."""
-    size = 1.0 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
+def inverse(information: Array, whole: Array | None = None) -> Array:
+    """Return the inverse of (..., k, k) information, zero where there is none to double precision.
+
+    Parameters
+    ----------
+    information : (..., k, k) what is left of `whole`, less what explains all of it but for rounding
+    whole : (..., k, k); where not given, the information itself
+    """
+    left = np.diagonal(information, axis1=-2, axis2=-1)
+    least = 0.0 if whole is None else _ROUNDING * np.diagonal(whole, axis1=-2, axis2=-1)
+    size = np.where(left > least, 1.0 / np.sqrt(np.where(left > least, left, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(information * size[..., None] * size[..., None, :])
-    usable = values > 1e-12 * values[..., -1:]
+    usable = values > _ROUNDING * np.maximum(values[..., -1:], np.finfo(float).tiny)
     inverted = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
     matrix = (vectors * inverted[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     return np.asarray(matrix * size[..., None] * size[..., None, :])

@@ -58,6 +58,7 @@ class CaptureSimulation:
 
     Attributes
     ----------
+    target : as given
     joined : the robot after the capture
     brought : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
     momentum : (6,) that of the whole after it
@@ -69,7 +70,7 @@ class CaptureSimulation:
     """
 
     def __init__(self, model: RobotModel, motion: Sinusoids, initial: State, step: float, target: Target) -> None:
-        self._target = target
+        self.target = target
         self._before = Simulation(model, motion, initial, step)
         self.joined = with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
@@ -88,10 +89,10 @@ class CaptureSimulation:
         ModelError
             The motion has diverged.
         """
-        early = instants < self._target.time
+        early = instants < self.target.time
         parts = [self._before.advance(instants[early])] if np.any(early) or not len(instants) else []
         if not np.all(early):
-            after = self._after.advance(instants[~early] - self._target.time)
+            after = self._after.advance(instants[~early] - self.target.time)
             parts.append(replace(after, time=instants[~early]))
         return Truth.concatenate(parts)
 

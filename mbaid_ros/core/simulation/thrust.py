@@ -45,6 +45,10 @@ class ThrustSimulation:
     step : s, of the integrator
     pulse : Pulse
 
+    Attributes
+    ----------
+    pulse : as given
+
     Raises
     ------
     ModelError
@@ -53,6 +57,7 @@ class ThrustSimulation:
 
     def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
         self._model, self._motion, self._step = model, motion, step
+        self.pulse = pulse
         self._changes: list[tuple[float, Push | None]] = [(pulse.begin, pulse.push), (pulse.end, None)]
         self._start = 0.0
         self._simulation = Simulation(model, motion, initial, step)
