@@ -88,7 +88,6 @@ def spin(node: Node, over: Callable[[], object]) -> None:
     executor.add_node(node)
     node.create_timer(LATENCY, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))  # a reason to look again
     # What there is by now stays: to look through all of it for garbage would hold messages up, 40 ms each time.
-    gc.collect()
     gc.freeze()
     while not over():
         executor.spin_once()
