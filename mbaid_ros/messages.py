@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -66,20 +67,19 @@ class JointReader:
         A velocity that is not given is NaN.
         """
         dropped: Counter[str] = Counter()
-        rows: dict[Joints, list[tuple[int, Array, Array]]] = {}
+        runs: dict[Joints, list[_Run]] = {}
         for message in messages:
             layout = self._layout(message.name)
             cause = layout.refused or self._misfit(message, layout)
             if cause:
                 dropped[cause] += 1
                 continue
-            position = np.asarray(message.position, dtype=float)[layout.places]
-            velocity = (
-                np.asarray(message.velocity, dtype=float)[layout.places] if len(message.velocity) else layout.nothing
-            )
-            rows.setdefault(layout.joints, []).append((stamp_of(message), position, velocity))
+            earlier = runs.setdefault(layout.joints, [])
+            if not earlier or earlier[-1][0] is not layout:
+                earlier.append((layout, []))
+            earlier[-1][1].append(message)
         streams = {}
-        for joints, read in rows.items():
+        for joints, read in runs.items():
             stream = _finite_joints(read, dropped)
             if len(stream.stamp):
                 streams[joints] = stream
@@ -117,7 +117,8 @@ class JointReader:
         if any(names.count(self._names[joint]) > 1 for joint in joints):
             return _Layout(joints, _NOWHERE, NAMED_TWICE)
         refused = JOINT_MISSING if not joints and self._names else ''
-        return _Layout(joints, np.array([place[self._names[joint]] for joint in joints], dtype=np.intp), refused)
+        places = np.array([place[self._names[joint]] for joint in joints], dtype=np.intp)
+        return _Layout(joints, places, refused, len(names))
 
 
 class _Layout:
@@ -128,19 +129,30 @@ class _Layout:
     joints : their indices in the model
     places : their places in the message
     refused : why such messages cannot be used; empty: they can
+    count : of the names
     """
 
-    def __init__(self, joints: Joints, places: npt.NDArray[np.intp], refused: str) -> None:
+    def __init__(self, joints: Joints, places: npt.NDArray[np.intp], refused: str, count: int = 0) -> None:
         self.joints = joints
         self.places = places
         self.refused = refused
-        self.nothing = np.full(len(joints), np.nan)
+        self._nothing = np.full(count, np.nan)
+
+    def values(self, given: Sequence[Sequence[float]]) -> Array:
+        """Return the (N, k) values of the joints from those of N messages; NaN where one has none."""
+        return np.array([row if len(row) else self._nothing for row in given], dtype=float)[:, self.places]
 
 
-def _finite_joints(rows: Sequence[tuple[int, Array, Array]], dropped: Counter[str]) -> JointStream:
-    """Return the rows (stamp, position, velocity) that have every position; others are counted."""
-    stamps, positions, velocities = zip(*rows, strict=True)
-    stream = JointStream(np.array(stamps, dtype=np.int64), np.array(positions), np.array(velocities))
+_Run = tuple[_Layout, list[Any]]  # messages in a row that have the same names
+
+
+def _finite_joints(runs: Sequence[_Run], dropped: Counter[str]) -> JointStream:
+    """Return what messages hold that have every position; others are counted."""
+    stream = JointStream(
+        np.array([stamp_of(message) for _, run in runs for message in run], dtype=np.int64),
+        np.concatenate([layout.values([message.position for message in run]) for layout, run in runs]),
+        np.concatenate([layout.values([message.velocity for message in run]) for layout, run in runs]),
+    )
     finite = np.all(np.isfinite(stream.position), axis=1)
     real = np.all(np.abs(stream.position) < _LARGEST_JOINT, axis=1)
     dropped[NOT_FINITE] += int(np.sum(~finite))
@@ -243,18 +255,22 @@ class OdometryReader:
         """Return (N, 6, 6) covariances: the messages', or the default where they are not set or not usable."""
         rows = np.array(given, dtype=float).reshape(-1, 36)
         # Publishers mostly repeat one covariance: check each distinct one once.
-        same = np.all(rows == rows[0], axis=1) if len(rows) else np.zeros(0, dtype=bool)
-        distinct, inverse = (
-            (rows[:1], np.zeros(len(rows), dtype=np.intp))
-            if np.all(same)
-            else np.unique(rows, axis=0, return_inverse=True)
-        )
-        checked = [usable_covariance(row.reshape(6, 6), default) for row in distinct]
-        replaced = np.array(
-            [not np.array_equal(used, row.reshape(6, 6)) for used, row in zip(checked, distinct, strict=True)]
-        )
-        self.default_covariances += int(np.sum(replaced[inverse.ravel()]))
-        return np.array(checked)[inverse.ravel()]
+        if np.all(rows == rows[0]):
+            used, replaced = _checked(rows[0].tobytes(), default.tobytes())
+            self.default_covariances += len(rows) * replaced
+            return np.repeat(used[None], len(rows), axis=0)
+        distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
+        checked = [_checked(row.tobytes(), default.tobytes()) for row in distinct]
+        self.default_covariances += int(np.sum(np.array([replaced for _, replaced in checked])[inverse.ravel()]))
+        return np.array([used for used, _ in checked])[inverse.ravel()]
+
+
+@lru_cache(maxsize=64)
+def _checked(given: bytes, default: bytes) -> tuple[Array, bool]:
+    """Return the (6, 6) covariance to use where one is given, and whether that is another one."""
+    matrix = np.frombuffer(given).reshape(6, 6)
+    used = usable_covariance(matrix, np.frombuffer(default).reshape(6, 6))
+    return used, not np.array_equal(used, matrix)
 
 
 def _of_base(stream: BaseStream, frames: Sequence[AttachedFrame]) -> BaseStream:

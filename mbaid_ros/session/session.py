@@ -33,6 +33,7 @@ from mbaid_ros.session.methods import capture_of, make_estimator
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
 STOPPED = 'after the stop by a jump of the stamps'
+PART = 200  # messages that are worked through at once while a window is open
 
 _RESTARTS_KEPT = 20
 
@@ -99,12 +100,12 @@ class Session:
         return JointReader(self.model.joint_names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
-        """Take a JointState without looking into it; return whether a window may be complete."""
-        return self._add(JOINTS, ODOMETRY, message, self.merge.hold)
+        """Take a JointState without looking into it; return whether it is time for `process`."""
+        return self._add(JOINTS, ODOMETRY, message)
 
     def add_odometry(self, message: Any) -> bool:
-        """Take an Odometry without looking into it; return whether a window may be complete."""
-        return self._add(ODOMETRY, JOINTS, message, self._reorder.hold)
+        """Take an Odometry without looking into it; return whether it is time for `process`."""
+        return self._add(ODOMETRY, JOINTS, message)
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
@@ -232,7 +233,7 @@ class Session:
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
-    def _add(self, name: str, other: str, message: Any, hold: int) -> bool:
+    def _add(self, name: str, other: str, message: Any) -> bool:
         stamp = stamp_of(message)
         gate, opposite = self.gates[name], self.gates[other]
         behind = gate.epoch != self._epoch
@@ -245,8 +246,24 @@ class Session:
             return True
         if behind and gate.messages and gate.messages[-1] is message:
             gate.epoch = self._epoch
+        return self._is_time(name, stamp)
+
+    def _is_time(self, name: str, stamp: int) -> bool:
+        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.
+
+        The parts leave little to do between the last message of a window and its estimate, however high the rates.
+        """
+        joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
+        if len(joints.messages) + len(odometry.messages) >= PART:
+            return True
         end = self._identifier.end_of_window
-        return bool(opposite.messages) and (end is None or stamp >= end + hold)
+        if end is None:
+            return bool(joints.messages and odometry.messages)
+        if stamp < end or joints.newest is None or odometry.newest is None:
+            return False
+        # A window is complete with the first joints after it and odometry that is no earlier than these.
+        newest_joints, newest_odometry = joints.newest - self.merge.hold, odometry.newest - self._reorder.hold
+        return newest_joints >= end and newest_odometry >= (newest_joints if name == JOINTS else end)
 
     def _takes(self, opposite: Gate, stamp: int) -> bool:
         """Tell whether a message is taken although its topic has not jumped back with the other one."""

@@ -34,6 +34,7 @@ _ENVIRONMENT = {
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(HERE.parent / 'quick_discovery.xml'),
 }
 _PATIENCE = 20.0  # s
+_PUBLISHED = (': joint_states', ': odom')  # what the node tells of its inputs; on the others nothing comes
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,8 @@ class _Listener:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            if not status.name.endswith(_PUBLISHED):
+                continue
             for item in status.values:
                 if item.key == 'received':
                     self.received[status.name] = int(item.value)

@@ -6,13 +6,11 @@ Early estimates are not; the projection moves them least where the data are sure
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.optimize import least_squares
 
 from mbaid_ros.core.geometry import Array, vec
-from mbaid_ros.core.robot.inertia import from_pseudo_inertia, pseudo_inertia, standard
+from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 
 # Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
@@ -23,11 +21,12 @@ _FLOOR = 1e-9
 _OPEN = 1e-2
 _DRAW = 1e-3
 _EVALUATIONS = 50
-_TRIANGLE = np.tril_indices(4)
-_DIAGONAL = np.flatnonzero(_TRIANGLE[0] == _TRIANGLE[1])
-_UNIT_LOWER = np.zeros((10, 4, 4))
-_UNIT_LOWER[np.arange(10), _TRIANGLE[0], _TRIANGLE[1]] = 1.0
-_LARGEST_EXPONENT = 20.0
+# Of the weight of the boundary: at the last, an estimate is within a hundredth of a standard deviation of the nearest.
+_LEAST_WEIGHT = 1e-6
+_FALL = 0.03
+_INTERIOR = 0.9  # of the way to the boundary that a step may go
+_STEPS = 100
+_PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye(10)])
 
 
 def is_physical(standard_parameters: Array) -> bool:
@@ -64,20 +63,8 @@ def project(standard_parameters: Array, covariance: Array, scale: Array) -> tupl
     # Lengths in the unit that makes mass and second moment of the same size.
     length = np.sqrt(scale[4] / scale[0])
     unit = np.sqrt(scale[0]) * np.array([length, length, length, 1.0])
-    unit = unit * unit[:, None]
-
-    def body(log_cholesky: Array) -> Array:
-        lower = _lower(log_cholesky)
-        return from_pseudo_inertia((lower @ lower.T + _FLOOR * np.eye(4)) * unit)
-
-    def slope(log_cholesky: Array) -> Array:
-        lower = _lower(log_cholesky)
-        change = _UNIT_LOWER @ lower.T
-        change[_DIAGONAL] *= lower[range(4), range(4)][:, None, None]
-        return rows @ from_pseudo_inertia((change + np.swapaxes(change, 1, 2)) * unit).T
-
-    start = _log_cholesky(pseudo_inertia(ball) / unit)
-    nearest = body(_least_squares(lambda coordinates: rows @ body(coordinates) - offset, slope, start))
+    units = _PSEUDO_INERTIAS * scale[:, None, None] / (unit * unit[:, None])
+    nearest = scale * _nearest(rows * scale, offset, units, ball / scale)
     return nearest, float(np.linalg.norm(metric @ (nearest - standard_parameters)))
 
 
@@ -120,7 +107,13 @@ def project_planar(standard_parameters: Array, covariance: Array, scale: Array, 
         mass = max(mass, 1e-3 * scale[0])
         com = np.clip(estimate[1:3] / mass, -scale[1] / scale[0], scale[1] / scale[0])
         start = np.concatenate(([np.log(mass)], com, [np.log(1e-3 * mass * scale[4] / scale[0])]))
-        found = _least_squares(lambda coordinates: metric @ (planar(coordinates) - estimate), '2-point', start)
+        found = least_squares(
+            lambda coordinates: metric @ (planar(coordinates) - estimate),
+            start,
+            method='trf',
+            x_scale='jac',
+            max_nfev=_EVALUATIONS,
+        ).x
         distance = float(np.linalg.norm(metric @ (planar(found) - estimate)))
         com = found[1:3]
         mass, moment = positive(found)
@@ -128,9 +121,41 @@ def project_planar(standard_parameters: Array, covariance: Array, scale: Array, 
     return standard(np.concatenate(([mass], across @ com, ball))), distance
 
 
-def _least_squares(residual: Callable[[Array], Array], slope: Callable[[Array], Array] | str, start: Array) -> Array:
-    solution = least_squares(residual, start, jac=slope, method='trf', x_scale='jac', max_nfev=_EVALUATIONS)
-    return np.asarray(solution.x)
+def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
+    """Return the x with the least |A x - b| for which the pseudo-inertia, linear in x, exceeds the floor.
+
+    Newton's steps on 1/2 |A x - b|^2 - w ln det(pseudo-inertia - floor), with w falling to next to nothing (Boyd,
+    Vandenberghe, Convex Optimization, 2004, chapter 11). There is one minimum only, mostly on the boundary, where
+    coordinates that cannot leave the cone would never arrive.
+
+    Parameters
+    ----------
+    rows, offset : (k, 10) A of full rank, (k,) b
+    units : (10, 4, 4) pseudo-inertias of unit x
+    start : (10,) inside the cone
+    """
+    orthonormal, triangle = np.linalg.qr(rows)
+    back = np.linalg.inv(triangle)  # z = R x, in which |A x - b| is the distance from a point
+    target = orthonormal.T @ offset
+    inside = x = start
+    weight = max(0.25 * float(np.sum((target - triangle @ x) ** 2)), _LEAST_WEIGHT)
+    for _ in range(_STEPS):
+        try:
+            whiten = np.linalg.inv(np.linalg.cholesky(np.tensordot(x, units, 1) - _FLOOR * np.eye(4)))
+        except np.linalg.LinAlgError:  # the boundary is nearer than rounding
+            return inside
+        inside = x
+        barrier = back.T @ (whiten @ units @ whiten.T).reshape(10, 16)
+        slope = target - triangle @ x + weight * (barrier @ np.eye(4).ravel())
+        step = np.linalg.solve(np.eye(10) + weight * (barrier @ barrier.T), slope)
+        change = step @ barrier
+        shrinking = float(np.linalg.eigvalsh(change.reshape(4, 4))[0])
+        x = x + min(1.0, _INTERIOR / max(-shrinking, 1e-300)) * (back @ step)
+        if float(step @ step) / weight + float(change @ change) < 1.0:  # close to this weight's minimum
+            if weight == _LEAST_WEIGHT:
+                break
+            weight = max(_FALL * weight, _LEAST_WEIGHT)
+    return inside
 
 
 def _ball(standard_parameters: Array, scale: Array) -> Array:
@@ -149,18 +174,3 @@ def _metric(covariance: Array, scale: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
     weight = np.where(values < 1.0 / _OPEN, 1.0 / np.sqrt(np.maximum(values, np.finfo(float).tiny)), 0.0)
     return np.asarray(weight[:, None] * vectors.T / scale)
-
-
-def _log_cholesky(matrix: Array) -> Array:
-    lower = np.linalg.cholesky(matrix)[_TRIANGLE]
-    lower[_DIAGONAL] = np.log(lower[_DIAGONAL])
-    return np.asarray(lower)
-
-
-def _lower(log_cholesky: Array) -> Array:
-    elements = log_cholesky.copy()
-    # Bounded: the boundary of the cone lies at minus infinity.
-    elements[_DIAGONAL] = np.exp(np.clip(elements[_DIAGONAL], -_LARGEST_EXPONENT, _LARGEST_EXPONENT))
-    lower = np.zeros((4, 4))
-    lower[_TRIANGLE] = elements
-    return lower

@@ -63,6 +63,24 @@ def test_no_real_body_is_nearer(seed: int) -> None:
     assert far <= nearest * (1.0 + 1e-3)
 
 
+@pytest.mark.parametrize('size', [1.0, 1e-3])
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_projection_is_the_nearest_of_all_real_bodies(seed: int, size: float) -> None:
+    """The slope there, as a form on pseudo-inertias, is positive and vanishes on the projection: no body is nearer."""
+    estimate, covariance = random_estimate(seed)
+    covariance = covariance * size**2
+    body, far = project(estimate, covariance, SCALE)
+    slope = np.linalg.solve(covariance, body - estimate)
+    units = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+    gram = np.einsum('aij,bij->ab', units, units)
+    dual = np.tensordot(np.linalg.solve(gram, slope), units, 1)
+    values = np.linalg.eigvalsh(dual)
+    assert far > 0.0
+    assert values[0] > -1e-6 * values[-1]
+    # Half the square of the distance, less what it is at the least.
+    assert slope @ body < 1e-4 + 1e-5 * far**2
+
+
 @pytest.mark.parametrize('seed', SEEDS)
 def test_a_real_body_is_left_as_it_is(seed: int) -> None:
     rng = np.random.default_rng(seed)
