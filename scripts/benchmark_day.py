@@ -82,7 +82,8 @@ def main() -> int:
         for hour in _hours(arguments):
             hours.append(hour)
             bar.update()
-    print(_hourly(hours, truth), '', _final(hours[-1].estimate, truth), sep='\n')
+            print(_hourly([hour], truth).splitlines()[-1], flush=True)
+    print(_final(hours[-1].estimate, truth))
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / 'endurance.md').write_text(_page(arguments, hours, truth), encoding='utf-8')

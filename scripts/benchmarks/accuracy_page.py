@@ -14,6 +14,8 @@ from benchmarks.runs import Job
 from benchmarks.summary import Summary
 from mbaid_ros.core.geometry import Array
 
+_MOST = 0.5  # of the runs: where fewer publish, their errors are those of a choice
+
 # By case, then by method: one Summary for each of the case's times.
 Results = dict[Case, dict[str, list[Summary]]]
 
@@ -89,7 +91,9 @@ def lines(report: Report) -> Iterator[str]:
 
 
 def _ratio(summary: Summary) -> str:
-    return f'{number(summary.median)} ({number(summary.worst)})' if np.isfinite(summary.median) else '-'
+    if not np.isfinite(summary.median):
+        return '-'
+    return f'{number(summary.median)} ({number(summary.worst)}){"" if summary.determined > _MOST else " *"}'
 
 
 def _errors(report: Report, robot: str) -> str:
@@ -220,12 +224,12 @@ def _fewest(report: Report) -> int:
 
 
 def _seeds(report: Report) -> str:
-    seeds = {job.seeds for job in report.plan.values()}
-    most = max(seeds)
-    fewer = ', '.join(
-        f'{METHODS[name].runs(most)} of them for {name}' for name in report.methods if METHODS[name].runs(most) < most
-    )
-    return f'{most} seeds a row{f" ({fewer})" if fewer else ""}'
+    parts = []
+    for robot in report.robots():
+        most = report.plan[report.plain(robot)[0]].seeds
+        fewer = [f'{METHODS[name].runs(most)} for {name}' for name in report.methods if METHODS[name].runs(most) < most]
+        parts.append(f'{most} seeds for {robot}' + (f' ({", ".join(fewer)})' if fewer else ''))
+    return ', '.join(parts)
 
 
 _INTRODUCTION = """\
@@ -253,7 +257,8 @@ _ERRORS = """\
 ## Error over the bound
 
 RMSE over the bound: the median over the parameters and (in brackets) the worst of them. A dash: the method determined
-nothing in any run.
+nothing in any run. A star: it published every parameter in fewer than half of the runs, chosen by what their estimates
+looked like; method `difference unasked` of the script publishes all of them, however uncertain.
 """
 
 _INTERVALS = """\

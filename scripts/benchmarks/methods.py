@@ -26,12 +26,14 @@ class Method:
     share, fewest : it runs for that share of the seeds, but for no fewer than those, as far as there are: to tell
         factors of a hundred apart takes few
     papers : whether it is the paper's: it takes every velocity as it comes, and reports no uncertainty
+    extra : whether it is only run where it is asked for
     """
 
     settings: Mapping[str, object]
     share: float = 1.0
     fewest: int = 0
     papers: bool = False
+    extra: bool = False
 
     def runs(self, seeds: int) -> int:
         """Return how many of some seeds it runs for."""
@@ -41,6 +43,7 @@ class Method:
 METHODS = {
     'difference': Method({'method': 'difference'}),
     'trajectory': Method({'method': 'trajectory'}, 0.25, 50),
+    'difference unasked': Method({'method': 'difference', 'convergence.identifiable_std': 1e3}, extra=True),
     'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
         {'method': 'paper_difference', 'paper.reference': 'previous'}, 0.05, 10, papers=True

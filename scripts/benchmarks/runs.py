@@ -37,6 +37,11 @@ class Outcome:
         """Return the first of many runs."""
         return Outcome(*(getattr(self, field.name)[:runs] for field in fields(self)))
 
+    def followed_by(self, other: Outcome) -> Outcome:
+        """Return these runs and other ones."""
+        pairs = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+        return Outcome(*(np.concatenate(pair) for pair in pairs))
+
     @staticmethod
     def stack(outcomes: Sequence[Outcome]) -> Outcome:
         """Return the outcomes of several runs with a leading axis."""
@@ -77,7 +82,7 @@ def monte_carlo(
     truths : (10,) true physical parameters of each robot
     methods : names in the registry
     processes : that work at the same time
-    store : folder that keeps the outcome of every case and method; what it holds already is not run again
+    store : folder that keeps the outcome of every case and method; the runs that it holds are not made again
 
     Returns
     -------
@@ -101,13 +106,15 @@ def monte_carlo(
         ProcessPoolExecutor(processes) as pool,
     ):
         for (case, method), runs in wanted.items():
-            outcome = _stored(store, case, method, len(runs))
-            if outcome is None:
-                outcome = Outcome.stack([_counted(item, bar) for item in pool.map(_outcome, runs, chunksize=2)])
+            outcome = _stored(store, case, method)
+            done = 0 if outcome is None else min(len(outcome.parameters), len(runs))
+            bar.update(done)
+            if done < len(runs):
+                rest = Outcome.stack([_counted(item, bar) for item in pool.map(_outcome, runs[done:], chunksize=2)])
+                outcome = rest if outcome is None else outcome.followed_by(rest)
                 _keep(store, case, method, outcome)
-            else:
-                bar.update(len(runs))
-            results[case][method] = outcome
+            if outcome is not None:
+                results[case][method] = outcome.first(len(runs))
     return results
 
 
@@ -120,13 +127,12 @@ def _file(store: Path, case: Case, method: str) -> Path:
     return store / f'{case.name}-{method}.npz'.replace(' ', '_').replace('/', '_per_')
 
 
-def _stored(store: Path | None, case: Case, method: str, runs: int) -> Outcome | None:
-    """Return what a store holds of a case, if it holds as many runs."""
+def _stored(store: Path | None, case: Case, method: str) -> Outcome | None:
+    """Return what a store holds of a case."""
     if store is None or not _file(store, case, method).is_file():
         return None
     with np.load(_file(store, case, method)) as arrays:
-        outcome = Outcome(*(arrays[field.name] for field in fields(Outcome)))
-    return outcome.first(runs) if len(outcome.parameters) >= runs else None
+        return Outcome(*(arrays[field.name] for field in fields(Outcome)))
 
 
 def _keep(store: Path | None, case: Case, method: str, outcome: Outcome) -> None:
