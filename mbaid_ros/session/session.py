@@ -284,11 +284,15 @@ class Session:
         elif gate.epoch > self._epoch:
             self._ready += self._work()
             self._epoch = gate.epoch
-            self._earlier += self._dropped_now()
-            self._used += self._identifier.used
-            self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{told}; started again']
-            self.restarted += 1
-            self._begin()
+            self._start_again(told)
+
+    def _start_again(self, reason: str) -> None:
+        """Give up what has been learnt, and go on with what comes."""
+        self._earlier += self._dropped_now()
+        self._used += self._identifier.used
+        self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
+        self.restarted += 1
+        self._begin()
 
     def _work(self) -> list[Estimate]:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
@@ -298,7 +302,12 @@ class Session:
         self.received[JOINTS] += len(joint_states)
         self.received[ODOMETRY] += len(odometry)
         self._refused += dropped_joints + dropped_base
-        return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+        try:
+            return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+        except (np.linalg.LinAlgError, FloatingPointError) as error:
+            # Nothing that is known of leads here. A node in a robot's graph has to go on even so, and to say it.
+            self._start_again(f'the equations could not be solved ({error})')
+            return []
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
