@@ -18,6 +18,7 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from documents import CAMPAIGNS, DOCUMENTS, MARK, README, ROOT, TUTORIAL, Block, bash, blocks, names, prelude, project
 from graph import Graph, graph
+from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.outlets import message_class
 from stand_ins import put_on_path
 
@@ -145,7 +146,7 @@ def ask(place: Graph, words: list[str]) -> None:
 
 
 def test_the_tutorial_leads_to_a_live_estimate_and_to_one_from_a_recording(tmp_path: Path) -> None:
-    estimator, watch, simulator = blocks(TUTORIAL, 'live')
+    recorder, estimator, watch, simulator = blocks(TUTORIAL, 'live')
     record, show = blocks(TUTORIAL, 'run with stand-ins')
     files = [part for block in blocks(TUTORIAL, 'run') for part in HERE.findall(block.text)]
     stand_ins = put_on_path(tmp_path / 'bin', 'ros2', 'rviz2')
@@ -154,10 +155,17 @@ def test_the_tutorial_leads_to_a_live_estimate_and_to_one_from_a_recording(tmp_p
         for name in ('robot.urdf', 'estimator.yaml'):
             (folder / f'my_{name}').symlink_to(folder / 'tutorial' / name)
         estimates = place.collect('/estimator/estimate', InertiaEstimate)
-        with running(estimator, place, folder), running(watch, place, folder), running(simulator, place, folder):
+        with (
+            running(recorder, place, folder),
+            running(estimator, place, folder),
+            running(watch, place, folder),
+            running(simulator, place, folder),
+        ):
             run = bash(prelude()[0] + stand_ins + record.text + show.text, folder, place.environment)
             place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
         assert run.returncode == 0, run.stdout + run.stderr
         assert "topics in 'my_run'" in run.stdout
         assert 'the inertia of gripper is estimated' in run.stdout
         assert (folder / 'my_run.html').is_file()
+        with BagReader(folder / 'my_run_2') as bag:
+            assert set(bag.topics) == {'/joint_states', '/odom'}
