@@ -40,7 +40,7 @@ demo: install/.built
 	@. ./install/setup.sh && python3 scripts/demo.py
 
 bags: install/.built
-	@. ./install/setup.sh && python3 scripts/make_bags.py
+	@. ./install/setup.sh && python3 scripts/make_bags.py $(ARGS)
 
 test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 test: lint

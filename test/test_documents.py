@@ -1,61 +1,24 @@
-"""The documents: their tables say what the code says, their commands run as printed, their links lead somewhere.
+"""The documents: their tables say what the code says, and their links lead somewhere.
 
-Above every block of shell commands stands what becomes of it here:
-
-- `<!-- run -->`: it is run, after the blocks before it, in a copy of the project's folder.
-- `<!-- live -->`: it starts a node, which runs until it is interrupted.
-- `<!-- on the graph: why -->`: what it asks of the graph is asked of a running node, where there is no `ros2`.
-- `<!-- not run: why -->`
+Their commands run in test_document_commands.py.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import runpy
-import shlex
-import signal
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import pytest
-import yaml
-from mbaid_msgs.msg import InertiaEstimate
 
-from graph import Graph, graph
+from documents import DOCUMENTS, README, ROOT, names
 from made_runs import run
 from mbaid_ros.config.estimator import METHODS, EstimatorConfig
 from mbaid_ros.config.parameters import specifications
-from mbaid_ros.nodes.outlets import message_class
 from mbaid_ros.replay.results import as_json
 
-ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / 'README.md'
-DOCUMENTS = [README, *sorted(ROOT.glob('docs/*.md')), ROOT / 'bags' / 'README.md']
-BLOCK = re.compile(r'(?:<!-- (?P<mark>[^>]*) -->\n)?^```(?:sh|bash)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
-HERE = re.compile(r"^cat > \S+ <<'END'\n.*?^END\n", re.DOTALL | re.MULTILINE)  # a file that a block writes
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
 TEXTS = {'.md', '.py', '.yaml', '.yml', '.toml', '.txt', '.xml', '.urdf', '.msg', '.sh', '.cfg', '.json', '.svg', ''}
-
-
-@dataclass(frozen=True)
-class Block:
-    """A block of shell commands and what is said above it."""
-
-    mark: str
-    text: str
-
-
-def blocks(document: Path) -> list[Block]:
-    return [Block(found['mark'] or '', found['text']) for found in BLOCK.finditer(document.read_text(encoding='utf-8'))]
-
-
-def names(documents: list[Path]) -> list[str]:
-    return [str(path.relative_to(ROOT)) for path in documents]
 
 
 def script(name: str) -> dict[str, object]:
@@ -134,138 +97,6 @@ def test_the_dependencies_are_those_of_the_project() -> None:
     manifest = (ROOT / 'package.xml').read_text(encoding='utf-8')
     for key in re.findall(r'<(?:exec|test)_depend>([\w-]+)<', manifest):
         assert f'`{key}`' in text
-
-
-# -- commands
-
-
-@pytest.mark.parametrize('document', names(DOCUMENTS))
-def test_every_block_says_whether_it_is_run(document: str) -> None:
-    for block in blocks(ROOT / document):
-        assert re.fullmatch(r'run|live|(on the graph|not run): .+', block.mark), block.text
-
-
-@contextmanager
-def project(folder: Path) -> Iterator[Path]:
-    """Give a folder that looks like the project's, for commands that write into the current one."""
-    if not (ROOT / 'install' / 'setup.bash').is_file():
-        pytest.skip('not built in this folder')
-    for entry in ROOT.iterdir():
-        if not entry.name.startswith('.'):
-            (folder / entry.name).symlink_to(entry)
-    yield folder
-
-
-def prelude() -> str:
-    """Return the README's first blocks: they give the environment and the command `ros2 run`."""
-    first = [block.text for block in blocks(README) if block.mark == 'run'][:2]
-    assert 'install/setup.bash' in first[0]
-    assert first[1].startswith('ros2()')
-    return ''.join(first)
-
-
-@pytest.mark.parametrize('document', [name for name in names(DOCUMENTS) if '<!-- run -->' in (ROOT / name).read_text()])
-def test_the_commands_run_as_printed(document: str, tmp_path: Path) -> None:
-    texts = [block.text for block in blocks(ROOT / document) if block.mark == 'run']
-    with project(tmp_path) as folder:
-        commands = (prelude() if document != 'README.md' else '') + ''.join(texts)
-        run = subprocess.run(['bash', '-ec', commands], cwd=folder, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (0, ''), run.stdout
-    if document == 'README.md':
-        assert 'the inertia of link7 is identified' in run.stdout
-        assert (tmp_path / 'report.html').is_file()
-        assert (tmp_path / 'simulation' / 'truth.json').is_file()
-        assert run.stdout.splitlines()[-1].startswith("{'mass': 934.4")
-
-
-@contextmanager
-def running(block: Block, place: Graph, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start a node as printed; in the end interrupt it as Ctrl-C does, and see that it takes it well."""
-    process = subprocess.Popen(
-        ['bash', '-ec', prelude() + block.text],
-        cwd=folder,
-        env=place.environment,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        yield process
-        os.killpg(process.pid, signal.SIGINT)
-        error = process.communicate(timeout=20.0)[1]
-        assert process.returncode == 0, error
-        assert 'Traceback' not in error
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-
-
-def test_the_live_commands_lead_to_an_estimate(tmp_path: Path) -> None:
-    work, logs = tmp_path / 'work', tmp_path / 'logs'
-    work.mkdir()
-    logs.mkdir()
-    estimator, simulator, own = (block for block in blocks(README) if block.mark == 'live')
-    with project(work) as folder, graph(logs) as place:
-        estimates = place.collect('/estimator/estimate', InertiaEstimate)
-        with running(estimator, place, folder), running(simulator, place, folder):
-            place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
-        estimates.clear()
-        with running(own, place, folder):
-            place.wait(lambda: any('/base/odom' in str(estimate.warnings) for estimate in estimates), 'what it lacks')
-
-
-def test_what_the_documents_ask_of_a_graph_is_answered(tmp_path: Path) -> None:
-    work, logs = tmp_path / 'work', tmp_path / 'logs'
-    work.mkdir()
-    logs.mkdir()
-    questions = [block.text for path in DOCUMENTS for block in blocks(path) if block.mark.startswith('on the graph')]
-    estimator, simulator = [block for block in blocks(README) if block.mark == 'live'][:2]
-    with (
-        project(work) as folder,
-        graph(logs) as place,
-        running(estimator, place, folder),
-        running(simulator, place, folder),
-    ):
-        for command in ''.join(questions).splitlines():
-            ask(place, shlex.split(command))
-    assert len(questions) >= 2
-
-
-def ask(place: Graph, words: list[str]) -> None:
-    """Do through rclpy what a command of ROS 2 does."""
-    if words[:3] == ['ros2', 'topic', 'echo']:
-        (topic,) = words[3:]
-        place.wait(lambda: topic in dict(place.node.get_topic_names_and_types()), topic)
-        types = dict(place.node.get_topic_names_and_types())
-        messages = place.collect(topic, message_class(types[topic][0]))
-        place.wait(lambda: messages, f'a message of {topic}')
-    elif words[:3] == ['ros2', 'service', 'call']:
-        service, type_name, values = words[3:]
-        package, _, name = type_name.split('/')
-        service_type = getattr(import_module(f'{package}.srv'), name)
-        assert place.call(service, service_type, service_type.Request(**yaml.safe_load(values))).success
-    else:
-        raise AssertionError(f'not known here: {words}')
-
-
-def test_the_live_commands_of_the_tutorial_lead_to_an_estimate(tmp_path: Path) -> None:
-    work, logs = tmp_path / 'work', tmp_path / 'logs'
-    work.mkdir()
-    logs.mkdir()
-    tutorial = blocks(ROOT / 'docs' / 'tutorial.md')
-    estimator, watch, simulator = (block for block in tutorial if block.mark == 'live')
-    files = [part for block in tutorial if block.mark == 'run' for part in HERE.findall(block.text)]
-    with project(work) as folder, graph(logs) as place:
-        subprocess.run(['bash', '-ec', 'mkdir tutorial\n' + ''.join(files)], cwd=folder, check=True)
-        estimates = place.collect('/estimator/estimate', InertiaEstimate)
-        with running(estimator, place, folder), running(watch, place, folder), running(simulator, place, folder):
-            place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
-
-
-def test_no_other_document_has_live_commands() -> None:
-    tested = {README, ROOT / 'docs' / 'tutorial.md'}
-    assert {path for path in DOCUMENTS if any(block.mark == 'live' for block in blocks(path))} == tested
 
 
 # -- text

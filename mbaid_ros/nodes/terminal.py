@@ -11,10 +11,9 @@ import numpy as np
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS
 
 NARROWEST = 20  # columns
-_BAND = 1.96  # standard deviations either side that hold 95 %
 _DECADES = 3.0  # an empty bar is a relative standard deviation of 100 %, a full one 0.1 %
 _COLUMNS_WITHOUT_BAR = 35
 
@@ -34,14 +33,14 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
         one_line(topic),
         f'{_status(message)}: {one_line(message.header.frame_id)}',
         f'{_span(message):.1f} s, {message.samples} samples, {one_line(message.method)}',
-        '',
+        f'{"":16} {sign}95 %',
     ]
     progress = certainty(values, stds)
     for name, unit, value, std, share in zip(PARAMETERS, UNITS, values, stds, progress, strict=True):
         lines.append(_row(name, unit, (value, std), share, width, sign))
     lines += ['', _momentum('P', 'N s', message.linear_momentum), _momentum('L', 'N m s', message.angular_momentum)]
     if math.isfinite(message.residual):
-        lines.append(f'residual {message.residual:.2f} (1: as the noise model says)')
+        lines.append(f'residual {message.residual:.2f} (1 is as expected)')
     for warning in message.warnings:
         lines += textwrap.wrap(f'! {one_line(warning)}', max(width, NARROWEST), subsequent_indent='  ')
     return [line[:width].rstrip() for line in lines]
@@ -53,7 +52,7 @@ def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}') -> str:
     parts = [f'{_span(message):.1f} s', _status(message)]
     for name, unit, value, std in zip(PARAMETERS, UNITS, values, stds, strict=True):
         if math.isfinite(value):
-            spread = f' {sign}{_BAND * std:.2g}' if math.isfinite(std) else ''
+            spread = f' {sign}{BAND * std:.2g}' if math.isfinite(std) else ''
             parts.append(f'{name} {value:.6g}{spread} {unit}')
     if message.warnings:
         parts.append('! ' + '; '.join(message.warnings))
@@ -88,7 +87,7 @@ def _row(name: str, unit: str, number: tuple[float, float], share: float, width:
     value, std = number
     if not math.isfinite(value):
         return f'{name:<5} {"-":>10}'
-    spread = f'{sign}{_BAND * std:.2g}' if math.isfinite(std) else ''
+    spread = f'{sign}{BAND * std:.2g}' if math.isfinite(std) else ''
     text = f'{name:<5} {value:>10.6g} {spread:<9}{unit:<6}'
     room = min(width - _COLUMNS_WITHOUT_BAR, 30)
     if room < 3 or not spread:

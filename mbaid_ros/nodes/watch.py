@@ -117,8 +117,8 @@ def sign_for(stream: TextIO) -> str:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         NAME,
-        'Show the estimate of a running estimator in the terminal as it converges: a bar is full at a standard\n'
-        'deviation of 0.1 %. Written to a file or pipe, one line an update.',
+        'Show the estimate of a running estimator in the terminal as it converges: intervals of 95 %, and bars that\n'
+        'are full at a standard deviation of 0.1 %. Written to a file or pipe, one line an update.',
         'watch /servicer/estimator\n  watch --once | tee now.txt',
     )
     parser.add_argument('estimator', nargs='?', default='', metavar='NAME', help='node or topic (default: any)')

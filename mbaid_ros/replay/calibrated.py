@@ -251,7 +251,7 @@ def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
     return one_line(link.name), f'{before} -> {mass}', com, moments, kept
 
 
-HEAD = ('body', 'mass, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
+HEAD = ('body', 'mass ± std, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
 
 
 def summary(result: Calibrated) -> str:

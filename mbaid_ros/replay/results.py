@@ -13,7 +13,7 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate
 from mbaid_ros.replay.jsonable import (
     matrix,
     number,
@@ -204,11 +204,12 @@ def summary(run: Run) -> str:
         if math.isnan(value):
             rows.append(f'  {name:6} not determined')
         else:
-            spread = '' if math.isnan(std) else f' ± {std:.2g}'
+            spread = '' if math.isnan(std) else f' ± {BAND * std:.2g}'
             rows.append(f'  {name:6} {value:>13.6g}{spread} {unit}')
     if run.capture is not None:
         rows += _captured(run.capture)
-    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {run.final.method}']
+    label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
+    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {run.final.method}{label}']
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 
 
@@ -226,7 +227,7 @@ def _captured(capture: Capture) -> list[str]:
 def _with_spread(value: float, std: float) -> str:
     if math.isnan(value):
         return 'not determined'
-    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {std:.2g}'
+    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {BAND * std:.2g}'
 
 
 def verdict(run: Run) -> str:

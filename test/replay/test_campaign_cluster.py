@@ -1,4 +1,4 @@
-"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback.
+"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, as in the document.
 
 They die on the way: one of the workers in the first test, the scheduler in the second.
 """
@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from distributed import Client
 
+from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun
 from mbaid_ros.replay import campaign
 from mbaid_ros.replay.campaigns import cluster
@@ -35,15 +38,17 @@ seeds: {RUNS}
 
 
 @contextmanager
-def dask(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a program of Dask on loopback."""
-    options = ['--host', '127.0.0.1', '--no-dashboard', *arguments]
-    command = [sys.executable, '-m', f'distributed.cli.dask_{program}', *options]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+def started(command: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a command of the document, with two workers where it asks for one a core."""
+    environment = {**os.environ, 'OMP_NUM_THREADS': '2'}  # which nproc prints
+    process = subprocess.Popen(
+        ['bash', '-c', command], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     try:
         yield process
     finally:
-        process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # with the processes that it started
         process.communicate()
 
 
@@ -61,52 +66,73 @@ def told(process: subprocess.Popen[str], pattern: str) -> str:
 
 @dataclass(frozen=True)
 class Cluster:
-    """Processes of a cluster, and the address of its scheduler."""
+    """A cluster, started as the document says.
+
+    Parameters
+    ----------
+    address : of its scheduler
+    scheduler : process
+    campaign : words of the command that uses it, as printed but for the address
+    """
 
     address: str
     scheduler: subprocess.Popen[str]
-    workers: list[subprocess.Popen[str]]
+    campaign: list[str]
+
+    def workers(self) -> list[int]:
+        """Return the process identifiers of the workers."""
+        with Client(self.address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            return list(client.run(os.getpid).values())
 
 
 @pytest.fixture(scope='module', name='two')
-def cluster_of_two() -> Iterator[Cluster]:
-    with ExitStack() as stack:
-        scheduler = stack.enter_context(dask('scheduler', '--port', '0'))
+def cluster_of_two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    (block,) = blocks(CAMPAIGNS, 'run by test/replay/test_campaign_cluster.py')
+    here = re.sub(r'dask \w+', r'\g<0> --host 127.0.0.1 --no-dashboard', block.text)
+    start_scheduler, start_workers, use = here.splitlines()
+    (printed,) = set(re.findall(r'tcp://\S+', here))
+    with project(tmp_path_factory.mktemp('cluster')) as folder, ExitStack() as stack:
+        scheduler = stack.enter_context(started(start_scheduler.partition('#')[0] + ' --port 0', folder))
         address = told(scheduler, r'Scheduler at:\s+(tcp://\S+)')
-        start = ('worker', address, '--nthreads', '1', '--no-nanny')
-        workers = [stack.enter_context(dask(*start)) for _ in range(2)]
-        for worker in workers:
-            told(worker, r'Starting established connection to (\S+)')
-        yield Cluster(address, scheduler, workers)
+        workers = stack.enter_context(started(start_workers.replace(printed, address), folder))
+        for _ in range(2):
+            told(workers, r'Starting established connection to (\S+)')
+        yield Cluster(address, scheduler, shlex.split(use.replace(printed, address)))
 
 
-def dying(process: subprocess.Popen[str], after: int) -> Callable[..., Generator[Result]]:
+def dying(kill: Callable[[], None], after: int) -> Callable[..., Generator[Result]]:
     """Return what makes runs on a cluster, and kills a process of it when some of the results are there."""
 
     def made(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
         for count, result in enumerate(cluster.made_on_cluster(runs, urdf, scheduler), start=1):
             if count == after:
-                process.kill()
-                process.wait()
+                kill()
             yield result
 
     return made
 
 
+@pytest.mark.parametrize('runs', [RUNS], ids='{} runs'.format)
 def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster, runs: int
 ) -> None:
-    yaml = tmp_path / 'campaign.yaml'
-    yaml.write_text(TEXT)
-    monkeypatch.setattr(campaign, 'made_on_cluster', dying(two.workers[0], RUNS // 4))
-    assert campaign.main([str(yaml), '--output', str(tmp_path / 'cluster'), '--scheduler', two.address]) == 0
-    assert [worker.poll() for worker in two.workers] == [-signal.SIGKILL, None]
+    assert two.campaign[:4] == ['ros2', 'run', 'mbaid_ros', 'campaign']
+    yaml, *options = two.campaign[4:]
+    (tmp_path / yaml).parent.mkdir()
+    (tmp_path / yaml).write_text(TEXT)
+    monkeypatch.chdir(tmp_path)
+    victim, other = two.workers()
+    monkeypatch.setattr(campaign, 'made_on_cluster', dying(lambda: os.kill(victim, signal.SIGKILL), runs // 4))
+    assert campaign.main([yaml, *options, '--output', 'cluster']) == 0
+    left = two.workers()
+    assert other in left
+    assert victim not in left
     there = capsys.readouterr()
     assert there.err == ''
-    assert campaign.main([str(yaml), '--output', str(tmp_path / 'here')]) == 0
+    assert campaign.main([yaml, '--output', 'here']) == 0
     for name in ('runs.jsonl', 'summary.json', 'campaign.json'):
         assert (tmp_path / 'cluster' / name).read_bytes() == (tmp_path / 'here' / name).read_bytes()
-    assert there.out.replace('/cluster/', '/here/') == capsys.readouterr().out
+    assert there.out.replace('cluster/', 'here/') == capsys.readouterr().out
 
 
 def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
@@ -114,7 +140,7 @@ def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
 ) -> None:
     yaml, output = tmp_path / 'campaign.yaml', tmp_path / 'output'
     yaml.write_text(TEXT)
-    monkeypatch.setattr(campaign, 'made_on_cluster', dying(two.scheduler, 2))
+    monkeypatch.setattr(campaign, 'made_on_cluster', dying(lambda: os.killpg(two.scheduler.pid, signal.SIGKILL), 2))
     assert campaign.main([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
     captured = capfd.readouterr()
     assert captured.out == ''

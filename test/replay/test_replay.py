@@ -294,5 +294,6 @@ def test_standard_deviations_and_time_offset_in_json_and_on_the_terminal() -> No
     assert result['warnings'] == ['one <script>', 'two']
     text = summary(hostile_run())
     assert 'mass' in text
-    assert '± 0.1 kg' in text
+    assert '± 0.2 kg' in text
+    assert '± 95 %' in text
     assert text.count('warning: ') == 2

@@ -38,7 +38,7 @@ def html(result: Calibrated) -> str:
 
 
 def _body(link: LinkResult) -> str:
-    head = ('', 'CAD', '±', 'calibrated', '±', 'moved, prior std', 'learnt, %', 'unit')
+    head = ('', 'CAD', 'std', 'calibrated', 'std', 'moved, prior std', 'learnt, %', 'unit')
     columns = zip(
         PARAMETERS, link.cad, link.prior_std, link.parameters, link.std, link.moved, link.learnt, UNITS, strict=True
     )
@@ -73,4 +73,4 @@ def _combinations(result: Calibrated) -> str:
                 number(std, 2),
             )
         )
-    return table(('combination', 'of kg, kg m, kg m²', 'CAD', 'calibrated', '±'), cells)
+    return table(('combination', 'of kg, kg m, kg m²', 'CAD', 'calibrated', 'std'), cells)

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import BAND
 
 # Colours that a drawing is made with, and the CSS variables that take their place.
 _VARIABLES = {
@@ -29,7 +30,6 @@ _VARIABLES = {
 INK, FAINT, FIRST, SECOND, THIRD, TRUTH, PAGE, LINE = _VARIABLES
 SERIES = ((FIRST, '-'), (SECOND, '--'), (THIRD, '-.'))  # told apart by the line as well
 
-BAND = 1.96  # standard deviations either side that hold 95 %
 WIDTH = 9.6  # inches
 _TITLE, _SMALL = 10, 8
 _LEFT, _RIGHT, _ABOVE, _BELOW = 0.78, 0.12, 0.28, 0.40  # inches around axes

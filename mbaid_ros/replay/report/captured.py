@@ -8,9 +8,8 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS
 from mbaid_ros.replay.report import figures
-from mbaid_ros.replay.report.canvas import BAND
 from mbaid_ros.replay.report.markup import PLUS_MINUS, number, paragraph, table
 from mbaid_ros.replay.results import Run
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
-from mbaid_ros.replay.report.canvas import BAND, FIRST, TRUTH, entitle, new_axes, svg
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS
+from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
 from mbaid_ros.replay.report.figures import SHOWN_UNITS
 from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, table
 from mbaid_ros.replay.results import Run, verdict

@@ -9,9 +9,8 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.results.estimate import PARAMETERS, determined
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS, determined
 from mbaid_ros.replay.report import figures
-from mbaid_ros.replay.report.canvas import BAND
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
@@ -203,7 +202,9 @@ def _data(run: Run, name: str) -> str:
     content = table(('topic', 'type', 'messages', 'rate [Hz]', 'gaps', 'longest gap'), topics)
     drawn = figures.arrival(run, name)
     content += figure(drawn) if drawn else ''
-    content += paragraph(f'{run.used} synchronised samples were used.')
+    content += paragraph(
+        f'{run.used} joint states have odometry around them; {run.final.samples} of them are in the estimate.'
+    )
     if run.dropped:
         rows = [(cause, str(count)) for cause, count in run.dropped.items()]
         return content + table(('not used because', 'messages'), rows)
