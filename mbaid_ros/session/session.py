@@ -33,7 +33,7 @@ from mbaid_ros.session.methods import capture_of, make_estimator
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
 STOPPED = 'after the stop by a jump of the stamps'
-PART = 200  # messages that are worked through at once while a window is open
+PART = 300  # messages worked through at once while a window is open: each time costs as much as reading a hundred
 
 _RESTARTS_KEPT = 20
 
