@@ -32,8 +32,9 @@ class DisturbanceConfig:
 
     constant: str = parameter(
         'none',
-        'Axes of a constant external force and torque on the base link that are estimated along; none looks for one '
-        '(trajectory: with trajectory.adapt) and estimates it where the data ask for it.',
+        'Axes of a constant external force and torque that are estimated along: body, on the base link, or inertial, '
+        'as on a tilted table; none looks for one (trajectory: with trajectory.adapt) and estimates it where the data '
+        'ask for it.',
         choices=CONSTANT_FORCES,
     )
 

@@ -1,13 +1,15 @@
 """What may act on the robot or be wrong with it beside its unknown body, as columns of the momentum equations.
 
-A constant force F and torque T on the base link's origin change the momentum about the run's origin by C (F, T), with
+A constant force F and torque T change the momentum about the run's origin by C (F, T), with
 
     C = [[ integral of A dt,        0                ],
          [ integral of [p]x A dt,   integral of A dt ]]
 
-where A is the unit matrix for a force that is constant in inertial axes, the base's rotation for one in base axes.
-An error of a known body's standard parameters adds its own regressor to the equations. Joints that are stamped late
-were measured earlier: their motion since adds the rate of the momentum by it, times the delay.
+In base axes they act on the base link's origin at p, and A is the base's rotation. In inertial axes they act at the
+run's origin, where the base was at first: A is the unit matrix, and p is zero. So does the weight on a tilted table: it
+acts at the common centre of mass, which moves along it at most. An error of a known body's standard parameters adds its
+own regressor to the equations. Joints that are stamped late were measured earlier: their motion since adds the rate of
+the momentum by it, times the delay.
 """
 
 from __future__ import annotations
@@ -33,13 +35,13 @@ AXES: tuple[Axes, ...] = ('inertial', 'body')
 
 
 class ConstantForce:
-    """Adds up what a constant force and torque on the base do to the momentum, from the measured poses.
+    """Adds up what a constant force and torque do to the momentum, from the measured poses.
 
     Their noise averages out in the integrals.
 
     Parameters
     ----------
-    axes : that the force is constant in
+    axes : that they are constant in: those of the base, on its origin; or inertial ones, at the run's origin
     origin : (3,) m, about which the angular momentum is taken, odometry frame
 
     Attributes
@@ -61,8 +63,10 @@ class ConstantForce:
     def columns(self, window: Samples) -> Array:
         """Take the next window and return its (6, 6) mean of -T C, where T refers (P, L) to the base's origin."""
         position = skew(window.base_position - self._origin)
-        turn = window.base_rotation if self._axes == 'body' else np.broadcast_to(np.eye(3), position.shape)
-        rate = np.stack((turn, position @ turn), axis=1)
+        rate = np.zeros((len(window), 2, 3, 3))
+        rate[:, 0] = np.eye(3)
+        if self._axes == 'body':
+            rate[:, 0], rate[:, 1] = window.base_rotation, position @ window.base_rotation
         time, before = self._last or (float(window.time[0]), rate[0])
         step = np.diff(window.time, prepend=time)[:, None, None, None]
         mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))

@@ -21,6 +21,7 @@ _FLOOR = 1e-9
 _OPEN = 1e-2
 _DRAW = 1e-3
 _EVALUATIONS = 50
+_SMALLEST = 1e-24  # variance, in units of `scale` squared
 # Of the weight of the boundary: at the last, an estimate is within a hundredth of a standard deviation of the nearest.
 _LEAST_WEIGHT = 1e-6
 _FALL = 0.03
@@ -172,5 +173,7 @@ def _ball(standard_parameters: Array, scale: Array) -> Array:
 def _metric(covariance: Array, scale: Array) -> Array:
     """Return M with M^T M the inverse of the covariance, without the directions that are open."""
     values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
-    weight = np.where(values < 1.0 / _OPEN, 1.0 / np.sqrt(np.maximum(values, np.finfo(float).tiny)), 0.0)
+    # Beside variances that are far larger, small ones are rounding, of either sign.
+    least = max(float(np.finfo(float).eps * values[-1]), _SMALLEST)
+    weight = np.where(values < 1.0 / _OPEN, 1.0 / np.sqrt(np.maximum(values, least)), 0.0)
     return np.asarray(weight[:, None] * vectors.T / scale)

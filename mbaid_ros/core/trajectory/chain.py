@@ -4,8 +4,8 @@ The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R,
 changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
 twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first node.
 
-State: xi (6), P (3), L (3), phi (10), errors of uncertain known bodies (10 each), a constant force and torque on the
-base (6), tau (1): the joints' stamps are tau late.
+State: xi (6), P (3), L (3), phi (10), errors of uncertain known bodies (10 each), a constant force and torque
+(6), tau (1): the joints' stamps are tau late.
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
 
 
 def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
-    """Return the constant force and torque (6,) on the base link's origin, if there is one and it is not nothing."""
+    """Return the constant force and torque (6,), if there is one and it is not nothing."""
     if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi_square.limit(
         _NOTHING, len(value)
     ):

@@ -76,7 +76,7 @@ class Walk:
     name : what it stands for
     momentum : N s and N m s: an external force
     position, orientation : m, rad: the odometry's own drift
-    force : axes in which a constant force and torque act on the base's origin
+    force : axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
     """
 
     name: str
@@ -214,15 +214,16 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
 
 
 def _push(window: WindowModel, walk: Walk) -> Array:
-    """Return the (6, 6) change of (P, L) a second by a force and torque on the base's origin.
+    """Return the (6, 6) change of (P, L) a second by a force and torque: on the base's origin, or inertial ones.
 
-    A window's momentum is that of its middle, so that the change within it cancels in the pose. The force acts from
-    there to the middle of the next window, on a base that is on average where the two meet.
+    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
+    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
+    window, on a base that is on average where the two meet.
     """
-    axes = window.rotation if walk.force == 'body' else np.eye(3)
-    push = np.zeros((6, 6))
-    push[:3, :3] = push[3:, 3:] = axes
-    push[3:, :3] = skew(window.position) @ axes
+    push = np.eye(6)
+    if walk.force == 'body':
+        push[:3, :3] = push[3:, 3:] = window.rotation
+        push[3:, :3] = skew(window.position) @ window.rotation
     return push
 
 

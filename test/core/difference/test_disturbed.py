@@ -58,8 +58,9 @@ def free(floating: Float) -> Truth:
 
 def push(axes: str) -> Callable[[float, Array, Array], Array]:
     def act(_time: float, rotation: Array, position: Array) -> Array:
-        turn = rotation if axes == 'body' else np.eye(3)
-        force, torque = turn @ FORCE[:3], turn @ FORCE[3:]
+        if axes == 'inertial':
+            return FORCE
+        force, torque = rotation @ FORCE[:3], rotation @ FORCE[3:]
         return np.concatenate((force, np.cross(position, force) + torque))
 
     return act

@@ -102,6 +102,17 @@ def test_an_open_direction_is_filled_in() -> None:
     assert body[:9] == pytest.approx(estimate[:9], abs=1e-3 * SCALE[0])
 
 
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_covariance_that_rounding_has_spoilt(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    estimate, covariance = random_estimate(seed)
+    values, vectors = np.linalg.eigh(covariance / SCALE / SCALE[:, None])
+    spoilt = values * 10.0 ** rng.uniform(-20.0, 14.0, 10) * np.where(np.arange(10) < 2, -1.0, 1.0)
+    body, far = project(estimate, (vectors * spoilt @ vectors.T) * SCALE * SCALE[:, None], SCALE)
+    assert is_physical(body)
+    assert np.isfinite(far)
+
+
 @pytest.mark.parametrize(
     ('parameters', 'physical_body'),
     [

@@ -29,11 +29,12 @@ LIMIT = float(chi2.isf(1e-3, 10))
 
 
 def pushing(axes: str) -> Push:
-    """Return a constant force and torque on the base's origin."""
+    """Return a constant force and torque: on the base's origin in its axes, or inertial ones where it was at first."""
 
     def push(_time: float, rotation: Array, position: Array) -> Array:
-        turn = rotation if axes == 'body' else np.eye(3)
-        force, torque = turn @ FORCE_TORQUE[:3], turn @ FORCE_TORQUE[3:]
+        if axes == 'inertial':
+            return FORCE_TORQUE
+        force, torque = rotation @ FORCE_TORQUE[:3], rotation @ FORCE_TORQUE[3:]
         return np.concatenate((force, np.cross(position, force) + torque))
 
     return push

@@ -119,11 +119,17 @@ def test_a_constant_force_moves_the_momentum() -> None:
     step = prepare(model, coordinates)
     state = rng.normal(size=STATE)
     belief = Belief(coordinates.gather @ state, np.eye(STATE))
-    for walk, axes in ((Walk('', force='inertial'), np.eye(3)), (Walk('', force='body'), model.rotation)):
+    force, torque = state[FORCE][:3], state[FORCE][3:]
+    turned = model.rotation @ force
+    acting = {
+        'inertial': (force, torque),
+        'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
+    }
+    for walk in (Walk('', force='inertial'), Walk('', force='body')):
         after = coordinates.spread @ advance(belief, step, coordinates, walk).mean
-        force, torque = axes @ state[FORCE][:3], axes @ state[FORCE][3:]
-        assert after[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * force)
-        assert after[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * (torque + np.cross(model.position, force)))
+        linear, angular = acting[walk.force]
+        assert after[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
+        assert after[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
     assert np.all(coordinates.open(force=True).covariance[FORCE, FORCE].diagonal() > 0.0)
     assert np.all(coordinates.open().covariance[FORCE, FORCE] == 0.0)
 
