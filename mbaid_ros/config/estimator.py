@@ -202,7 +202,7 @@ class ConvergenceConfig:
         exclusive_minimum=True,
     )
     identifiable_std: float = parameter(
-        0.2,
+        0.5,
         'A parameter counts as determined by the data when its relative standard deviation is below this.',
         minimum=0.0,
         exclusive_minimum=True,

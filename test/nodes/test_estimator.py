@@ -71,7 +71,7 @@ def test_live_and_offline_estimates_are_the_same_to_the_last_bit(graph: Graph) -
 
 
 def test_inertia_is_published_once_it_says_something(graph: Graph) -> None:
-    messages = run('table1', 12.0)
+    messages = run('table1', 16.0)
     start(graph)
     inertia = graph.collect('/estimator/inertia', InertiaStamped)
     publish(graph, messages)

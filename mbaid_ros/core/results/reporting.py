@@ -34,8 +34,9 @@ _FIRST = np.array([4, 4, 4, 7, 7, 9])
 _SECOND = np.array([4, 7, 9, 7, 9, 9])
 # The noise's own information fluctuates: what is less than twice it is not signal.
 NOISE_MARGIN = 2.0
-# Relative standard deviation from which a mass is no longer told from zero, at two standard deviations.
-_MASS_MAY_VANISH = 0.5
+# How much better the mass has to be known than others, for it and for what is a quotient with it to be believed. Its
+# deviation grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
+_OF_THE_MASS = 0.4
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class Reporting:
         jacobian = physical_jacobian(body)
         relative = relative_std(jacobian @ cautious_covariance @ jacobian.T, self.sizes(physical(body)))
         determined = np.asarray(relative < self.identifiable_std)
-        determined[1:] &= relative[0] < _MASS_MAY_VANISH
+        determined &= relative[0] < _OF_THE_MASS * self.identifiable_std
         return determined
 
     def sizes(self, parameters: Array) -> Array:
