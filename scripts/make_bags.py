@@ -24,6 +24,7 @@ import numpy as np
 
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.cli import ArgumentParser, number, run
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.replay import replay as replay_executable
 from mbaid_ros.replay import simulate as simulate_executable
@@ -32,6 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
 ESTIMATE = '/estimator/estimate'
 ATTEMPTS = 5
+WINDOW = EstimatorConfig().window
 
 # What the sensors of a servicer may have: one standard deviation of a sample.
 MID_NOISE = {
@@ -186,6 +188,9 @@ def run_graph(recipe: Recipe, bag: Path, work: Path) -> None:
             '-p', 'wait_for_subscribers:=true',
         )  # fmt: skip
         spectator.wait(lambda: simulator.poll() is not None, 'the end of the run', recipe.duration + 30.0)
+        # On a busy machine the estimator is behind.
+        whole = recipe.duration // WINDOW * WINDOW
+        spectator.wait(lambda: spectator.estimates[-1].samples >= round(whole * recipe.rate), 'the last window')
         processes.stop('estimator')
         processes.stop('recorder')
         try_shutdown()

@@ -168,7 +168,7 @@ def test_markers_follow_the_estimate_on_a_live_graph(graph: Graph) -> None:
         'joint_states': graph.publisher('joint_states', JointState, qos(10_000)),
         'odom': graph.publisher('odom', Odometry, qos(10_000)),
     }
-    for timed in run('table1', 12.0):
+    for timed in run('table1', 16.0):
         publishers[timed.topic].publish(timed.message)
     graph.wait(lambda: any(len(array.markers) == 4 for array in arrays), 'markers')
     assert arrays[-1].markers[0].header.frame_id == 'link4'
