@@ -179,13 +179,17 @@ def run_graph(recipe: Recipe, bag: Path, work: Path) -> None:
         herald.create_publisher(JointState, 'joint_states', 1)
         herald.create_publisher(Odometry, 'odom', 1)
         spectator = Spectator(processes)
-        processes.start('estimator', '--ros-args', '--params-file', f'{CONFIG}/{recipe.robot}_estimator.yaml')
+        # With the robot description from the start: what comes before it is not used.
+        processes.start(
+            'estimator', '--ros-args', '--params-file', f'{CONFIG}/{recipe.robot}_estimator.yaml',
+            '-p', f'robot_description_file:={CONFIG}/{recipe.robot}.urdf',
+        )  # fmt: skip
         processes.start('recorder', '--ros-args', '-p', f'output:={bag}')
         recorded = ('/joint_states', '/odom', ESTIMATE)
         spectator.wait(lambda: all(map(spectator.recorded, recorded)), 'the recorder')
         simulator = processes.start(
             'simulator', '--ros-args', '--params-file', f'{CONFIG}/{recipe.robot}_simulator.yaml', *words,
-            '-p', 'wait_for_subscribers:=true',
+            '-p', 'wait_for_subscribers:=2',
         )  # fmt: skip
         spectator.wait(lambda: simulator.poll() is not None, 'the end of the run', recipe.duration + 30.0)
         # On a busy machine the estimator is behind.

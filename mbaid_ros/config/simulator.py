@@ -154,9 +154,11 @@ class SimulatorConfig:
         False,  # noqa: FBT003 - a default
         'Publish /clock and stamp with simulated time from 0, for nodes with use_sim_time.',
     )
-    wait_for_subscribers: bool = parameter(
-        False,  # noqa: FBT003 - a default
-        'Let the run of the node begin only when both joint_states and odom have a subscriber.',
+    wait_for_subscribers: int = parameter(
+        0,
+        'Let the run of the node begin only when joint_states and odom have this many subscribers each.',
+        minimum=0,
+        maximum=1000,
     )
     target_link: str = parameter('', 'Link whose inertia is published as the truth; empty means the last link.')
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')

@@ -87,7 +87,8 @@ class SimulatorNode(Node):
     def _on_timer(self) -> None:
         """Publish what is due."""
         if math.isnan(self._begin):
-            if not all(outlet.get_subscription_count() for outlet in self._inputs):
+            wanted = self._config.wait_for_subscribers
+            if any(outlet.get_subscription_count() < wanted for outlet in self._inputs):
                 return
             self._start()
         now = (time.monotonic() - self._begin) * self._config.real_time_factor

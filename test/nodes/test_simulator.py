@@ -47,7 +47,7 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
     clock = graph.collect('/clock', Clock, DEEP)
     joints = graph.collect('joint_states', JointState, DEEP)
     odometry = graph.collect('odom', Odometry, DEEP)
-    node = start(graph, 'publish_clock:=true', 'real_time_factor:=4', 'duration:=4', 'wait_for_subscribers:=true')
+    node = start(graph, 'publish_clock:=true', 'real_time_factor:=4', 'duration:=4', 'wait_for_subscribers:=1')
     graph.wait(lambda: len(joints) == len(odometry) == 401 and clock[-1].clock.sec == 4, 'every message')
     assert node.wait() == 0
     expected = run('table1', 4.01, start=0)
