@@ -53,6 +53,7 @@ def test_a_played_bag_gives_the_estimates_of_its_replay(graph: Graph, bag: Path,
     arguments = ['--params-file', parameters, '-p', f'robot_description_file:={model}']
     node = graph.start('estimator', '--ros-args', *arguments)
     published: list[Any] = graph.collect('/estimator/estimate', InertiaEstimate)
+    graph.wait(lambda: published, 'what the estimator waits for')
     player = graph.start('player', bag, '--rate', '20', '--wait-for-subscribers', '30')
 
     output = tmp_path / 'estimates'
