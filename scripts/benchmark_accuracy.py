@@ -30,6 +30,7 @@ _DRIFTS = (0.01, 0.1)  # m/s
 _OFFSETS = (1e5, 7e6)  # m
 _WANDER = 1e-3  # m / sqrt(s)
 _SECTIONS = ('frames', 'sensors')
+_EXAMPLE = 'servicer7'  # the robot of these
 _FIGURE = 'accuracy.svg'
 
 
@@ -83,12 +84,14 @@ def _measured(case: Case) -> Case:
 
 def _sensors(case: Case) -> list[Case]:
     """Return a plain case with fewer sensors, and with odometry that wanders."""
-    return [replace(case, sensors='poses'), replace(case, wander=_WANDER)] if case.plain else []
+    if case.robot != _EXAMPLE or not case.plain:
+        return []
+    return [replace(case, sensors='poses'), replace(case, wander=_WANDER)]
 
 
 def _frames(case: Case) -> list[Case]:
     """Return a case of mid noise seen from other frames."""
-    if case.level != 'mid' or not case.plain:
+    if case.robot != _EXAMPLE or case.level != 'mid' or not case.plain:
         return []
     drifting = [replace(case, drift=drift) for drift in _DRIFTS]
     return drifting + [replace(case, offset=offset) for offset in _OFFSETS]

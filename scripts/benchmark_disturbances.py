@@ -54,7 +54,7 @@ ROWS = (
         for row in (
             Row(f'links {100.0 * share:.0f} %', 'taken for exact'),
             Row(f'links {100.0 * share:.0f} %', 'considered', _links(share, 'consider'), ('difference',)),
-            Row(f'links {100.0 * share:.0f} %', 'estimated', _links(share, 'estimate')),
+            Row(f'links {100.0 * share:.0f} %', 'estimated', _links(share, 'estimate'), ('trajectory',)),
         )
     ),
     Row('wheels', 'their speeds are read'),
