@@ -47,6 +47,19 @@ def wrench_of(message: Any) -> tuple[str, int, Array]:
     return message.header.frame_id.lstrip('/'), stamp_of(message), values
 
 
+def numbers_of(message: Any) -> tuple[float, ...]:
+    """Return position (3), orientation (4), linear and angular velocity (3 each) of an Odometry."""
+    pose, twist = message.pose.pose, message.twist.twist
+    position, orientation = pose.position, pose.orientation
+    linear, angular = twist.linear, twist.angular
+    return (
+        *(position.x, position.y, position.z),
+        *(orientation.x, orientation.y, orientation.z, orientation.w),
+        *(linear.x, linear.y, linear.z),
+        *(angular.x, angular.y, angular.z),
+    )
+
+
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 
@@ -208,7 +221,7 @@ class OdometryReader:
             return None, dropped
         self.frame = accepted[-1].header.frame_id
         stamp = np.array([stamp_of(message) for message in accepted], dtype=np.int64)
-        numbers = np.array([_numbers(message) for message in accepted])
+        numbers = np.array([numbers_of(message) for message in accepted])
         good = self._usable(numbers, dropped)
         if not np.any(good):
             return None, +dropped
@@ -286,15 +299,3 @@ def _of_base(stream: BaseStream, frames: Sequence[AttachedFrame]) -> BaseStream:
     for part in converted[1:]:
         joined = join(joined, part)
     return take(joined, np.argsort(np.concatenate([places for _, places in parts]), kind='stable'))
-
-
-def _numbers(message: Any) -> tuple[float, ...]:
-    pose, twist = message.pose.pose, message.twist.twist
-    position, orientation = pose.position, pose.orientation
-    linear, angular = twist.linear, twist.angular
-    return (
-        *(position.x, position.y, position.z),
-        *(orientation.x, orientation.y, orientation.z, orientation.w),
-        *(linear.x, linear.y, linear.z),
-        *(angular.x, angular.y, angular.z),
-    )

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.messages import numbers_of
 
 NAME = 'noise_at_rest'
 FEWEST = 50  # messages
@@ -30,22 +31,21 @@ def channels(bag: str, joint_states: str, odom: str) -> dict[str, Array]:
         The bag cannot be read, or lacks a topic or enough of its messages.
     """
     with BagReader(bag) as recording:
-        for topic in (joint_states, odom):
-            if topic not in recording.topics:
-                raise DataError(f"bag '{bag}' has no topic '{topic}'; topics: {listing(recording.topics)}")
+        for topic, kind in ((joint_states, 'sensor_msgs/msg/JointState'), (odom, 'nav_msgs/msg/Odometry')):
+            recording.require(topic, kind)
             if recording.topics[topic].count < FEWEST:
                 raise DataError(f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'")
         joints = [message for _, message, _ in recording.read([joint_states])]
-        bases = [message for _, message, _ in recording.read([odom])]
-    poses, twists = [base.pose.pose for base in bases], [base.twist.twist for base in bases]
-    turns = Rotation.from_quat([[getattr(pose.orientation, axis) for axis in 'xyzw'] for pose in poses])
+        bases = np.array([numbers_of(message) for _, message, _ in recording.read([odom])])
+    position, orientation, linear, angular = np.split(bases, [3, 7, 10], axis=1)
+    turns = Rotation.from_quat(orientation)
     return {
         'joint_position': np.array([joint.position for joint in joints]),
         'joint_velocity': np.array([joint.velocity for joint in joints]),
-        'base_position': _vectors([pose.position for pose in poses]),
+        'base_position': position,
         'base_orientation': (turns[0].inv() * turns).as_rotvec(),
-        'base_linear_velocity': _vectors([twist.linear for twist in twists]),
-        'base_angular_velocity': _vectors([twist.angular for twist in twists]),
+        'base_linear_velocity': linear,
+        'base_angular_velocity': angular,
     }
 
 
@@ -56,10 +56,6 @@ def scatter(values: Array) -> float:
     curve = np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, len(values)), DEGREE)
     rest = values - curve @ np.linalg.lstsq(curve, values, rcond=None)[0]
     return float(np.max(np.std(rest, axis=0, ddof=DEGREE + 1)))
-
-
-def _vectors(vectors: Sequence[object]) -> Array:
-    return np.array([[getattr(vector, axis) for axis in 'xyz'] for vector in vectors])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
