@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
-from mbaid_ros.core.simulation.dynamics import Push, State
+from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
@@ -82,7 +82,7 @@ class SimulatedRun:
         simulation = make_simulation(config, self.model)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
         self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
-        self._commands = _commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
+        self._commands = commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
         if isinstance(simulation, CaptureSimulation):
             self.momentum, self.brought = simulation.momentum, simulation.brought
             self.target = simulation.joined.link(self.target.name)
@@ -125,7 +125,9 @@ class SimulatedRun:
         joints, base = self._sensed.read(until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
-        frame = '' if self.pulse is None else self.pulse.frame
+        frame = (
+            self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
+        )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
@@ -196,17 +198,12 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
             f"parameter 'thrust.duration' is {thrust.duration:g} s with capture.time {config.capture.time:g} s; "
             'accepted: one of them, the other 0'
         )
-    wrench = np.array([*thrust.force, *thrust.torque])
-    if thrust.link == config.odom_frame:
-        frame, push = thrust.link, Push(None, wrench[:3], wrench[3:])
-    else:
-        link = model.link(thrust.link or model.base_link)
-        frame, push = link.name, Push.on(link, wrench)
-    return Pulse(thrust.time, thrust.time + thrust.duration, frame, wrench, push)
+    link = None if thrust.link == config.odom_frame else model.link(thrust.link or model.base_link)
+    return Pulse(thrust.time, thrust.time + thrust.duration, link, np.array([*thrust.force, *thrust.torque]))
 
 
-def _commands(pulse: Pulse) -> list[tuple[float, Array]]:
-    """Return what is commanded when, s: the thrust again and again, and its end."""
+def commands(pulse: Pulse) -> list[tuple[float, Array]]:
+    """Return the wrenches (6,) that are commanded, and when, s: the thrust again and again, and its end."""
     times = np.arange(pulse.begin, pulse.end - 1e-9, _COMMANDS).tolist()
     return [*((time, pulse.wrench) for time in times), (pulse.end, np.zeros(6))]
 

@@ -31,7 +31,7 @@ from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.outgoing import MessageTypes, SensorMessages
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import make_motion, make_simulation
+from mbaid_ros.simulated_run import commands, make_motion, make_simulation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
 
@@ -248,14 +248,12 @@ def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[
     sensors = Sensors(LEVELS[LEVEL], seed)
     joints, base = sensors.joints(moved.truth), sensors.base(moved.truth)
     messages = SensorMessages(MessageTypes(message_class, _as_it_is), load_model(case.robot()), 'odom')
-    commands = []
-    if row.told and moved.pulse is not None:
-        commands = [(moved.pulse.begin, moved.pulse.wrench), (moved.pulse.end, np.zeros(6))]
+    told = commands(moved.pulse) if row.told and moved.pulse is not None else []
     for index, time in enumerate(moved.truth.time):
         stamp = START + round(time * 1e9)
-        while commands and commands[0][0] <= time and moved.pulse is not None:
-            begin, wrench = commands.pop(0)
-            yield session.add_thrust, messages.wrench(wrench, moved.pulse.frame, START + round(begin * 1e9))
+        while told and told[0][0] <= time:
+            begin, wrench = told.pop(0)
+            yield session.add_thrust, messages.wrench(wrench, model(ROBOT).base_link, START + round(begin * 1e9))
         yield session.add_odometry, messages.odometry(base, index, stamp)
         yield session.add_joint_state, messages.joint_state(joints, index, stamp + round(case.late * 1e9))
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import Link, RobotModel, parse
-from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.simulation.push import Push
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -65,31 +65,6 @@ class State:
 TorqueLaw = Callable[[float, State], Array]
 
 
-@dataclass(frozen=True)
-class Push:
-    """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame.
-
-    Attributes
-    ----------
-    body : index of the moving body; None for the odometry frame
-    force, torque : (3,) N, N m, about the frame's origin, in its axes
-    """
-
-    body: int | None
-    force: Array
-    torque: Array
-
-    @staticmethod
-    def on(link: Link, wrench: Array) -> Push:
-        """Return a (6,) force and torque about a link frame's origin, in its axes, as its body has it."""
-        force = link.rotation @ wrench[:3]
-        return Push(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
-
-    def about(self, origin: Array) -> Push:
-        """Return the same where positions count from another place (3,) of the odometry frame."""
-        return self if self.body is not None else replace(self, torque=self.torque - np.cross(origin, self.force))
-
-
 class Dynamics:
     """Forward and inverse dynamics of one robot, without gravity.
 
@@ -113,7 +88,9 @@ class Dynamics:
         self._turning = np.array(model.continuous, dtype=bool)
         self._sine_place = self._place[self._turning] + 1
         self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
-        self._push = push
+        self._inertial = push if push is not None and push.body is None else None
+        if push is not None and push.body is not None:
+            self._act(push.body, push.force, push.torque)
         self._refuse_singular()
 
     def acceleration(self, state: State, torque: Array) -> Array:
@@ -135,7 +112,8 @@ class Dynamics:
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
-        self._set_forces(state)
+        if self._inertial is not None:
+            self._act(0, *self._inertial.on_base(state.base_position, state.base_orientation))
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
             message = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
@@ -192,16 +170,9 @@ class Dynamics:
         moved = length * (_WEIGHTS @ slopes)
         return _moved(state, moved[:size], state.velocity + moved[size:])
 
-    def _set_forces(self, state: State) -> None:
-        """Tell pinocchio what acts from outside."""
-        if self._push is None:
-            return
-        body, force, torque = self._push.body, self._push.force, self._push.torque
-        if body is None:
-            back = quaternions.conjugate(state.base_orientation)
-            about_base = self._push.about(state.base_position)
-            body, force, torque = 0, quaternions.rotate(back, force), quaternions.rotate(back, about_base.torque)
-        # pinocchio's universe comes before the bodies.
+    def _act(self, body: int, force: Array, torque: Array) -> None:
+        """Tell pinocchio what acts on a body from outside, in its axes."""
+        # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 
     def _configuration(self, state: State) -> Array:

@@ -15,9 +15,10 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.dynamics import Dynamics, Push, State
+from mbaid_ros.core.simulation.dynamics import Dynamics, State
 from mbaid_ros.core.simulation.hermite import Nodes
 from mbaid_ros.core.simulation.motion import Motion
+from mbaid_ros.core.simulation.push import Push
 
 # An instant this close to a step of the integrator (in steps) is that step.
 _ON_GRID = 1e-9

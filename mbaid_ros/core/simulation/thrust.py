@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.dynamics import Push, State
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion
+from mbaid_ros.core.simulation.push import Push
 from mbaid_ros.core.simulation.run import Simulation, Truth
 
 
@@ -20,16 +21,14 @@ class Pulse:
     Attributes
     ----------
     begin, end : s since the start of the run
-    frame : name of the link, or of the odometry frame
+    link : None for the odometry frame
     wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
-    push : what this is on the robot
     """
 
     begin: float
     end: float
-    frame: str
+    link: Link | None
     wrench: Array
-    push: Push
 
 
 class ThrustSimulation:
@@ -58,7 +57,10 @@ class ThrustSimulation:
     def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
         self._model, self._motion, self._step = model, motion, step
         self.pulse = pulse
-        self._changes: list[tuple[float, Push | None]] = [(pulse.begin, pulse.push), (pulse.end, None)]
+        self._changes: list[tuple[float, Push | None]] = [
+            (pulse.begin, Push.on(pulse.link, pulse.wrench)),
+            (pulse.end, None),
+        ]
         self._start = 0.0
         self._simulation = Simulation(model, motion, initial, step)
 

@@ -10,7 +10,7 @@ import pytest
 from captured import servicer_motion
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import Thrust
-from mbaid_ros.core.simulation.dynamics import Push, State
+from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
@@ -30,8 +30,7 @@ def start() -> State:
 
 
 def make(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
-    push = Push(None, wrench[:3], wrench[3:]) if frame == ODOM else Push.on(robot('servicer7').link(frame), wrench)
-    pulse = Pulse(BEGIN, END, frame, wrench, push)
+    pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
     return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), 0.05, pulse)
 
 
