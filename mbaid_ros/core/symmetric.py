@@ -22,8 +22,19 @@ def solve_symmetric(information: Array, right_side: Array) -> Array:
     -------
     (u,) or (u, k) array
     """
+    values, vectors = _directions(information)
+    return np.asarray(vectors @ ((vectors.T @ right_side).T / values).T)
+
+
+def square_root(information: Array) -> Array:
+    """Return R (u, k) with R^T information R = 1, over the k directions that have information to double precision."""
+    values, vectors = _directions(information)
+    return np.asarray(vectors / np.sqrt(values))
+
+
+def _directions(information: Array) -> tuple[Array, Array]:
+    """Return information (k,) and directions (u, k), scaled to unit diagonal, that double precision can tell from 0."""
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information)), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * size * size[:, None])
     usable = values > _RESOLUTION * values[-1]
-    vectors = size[:, None] * vectors[:, usable]
-    return np.asarray(vectors @ ((vectors.T @ right_side).T / values[usable]).T)
+    return values[usable], size[:, None] * vectors[:, usable]

@@ -141,7 +141,7 @@ def whitened(blocks: Blocks, x: Array) -> White:
     """
     residual = blocks.rows @ x + blocks.offset
     noise = blocks.noise + blocks.noise_rows @ x
-    whitener = _whitener(noise)
+    whitener = whitener_of(noise)
     white_residual = (whitener @ residual[..., None])[..., 0]
     white_noise = whitener @ noise
     adjustment = -(white_residual[:, None] @ white_noise)  # u, (K, 1, z)
@@ -183,7 +183,7 @@ def own_information(blocks: Blocks, white: White) -> Array:
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
     seen = white.noise[:, None] @ rows
-    return _square(rows) - _square(seen)
+    return square(rows) - square(seen)
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
@@ -209,7 +209,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
     noise = blocks.noise + blocks.noise_rows @ x
     count, equations = blocks.offset.shape
     uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
-    whitener = _whitener(np.concatenate((noise, uncertain), axis=2))
+    whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
     weight = np.swapaxes(whitener, 1, 2) @ whitener
     own = _weighted_square(weight, blocks.noise_rows)
     known, offset = weight @ blocks.noise, (weight @ blocks.offset[..., None])[..., 0]
@@ -233,7 +233,7 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
     """
     noise = blocks.noise + blocks.noise_rows @ x
     uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
-    whitener = _whitener(np.concatenate((noise, uncertain), axis=2))
+    whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
     residual = (whitener @ blocks.offset[..., None])[..., 0]
     return White(residual, whitener @ blocks.rows, whitener @ noise, whitener)
 
@@ -241,45 +241,12 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
 def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
     """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
     count, equations = blocks.offset.shape
-    whitener = _whitener(blocks.noise + blocks.noise_rows @ x)
+    whitener = whitener_of(blocks.noise + blocks.noise_rows @ x)
     uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
     return float(np.sum(uncertain**2)) / blocks.offset.size
 
 
-def weighted(blocks: Blocks, x: Array, *, compensate: bool) -> tuple[Array, Array]:
-    """Return information and right side of the weighted least squares with the weights of x.
-
-    Parameters
-    ----------
-    blocks : Blocks
-    x : (u,) for the weights
-    compensate : subtract what the noise in the rows adds in expectation, to first order
-
-    Returns
-    -------
-    (u, u) information and (u,) right side
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite at this x.
-    """
-    noise = blocks.noise + blocks.noise_rows @ x
-    whitener = _whitener(noise)
-    white_rows = whitener @ blocks.rows
-    white_offset = (whitener @ blocks.offset[..., None])[..., 0]
-    information = _square(white_rows)
-    right_side = -np.tensordot(white_rows, white_offset, axes=((0, 1), (0, 1)))
-    if compensate:
-        count, equations, _, unknowns = blocks.noise_rows.shape
-        white = (whitener @ blocks.noise_rows.reshape(count, equations, -1)).reshape(-1, unknowns)
-        white_known = (whitener @ blocks.noise).reshape(-1)
-        information = information - _square(white)
-        right_side = right_side + white.T @ white_known
-    return information, right_side
-
-
-def _square(rows: Array) -> Array:
+def square(rows: Array) -> Array:
     """Return the (u, u) sum of rows^T rows, for rows (..., u)."""
     flat = rows.reshape(-1, rows.shape[-1])
     return np.asarray(flat.T @ flat)
@@ -298,7 +265,14 @@ def _factor(noise: Array) -> Array | None:
         return None
 
 
-def _whitener(noise: Array) -> Array:
+def whitener_of(noise: Array) -> Array:
+    """Return W (K, r, r) with W^T W the inverse of G G^T, for G (K, r, z).
+
+    Raises
+    ------
+    FloatingPointError
+        A covariance is not positive definite.
+    """
     factor = _factor(noise)
     if factor is None or not np.all(np.isfinite(factor)):
         raise FloatingPointError('the covariance of the momentum equations is not positive definite')

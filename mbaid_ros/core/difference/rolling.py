@@ -18,6 +18,7 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
+from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric
@@ -98,7 +99,8 @@ class RollingLikelihood:
         iterations = _ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START
         if not self._sure:
             # A negative mass can fit better while little is known, and the way back leads through infinity.
-            self.x = min([*self._starts(blocks), self.x], key=lambda x: (x[0] <= 0.0, self._cost(blocks, x)))
+            starts = first_solutions(blocks, self._folded.information + self._prior, self._folded.right_side)
+            self.x = min([*starts, self.x], key=lambda x: (x[0] <= 0.0, self._cost(blocks, x)))
         linear = self._refine(blocks, iterations)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
         own = eiv.own_information(blocks, self._white)
@@ -218,26 +220,6 @@ class RollingLikelihood:
         vectors = size[:, None] * vectors
         coordinates = np.linalg.solve(vectors, self.x)
         return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
-
-    def _starts(self, blocks: Blocks) -> list[Array]:
-        """Return first solutions: two weighted solves, then two that compensate the noise in the rows.
-
-        Each is used for the next one's weights. Compensation goes astray where the noise is less than it is said to be.
-        """
-        x: Array = np.zeros(len(self._prior))
-        starts = []
-        for compensate in (False, False, True, True):
-            try:
-                information, right_side = eiv.weighted(blocks, x, compensate=compensate)
-            except FloatingPointError:
-                break
-            information = information + self._folded.information + self._prior
-            candidate = solve_symmetric(information, right_side + self._folded.right_side)
-            if compensate and (candidate[0] <= 0.0 < x[0] or not np.all(np.isfinite(candidate))):
-                break
-            x = candidate
-            starts.append(x)
-        return starts
 
     def _refine(self, blocks: Blocks, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.

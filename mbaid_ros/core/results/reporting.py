@@ -36,7 +36,7 @@ _SECOND = np.array([4, 7, 9, 7, 9, 9])
 NOISE_MARGIN = 2.0
 # How much better the mass has to be known than others, for it and for what is a quotient with it to be believed. Its
 # deviation grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
-_OF_THE_MASS = 0.4
+_OF_THE_MASS = 0.2
 
 
 @dataclass(frozen=True)
