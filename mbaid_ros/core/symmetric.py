@@ -32,6 +32,15 @@ def square_root(information: Array) -> Array:
     return np.asarray(vectors / np.sqrt(values))
 
 
+def is_positive(matrix: Array) -> bool:
+    """Return whether a symmetric (u, u) matrix is positive definite."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 def _directions(information: Array) -> tuple[Array, Array]:
     """Return information (k,) and directions (u, k), scaled to unit diagonal, that double precision can tell from 0."""
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information)), np.finfo(float).tiny))

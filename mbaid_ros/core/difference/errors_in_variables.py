@@ -12,15 +12,16 @@ u = -G^T (G G^T)^-1 f is the adjustment of the measurements that fulfils the equ
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.stacked import Stacked
 
 
 @dataclass(frozen=True)
-class Blocks:
+class Blocks(Stacked):
     """K blocks of r equations for u unknowns, with z error sources each.
 
     Attributes
@@ -36,14 +37,6 @@ class Blocks:
     noise: Array
     noise_rows: Array
 
-    def __len__(self) -> int:
-        """Return the number of blocks."""
-        return len(self.rows)
-
-    def __getitem__(self, index: slice) -> Blocks:
-        """Return a slice of the blocks."""
-        return Blocks(*(getattr(self, field.name)[index] for field in fields(self)))
-
     def widened(self, columns: Array) -> Blocks:
         """Return the same equations with (K, r, w) exact coefficients of w more unknowns."""
         if not columns.shape[-1]:
@@ -51,11 +44,6 @@ class Blocks:
         none = np.zeros((*self.noise.shape, columns.shape[-1]))
         rows, noise_rows = (np.concatenate(pair, axis=-1) for pair in ((self.rows, columns), (self.noise_rows, none)))
         return Blocks(rows, self.offset, self.noise, noise_rows)
-
-    @staticmethod
-    def concatenate(parts: list[Blocks]) -> Blocks:
-        """Return the parts' blocks, joined in order."""
-        return Blocks(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Blocks)))
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
         """Return the equations E f in the unknowns x' with x = B x'.
@@ -91,9 +79,15 @@ class Linearisation:
     information: Array
     equations: int
 
+    def at(self, step: Array) -> Linearisation:
+        """Return the same form around x + step."""
+        slope = self.information @ step
+        cost = self.cost + float(step @ (2.0 * self.gradient + slope))
+        return Linearisation(cost, self.gradient + slope, self.information, self.equations)
+
 
 @dataclass(frozen=True)
-class White:
+class White(Stacked):
     """K blocks at one x in units of their noise.
 
     Attributes
@@ -174,16 +168,17 @@ def noise_information(blocks: Blocks, x: Array) -> Array:
     FloatingPointError
         The covariance of a block is not positive definite at this x.
     """
-    return own_information(blocks, whitened(blocks, x))
+    return np.asarray(np.sum(own_information(blocks, whitened(blocks, x)), axis=0))
 
 
 def own_information(blocks: Blocks, white: White) -> Array:
-    """Return `noise_information` where the blocks were whitened."""
+    """Return the part of `noise_information` that each block brings, (K, u, u), where the blocks were whitened."""
     shape = blocks.noise_rows.shape
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
     seen = white.noise[:, None] @ rows
-    return square(rows) - square(seen)
+    rows, seen = (part.reshape(len(blocks), -1, shape[-1]) for part in (rows, seen))
+    return np.asarray(np.swapaxes(rows, 1, 2) @ rows - np.swapaxes(seen, 1, 2) @ seen)
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:

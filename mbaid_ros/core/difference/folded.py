@@ -8,7 +8,7 @@ import scipy.linalg
 from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import solve_symmetric
+from mbaid_ros.core.symmetric import is_positive, solve_symmetric
 
 
 class Folded:
@@ -159,8 +159,10 @@ class Folded:
     def _settle(self) -> None:
         """Work out what is known beyond the noise."""
         idle = self.noise_information + self._floor
-        known, ratio = _beyond(self._sum, idle)
         self.information, self.right_side = self._sum, self._sum_right
+        if is_positive(self._sum - idle):
+            return
+        known, ratio = _beyond(self._sum, idle)
         if len(ratio) < len(idle):
             mapped = idle @ known
             self.information = (mapped * ratio) @ mapped.T

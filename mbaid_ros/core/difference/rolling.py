@@ -20,13 +20,15 @@ from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
 from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
+from mbaid_ros.core.difference.kept import KeptWindows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric
 
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
 _HALVINGS = 5
-_SMALL_STEP = 1e-3  # standard deviations
+# Root of the fall of the cost by a step, up to which the parabola is taken for the likelihood.
+_SMALL_STEP, _CLOSE = 1e-3, 0.5
 # Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
 _CERTAIN = 4.0
 # Part of the variance of a block's equations that the uncertainty of x may add for the block to be linearised there.
@@ -56,9 +58,8 @@ class RollingLikelihood:
 
     def __init__(self, prior: Array, kept: int, forgetting: float, typical: Array, effects: int = 0) -> None:
         self._prior = prior
-        self._kept = kept
+        self._most = kept
         self._forgetting = forgetting
-        self._blocks: list[Blocks] = []
         self._typical = typical
         self._folded = Folded(prior)
         self._signal: Array = np.zeros_like(prior)  # information beyond the noise
@@ -67,12 +68,11 @@ class RollingLikelihood:
         self.noise_information: Array = np.zeros_like(prior)
         self.information: Array = prior
         self.coupling = Coupling.nothing(len(prior), effects)
-        self._columns: list[Array] = []
-        self._white = White.nothing()  # the blocks at the solution
+        self._kept = KeptWindows(self.x)
 
     def __len__(self) -> int:
         """Return the number of windows that are solved again."""
-        return len(self._blocks)
+        return len(self._kept)
 
     @property
     def folded(self) -> bool:
@@ -87,23 +87,21 @@ class RollingLikelihood:
         block : Blocks
         columns : (1, r, e) how its equations depend on the effects
         """
-        self._blocks.append(block)
-        self._columns.append(np.zeros((*block.offset.shape, 0)) if columns is None else columns)
-        if len(self._blocks) > self._kept:
+        self._kept.append(block, np.zeros((*block.offset.shape, 0)) if columns is None else columns)
+        if len(self._kept) > self._most:
             self._fold()
         return self.solve()
 
     def solve(self) -> Linearisation:
         """Solve again and return the likelihood's quadratic form at the solution `x`."""
-        blocks = Blocks.concatenate(self._blocks)
-        iterations = _ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START
         if not self._sure:
             # A negative mass can fit better while little is known, and the way back leads through infinity.
-            starts = first_solutions(blocks, self._folded.information + self._prior, self._folded.right_side)
-            self.x = min([*starts, self.x], key=lambda x: (x[0] <= 0.0, self._cost(blocks, x)))
-        linear = self._refine(blocks, iterations)
+            blocks, known = self._kept.blocks, self._folded.information + self._prior
+            starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
+            self._kept.linearise(min(starts, key=lambda x: (x[0] <= 0.0, self._whole(eiv.cost(blocks, x), x))))
+        linear = self._maximise(_ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
-        own = eiv.own_information(blocks, self._white)
+        own = self._kept.noise_information
         self.noise_information = self._folded.noise_information + own
         self._signal = linear.information - _CERTAIN * own - self._prior
         self.information = linear.information
@@ -112,19 +110,20 @@ class RollingLikelihood:
     @property
     def columns(self) -> Array:
         """How the equations that are solved again depend on the effects, (K, r, e)."""
-        return np.concatenate(self._columns)
+        return self._kept.columns
 
     def whitened(self) -> tuple[White, Coupling]:
         """Return the windows that are solved again, at the solution, and how all windows depend on the effects."""
-        return self._white, self.coupling + Coupling.of(self._white, self.columns, self.x)
+        white = self._kept.at(self.x)
+        return white, self.coupling + Coupling.of(white, self.columns, self.x)
 
     def certain(self, block: Blocks) -> bool:
-        """Return whether the uncertainty of the solution hardly matters for the noise of a block's equations."""
-        return eiv.uncertain_share(block, *self._plausible()) < _LARGEST_SHARE
+        """Return whether the uncertainty of the solution hardly matters for the noise of equations like a block's."""
+        return self._sure or eiv.uncertain_share(block, *self._plausible()) < _LARGEST_SHARE
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1 of those that are solved again."""
-        del self._blocks[first:last], self._columns[first:last]
+        self._kept.drop(first, last)
 
     def substitute(self, bases: Sequence[Array], earlier: Array, prior: Array) -> None:
         """Go over to more unknowns x', with x = basis x'; those that are new come last and begin at zero.
@@ -136,9 +135,9 @@ class RollingLikelihood:
         prior : (w - u,) information of the new ones about zero
         """
         old = len(self.x)
-        self._blocks = [
+        blocks = [
             block.restrict(np.eye(block.offset.shape[1]), basis)
-            for block, basis in zip(self._blocks, bases, strict=True)
+            for (block, _), basis in zip(self._kept.each(), bases, strict=True)
         ]
         self._prior = earlier.T @ self._prior @ earlier
         self._prior[old:, old:] += np.diag(prior)
@@ -147,6 +146,7 @@ class RollingLikelihood:
         self._signal = earlier.T @ self._signal @ earlier
         self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
         self.x = np.concatenate((self.x, np.zeros(len(prior))))
+        self._kept.replace(blocks, self.x)
 
     def solve_for(self, effects: slice, weight: Array, prior: Array) -> None:
         """Take combinations of effects among the unknowns; they come last and begin at zero; the effects are gone.
@@ -157,11 +157,8 @@ class RollingLikelihood:
         weight : (n, w) the effects are weight times the new unknowns
         prior : (w,) information about zero
         """
-        self._blocks = [
-            block.widened(columns[..., effects] @ weight)
-            for block, columns in zip(self._blocks, self._columns, strict=True)
-        ]
-        for columns in self._columns:
+        blocks = [block.widened(columns[..., effects] @ weight) for block, columns in self._kept.each()]
+        for _, columns in self._kept.each():
             columns[..., effects] = 0.0
         more = len(prior)
         self._prior = np.asarray(block_diag(self._prior, np.diag(prior)))
@@ -170,6 +167,7 @@ class RollingLikelihood:
         self._signal = np.pad(self._signal, (0, more))
         self._typical = np.concatenate((self._typical, 1.0 / np.sqrt(prior)))
         self.x = np.concatenate((self.x, np.zeros(more)))
+        self._kept.replace(blocks, self.x)
 
     def eliminate(self, gone: Places, prior: Array) -> None:
         """Minimise over unknowns that only folded windows depend on.
@@ -182,32 +180,35 @@ class RollingLikelihood:
         keep = np.setdiff1d(np.arange(len(self.x)), gone)
         information, right_side = self._folded.eliminate(self._prior, keep, gone, prior)
         self.coupling = self.coupling.eliminate(information, right_side, keep, gone)
-        self._blocks = [
-            block.restrict(np.eye(block.offset.shape[1]), np.eye(len(self.x))[:, keep]) for block in self._blocks
-        ]
+        basis = np.eye(len(self.x))[:, keep]
+        blocks = [block.restrict(np.eye(block.offset.shape[1]), basis) for block, _ in self._kept.each()]
         self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
+        self._kept.replace(blocks, self.x)
         self._signal = self._signal[np.ix_(keep, keep)]
 
     def _fold(self) -> None:
-        oldest, self._blocks = self._blocks[0], self._blocks[1:]
-        columns, self._columns = self._columns[0], self._columns[1:]
+        oldest = self._kept.pop()
         if self._forgetting < 1.0 and self.folded:
-            kept = Blocks.concatenate(self._blocks)
+            kept = self._kept.blocks
             recent = eiv.maximum_likelihood(kept, self.x).information
             idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
             root = self._folded.forget(self._forgetting, recent, idle)
             self.coupling = self.coupling.forget(root, self._forgetting)
         plausible, spread = self._plausible()
-        self._sure = eiv.uncertain_share(oldest, plausible, spread) < _LARGEST_SHARE
+        block = oldest.blocks
         if self._sure:
-            white = eiv.whitened(oldest, self.x)
-            linear, own = eiv.normal_equations(white), eiv.own_information(oldest, white)
-            self._folded.add(replace(linear, information=linear.information - own), own, self.x)
-            self.coupling += Coupling.of(white, columns, self.x)
+            share = float(np.vdot(oldest.noise_information, spread @ spread.T)) / block.offset.size
+        else:
+            share = eiv.uncertain_share(block, plausible, spread)
+        self._sure = share < _LARGEST_SHARE
+        if self._sure:
+            linear, own = eiv.normal_equations(oldest.white), oldest.noise_information
+            self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
+            self.coupling += Coupling.of(oldest.white, oldest.columns, oldest.x)
         else:
             zero = np.zeros(len(self.x))
-            self._folded.add(*eiv.compensated(oldest, plausible, spread), zero)
-            self.coupling += Coupling.of(eiv.whitened_at_zero(oldest, plausible, spread), columns, zero)
+            self._folded.add(*eiv.compensated(block, plausible, spread), zero)
+            self.coupling += Coupling.of(eiv.whitened_at_zero(block, plausible, spread), oldest.columns, zero)
 
     def _plausible(self) -> tuple[Array, Array]:
         """Return the solution and a factor of its covariance, both held within the typical sizes.
@@ -221,42 +222,49 @@ class RollingLikelihood:
         coordinates = np.linalg.solve(vectors, self.x)
         return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
 
-    def _refine(self, blocks: Blocks, iterations: int) -> Linearisation:
+    def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
 
-        Returns the form at the x that is reached, where the blocks then are whitened, too.
+        The last is that to the top of the parabola, if that is close. Returns the form at the x that is reached.
         """
-        self._white = eiv.whitened(blocks, self.x)
-        linear = self._linearise(self._white, self.x)
+        kept, close = self._kept, _CLOSE if self._sure else _SMALL_STEP
+        linear = self._linearised()
         for _ in range(iterations):
             step = -solve_symmetric(linear.information, linear.gradient)
-            current = self._whole(self._white.cost, self.x)
-            for _ in range(_HALVINGS):
-                trial = self.x + step
-                white = _whitened(blocks, trial)
-                if white is not None and (trial[0] > 0.0 or self.x[0] <= 0.0):
-                    value = self._whole(white.cost, trial)
-                    if np.isfinite(value) and value <= current:
-                        break
-                step = 0.5 * step
-            else:
-                return linear
-            small = np.all(np.abs(step) < _SMALL_STEP / np.sqrt(np.diag(linear.information)))
-            self.x, self._white = trial, white
-            linear = self._linearise(white, trial)
-            if small:
-                return linear
+            if -float(linear.gradient @ step) < close**2:
+                self.x = kept.x + step
+                form = linear.at(step)
+                return replace(form, cost=form.cost + self._of_prior(kept.x) - self._of_prior(self.x))
+            if not self._step(step, linear.cost + self._of_prior(kept.x)):
+                break
+            linear = self._linearised()
+        self.x = kept.x
         return linear
 
-    def _cost(self, blocks: Blocks, x: Array) -> float:
-        return self._whole(eiv.cost(blocks, x), x)
+    def _step(self, step: Array, current: float) -> bool:
+        """Linearise the kept windows further on, as far as the cost allows; return whether there is such a place."""
+        kept, blocks = self._kept, self._kept.blocks
+        for _ in range(_HALVINGS):
+            trial = kept.x + step
+            white = _whitened(blocks, trial)
+            if white is not None and (trial[0] > 0.0 or kept.x[0] <= 0.0):
+                value = self._whole(white.cost, trial)
+                if np.isfinite(value) and value <= current:
+                    kept.linearise(trial, white)
+                    return True
+            step = 0.5 * step
+        return False
 
     def _whole(self, cost: float, x: Array) -> float:
         """Return the cost at x of everything, from that of the blocks."""
-        return cost + self._folded.cost(x) + float(x @ self._prior @ x)
+        return cost + self._folded.cost(x) + self._of_prior(x)
 
-    def _linearise(self, white: White, x: Array) -> Linearisation:
-        linear = eiv.normal_equations(white)
+    def _of_prior(self, x: Array) -> float:
+        return float(x @ self._prior @ x)
+
+    def _linearised(self) -> Linearisation:
+        """Return the likelihood's quadratic form where the kept windows are linearised."""
+        x, linear = self._kept.x, eiv.normal_equations(self._kept.white)
         return Linearisation(
             cost=linear.cost + self._folded.cost(x),
             gradient=linear.gradient + self._folded.gradient(x) + self._prior @ x,

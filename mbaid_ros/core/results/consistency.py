@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
+from mbaid_ros.core.symmetric import is_positive
 
 # Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
 # would be flat, and no simulator accepts it.
@@ -34,11 +35,7 @@ def is_physical(standard_parameters: Array) -> bool:
     """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
     if not np.all(np.isfinite(standard_parameters)):
         return False
-    try:
-        np.linalg.cholesky(pseudo_inertia(standard_parameters))
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    return is_positive(pseudo_inertia(standard_parameters))
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:

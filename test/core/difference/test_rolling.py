@@ -72,14 +72,14 @@ def test_what_is_kept_is_bounded() -> None:
     likelihood = RollingLikelihood(PRIOR, 7, 1.0, TYPICAL)
     for k in range(len(blocks)):
         likelihood.add(blocks[k : k + 1])
-        assert len(likelihood._blocks) == min(k + 1, 7)
+        assert len(likelihood) == min(k + 1, 7)
         assert likelihood.folded == (k >= 7)
 
 
 def test_the_noise_of_all_windows_is_counted() -> None:
     blocks = noisy_blocks(20, 5)
     likelihood = rolled(blocks, 50)
-    assert likelihood.noise_information == pytest.approx(eiv.noise_information(blocks, likelihood.x), rel=1e-9)
+    assert likelihood.noise_information == pytest.approx(eiv.noise_information(blocks, likelihood._kept.x), rel=1e-9)
     # Folded windows keep what they had where they were folded: near the same.
     folded = rolled(blocks, 10)
     whole = eiv.noise_information(blocks, folded.x)

@@ -1,0 +1,33 @@
+"""Records that hold one array a quantity, all with the same leading axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+S = TypeVar('S', bound='Stacked')
+Index = slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
+
+
+class Stacked:
+    """A frozen dataclass of arrays whose first axes go together; the base of such classes."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return len(getattr(self, fields(self)[0].name))
+
+    def __getitem__(self: S, index: Index) -> S:
+        """Return some of the entries: a slice, or those that a mask or indices choose."""
+        return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @classmethod
+    def concatenate(cls: type[S], parts: Sequence[S]) -> S:
+        """Return the entries of the parts, in order."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
