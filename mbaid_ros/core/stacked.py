@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
 
@@ -26,6 +26,10 @@ class Stacked:
     def __getitem__(self: S, index: Index) -> S:
         """Return some of the entries: a slice, or those that a mask or indices choose."""
         return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def each(self: S) -> Iterator[S]:
+        """Yield the entries one by one, each with a leading axis of one."""
+        return (self[k : k + 1] for k in range(len(self)))
 
     @classmethod
     def concatenate(cls: type[S], parts: Sequence[S]) -> S:

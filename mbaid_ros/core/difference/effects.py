@@ -18,10 +18,9 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import mean_rows
+from mbaid_ros.core.difference.window_rows import Counts, mean_of_each, mean_rows, sum_of_each
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import regressor
@@ -31,6 +30,7 @@ Axes = Literal['inertial', 'body']
 Kind = Literal['inertial', 'body', 'delay']
 _LATER = 1e-3  # s, for the rate by the joints' motion
 _DEGREE = 3  # of the joint rates over a window
+_RESOLUTION = 1e-10  # part of the largest eigenvalue of its normal equations that counts
 AXES: tuple[Axes, ...] = ('inertial', 'body')
 
 
@@ -60,21 +60,24 @@ class ConstantForce:
         """C at the end of the last window, (6, 6)."""
         return _gain(self._integral)
 
-    def columns(self, window: Samples) -> Array:
-        """Take the next window and return its (6, 6) mean of -T C, where T refers (P, L) to the base's origin."""
-        position = skew(window.base_position - self._origin)
-        rate = np.zeros((len(window), 2, 3, 3))
+    def columns(self, samples: Samples, counts: Counts) -> Array:
+        """Take the next windows' samples and return the (K, 6, 6) means of -T C.
+
+        T refers (P, L) to the base's origin; `counts` says how many samples each window has.
+        """
+        position = skew(samples.base_position - self._origin)
+        rate = np.zeros((len(samples), 2, 3, 3))
         rate[:, 0] = np.eye(3)
         if self._axes == 'body':
-            rate[:, 0], rate[:, 1] = window.base_rotation, position @ window.base_rotation
-        time, before = self._last or (float(window.time[0]), rate[0])
-        step = np.diff(window.time, prepend=time)[:, None, None, None]
+            rate[:, 0], rate[:, 1] = samples.base_rotation, position @ samples.base_rotation
+        time, before = self._last or (float(samples.time[0]), rate[0])
+        step = np.diff(samples.time, prepend=time)[:, None, None, None]
         mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))
         integral = self._integral + np.cumsum(step * mean, axis=0)
-        self._last, self._integral = (float(window.time[-1]), rate[-1]), integral[-1]
+        self._last, self._integral = (float(samples.time[-1]), rate[-1]), integral[-1]
         gain = _gain(integral)
         gain[:, 3:, :3] -= position @ integral[:, 0]
-        return np.asarray(-np.mean(gain, axis=0))
+        return -mean_of_each(gain, counts)
 
 
 def _gain(integral: Array) -> Array:
@@ -85,60 +88,67 @@ def _gain(integral: Array) -> Array:
     return gain
 
 
-def with_joints_later(window: Samples, delay: float) -> Samples:
-    """Return samples whose joints are those of `delay` s later: their rates' cubic polynomial says where they went."""
-    time = window.time - np.mean(window.time)
-    rates = polynomial.polyfit(time, window.joint_velocity, min(_DEGREE, len(time) - 1))
-    angles = polynomial.polyint(rates)
+def with_joints_later(samples: Samples, counts: Counts, delay: float) -> Samples:
+    """Return samples whose joints are those of `delay` s later: their rates' cubic polynomial says where they went.
 
-    def gained(coefficients: Array) -> Array:
-        return np.asarray(polynomial.polyval(time + delay, coefficients) - polynomial.polyval(time, coefficients)).T
-
+    Parameters
+    ----------
+    samples : of K windows
+    counts : (K,) how many each has; a single sample does not tell where its joints go, and stays
+    delay : s
+    """
+    centre, span = mean_of_each(samples.time, counts), np.maximum.reduceat(samples.time, np.cumsum(counts) - counts)
+    half = np.maximum(span - centre, np.finfo(float).tiny)
+    time, scale = (samples.time - np.repeat(centre, counts)) / np.repeat(half, counts), np.repeat(half, counts)[:, None]
+    powers = np.vander(time, _DEGREE + 1, increasing=True)
+    square = sum_of_each(powers[:, :, None] * powers[:, None], counts)
+    moments = sum_of_each(powers[:, :, None] * samples.joint_velocity[:, None], counts)
+    # Fewer than four samples leave the smallest polynomial.
+    fitted = np.linalg.pinv(square, rcond=_RESOLUTION, hermitian=True) @ moments
+    rates = np.repeat(fitted * (counts > 1)[:, None, None], counts, axis=0)  # (N, 4, n)
+    later = np.vander(time + delay / scale[:, 0], _DEGREE + 2, increasing=True)
+    now = np.vander(time, _DEGREE + 2, increasing=True)
+    order = np.arange(1, _DEGREE + 2)
+    turned = scale * (((later - now)[:, 1:] / order)[:, None] @ rates)[:, 0]
     return replace(
-        window,
-        joint_position=window.joint_position + gained(angles),
-        joint_velocity=window.joint_velocity + gained(rates),
+        samples,
+        joint_position=samples.joint_position + turned,
+        joint_velocity=samples.joint_velocity + ((later - now)[:, None, :-1] @ rates)[:, 0],
     )
 
 
-def delay_columns(kernel: MomentumKernel, windows: list[Samples], rows: Blocks) -> Array:
+def delay_columns(kernel: MomentumKernel, samples: Samples, counts: Counts, rows: Blocks) -> Array:
     """Return each window's mean rate of the momentum by the motion of the joints alone.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    windows : list of K Samples
+    samples, counts : of K windows
     rows : of these windows
 
     Returns
     -------
     (K, 6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target; zero of a single sample
     """
-    known, regressors = mean_rows(kernel, [_later(window) for window in windows])
+    known, regressors = mean_rows(kernel, with_joints_later(samples, counts, _LATER), counts)
     moved = np.concatenate((known[..., None], regressors[..., :10]), axis=2)
     return np.asarray((moved - np.concatenate((rows.offset[..., None], rows.rows[..., :10]), axis=2)) / _LATER)
 
 
-def _later(window: Samples) -> Samples:
-    """Return a window with the joints where they are a little later."""
-    if len(window) < 2:
-        return window
-    return with_joints_later(window, _LATER)
-
-
-def body_columns(kernel: MomentumKernel, window: Samples, bodies: tuple[int, ...]) -> Array:
-    """Return the window's mean momentum by the standard parameters of known bodies, (6, 10 b).
+def body_columns(kernel: MomentumKernel, samples: Samples, counts: Counts, bodies: tuple[int, ...]) -> Array:
+    """Return the windows' mean momentum by the standard parameters of known bodies, (K, 6, 10 b).
 
     Parameters
     ----------
     kernel : MomentumKernel
-    window : Samples
+    samples, counts : of K windows
     bodies : indices of b bodies
     """
     if not bodies:
-        return np.zeros((6, 0))
-    states = kernel.states(window)
+        return np.zeros((len(counts), 6, 0))
+    states = kernel.states(samples)
     chosen = list(bodies)
     place = states.configuration
     rows = regressor(place.rotation[:, chosen], place.position[:, chosen], states.body_twist[:, chosen])
-    return np.concatenate(np.mean(rows, axis=0), axis=1)
+    means = mean_of_each(rows, counts)  # (K, b, 6, 10)
+    return np.concatenate(np.moveaxis(means, 1, 0), axis=2)

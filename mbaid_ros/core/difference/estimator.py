@@ -8,6 +8,7 @@ maximum is followed at bounded cost (rolling) and watched for disturbances (step
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,10 +18,10 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.disturbances import Jump
 from mbaid_ros.core.difference.effects import Axes, delay_columns, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
-from mbaid_ros.core.difference.problem import Beside, Problem, observed
+from mbaid_ros.core.difference.problem import Beside, Problem, Surroundings, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.difference.steps import SteppedLikelihood
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.difference.window_rows import joined, window_rows
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -97,28 +98,34 @@ class DifferenceEstimator:
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows, delays = self._equations(windows, start)
-        return [
-            self._window(window, (rows[k : k + 1], delays[k : k + 1]), start, origin)
-            for k, window in enumerate(windows)
-        ]
+        run, estimates = None, []
+        around: Iterator[Surroundings] = iter(())
+        for k, (window, row, delay) in enumerate(zip(windows, rows.each(), delays[:, None], strict=True)):
+            self._plane.update(window)
+            self._run = self._running(start, float(window.time[0]))
+            if self._run is not run:
+                run = self._run
+                around = run.problem.surroundings(*joined(windows[k:])).each()
+            estimates.append(self._window(window, (row, delay, next(around)), run, origin))
+        return estimates
 
     def _equations(self, windows: list[Samples], start: Array) -> tuple[Blocks, Array]:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
         rows = window_rows(self._observed, windows, self._settings.noise, start)
         if self._settings.beside.delay_std > 0.0:
-            return rows, delay_columns(self._kernel, windows, rows)
+            return rows, delay_columns(self._kernel, *joined(windows), rows)
         return rows, np.zeros((len(windows), 6, 11))
 
-    def _window(self, window: Samples, equations: tuple[Blocks, Array], start: Array, origin: int) -> Estimate:
-        rows, delays = equations
-        self._plane.update(window)
-        run = self._run = self._running(start, float(window.time[0]))
+    def _window(
+        self, window: Samples, equations: tuple[Blocks, Array, Surroundings], run: _Run, origin: int
+    ) -> Estimate:
+        rows, delays, around = equations
         time = float(window.time[-1])
         late = float(np.nan_to_num(_delay(run)[0]))
         if late != 0.0:
-            window = with_joints_later(window, late)
-            rows, delays = self._equations([window], start)
-        block, columns = run.problem.of(window, rows, delays[0])
+            window = with_joints_later(*joined([window]), late)
+            rows, delays = self._equations([window], run.origin)
+        block, columns = run.problem.of(around, rows, delays)
         linear = run.likelihood.add(block, columns, (float(window.time[0]), time), late)
         self._samples += len(window)
         solution = self._solution(run, linear)

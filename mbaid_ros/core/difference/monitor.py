@@ -15,6 +15,7 @@ from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
 
 _ROUNDING = 1e-12  # part of a whole, of which what is left after subtraction is nothing
+_DOUBTFUL = 1e-9  # the same, from which on each direction has to be looked at
 
 
 @dataclass(frozen=True)
@@ -66,16 +67,18 @@ def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> f
     return float(residual @ np.linalg.solve(expected, residual))
 
 
-def jumps(white: White, effects: Array, momentum: slice, nuisance: Nuisance) -> Array:
-    """Return, for each of K windows, by how much a momentum that jumped just before it would lower the cost, (K,).
+def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: Nuisance) -> Array:
+    """Return by how much a momentum that jumped just before one of the latest K - first windows would lower the cost.
 
     Parameters
     ----------
     white : K windows at the solution
     effects : (K, r, e) their uncertain effects, in units of their noise
     momentum : places of the momentum among the unknowns
+    first : the first of the windows in question
     nuisance : Nuisance
     """
+    white, effects = white[first:], effects[first:]
     later = np.swapaxes(white.rows[..., momentum], 1, 2)
     return _fall(
         cross=np.swapaxes(_from_the_end(later @ white.rows), 1, 2),
@@ -142,8 +145,22 @@ def inverse(information: Array, whole: Array | None = None) -> Array:
     left = np.diagonal(information, axis1=-2, axis2=-1)
     least = 0.0 if whole is None else _ROUNDING * np.diagonal(whole, axis1=-2, axis2=-1)
     size = np.where(left > least, 1.0 / np.sqrt(np.where(left > least, left, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(information * size[..., None] * size[..., None, :])
+    scaled = information * size[..., None] * size[..., None, :]
+    if np.all(left > least) and (factor := _well_conditioned(scaled)) is not None:
+        root = np.linalg.inv(factor) * size[..., None, :]
+        return np.asarray(np.swapaxes(root, -1, -2) @ root)
+    values, vectors = np.linalg.eigh(scaled)
     usable = values > _ROUNDING * np.maximum(values[..., -1:], np.finfo(float).tiny)
     inverted = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
     matrix = (vectors * inverted[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     return np.asarray(matrix * size[..., None] * size[..., None, :])
+
+
+def _well_conditioned(scaled: Array) -> Array | None:
+    """Return the Cholesky factors of matrices with unit diagonals, None if one is near to being singular."""
+    try:
+        factor = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        return None
+    # Their diagonals: what is left of each unit once the earlier ones are known.
+    return factor if np.all(np.diagonal(factor, axis1=-2, axis2=-1) ** 2 > _DOUBTFUL) else None

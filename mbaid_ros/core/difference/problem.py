@@ -13,12 +13,13 @@ from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.subspace import subspace
-from mbaid_ros.core.difference.window_rows import LINEAR
+from mbaid_ros.core.difference.window_rows import LINEAR, Counts
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.stacked import Stacked
 
 # Standard deviation of the start in typical sizes: far too much to be a prior, and enough to keep every step finite.
 NO_PRIOR = 100.0
@@ -41,6 +42,22 @@ class Beside:
     constant: Axes | Literal['none']
     known_mode: Literal['consider', 'estimate']
     delay_std: float
+
+
+@dataclass(frozen=True)
+class Surroundings(Stacked):
+    """What may act on the robot in K windows, or is not known well.
+
+    Attributes
+    ----------
+    acting : (K, 6, a) columns of the constant force and torque that was asked for
+    watched : (K, 6, w) of those that are watched for, in the unknowns that they would become
+    errors : (K, 6, e) of the independent errors of known bodies that only widen the covariance
+    """
+
+    acting: Array
+    watched: Array
+    errors: Array
 
 
 class Problem:
@@ -108,28 +125,34 @@ class Problem:
         self.uncertain = Uncertain(count + np.arange(len(considered)), considered)
         self.effects = count + len(considered)
 
-    def of(self, window: Samples, rows: Blocks, delay: Array) -> tuple[Blocks, Array]:
-        """Return a window's equations in the unknowns, and how they depend on the effects, (1, r, e).
+    def surroundings(self, samples: Samples, counts: Counts) -> Surroundings:
+        """Take the next K windows' samples and return what may act there, whatever the joints' stamps."""
+        nothing, errors = np.zeros((len(counts), 6, 0)), self._kernel.errors
+        acting = [force.columns(samples, counts) for force in self._acting]
+        watched = [force.columns(samples, counts) @ self.space.rows.T for force in self._watched]
+        uncertain = (
+            [] if self.estimated else [body_columns(self._kernel, samples, counts, errors.bodies) @ errors.factor]
+        )
+        return Surroundings(*(np.concatenate((nothing, *each), axis=2) for each in (acting, watched, uncertain)))
+
+    def of(self, surroundings: Surroundings, rows: Blocks, delay: Array) -> tuple[Blocks, Array]:
+        """Return K windows' equations in the unknowns, and how they depend on the effects, (K, r, e).
 
         Parameters
         ----------
-        window : Samples
-        rows : of this window, in (m, h, I_o, parameters of known bodies, P_0, L_0), of `observed`
-        delay : (6, 11) of this window, as `delay_columns` has it
+        surroundings : of these windows
+        rows : of these windows, in (m, h, I_o, parameters of known bodies, P_0, L_0), of `observed`
+        delay : (K, 6, 11) of these windows, as `delay_columns` has it
         """
-        acting = np.concatenate([np.zeros((6, 0)), *(force.columns(window) for force in self._acting)], axis=1)
         delays = []
         if self._delayed:
-            known, target = np.split(delay, [1], axis=1)
+            known, target = np.split(delay, [1], axis=2)
             delays = [known, target @ self.space.basis[:10, : self.momentum.start]]
-        rows = rows.widened(acting[None])
+        rows = rows.widened(surroundings.acting)
         if self.estimated:
             rows = rows.restrict(np.eye(6), self._errors_last(rows.rows.shape[-1]))
-        block = self.space.of(rows)
-        watched = [force.columns(window) @ self.space.rows.T for force in self._watched]
-        errors = self._kernel.errors
-        considered = [] if self.estimated else [body_columns(self._kernel, window, errors.bodies) @ errors.factor]
-        return block, (self.space.rows @ np.concatenate((*watched, *delays, *considered), axis=1))[None]
+        effects = np.concatenate((surroundings.watched, *delays, surroundings.errors), axis=2)
+        return self.space.of(rows), self.space.rows @ effects
 
     def _errors_last(self, columns: int) -> Array:
         """Return the matrix to (m, h, I_o, known bodies, P_0, L_0, F, T) from (m, h, I_o, P_0, L_0, F, T, errors)."""

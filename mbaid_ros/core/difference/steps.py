@@ -194,7 +194,7 @@ class SteppedLikelihood:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
         limit = chi_square.limit(_FALSE_ALARM, len(self._start))
         first = max([2, *(item.after + _APART for item in self._open)])
-        jumps = monitor.jumps(view.white, view.effects, self._momentum, view.nuisance)[first:]
+        jumps = monitor.jumps(view.white, view.effects, self._momentum, first, view.nuisance)
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
         falls = self._falls(view)
         kind = max(falls, key=lambda name: falls[name], default=None)

@@ -12,6 +12,7 @@ The rows are averaged, not the states: they are linear in x, and a state fitted 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
@@ -24,6 +25,7 @@ UNKNOWNS = 16
 BODY = slice(0, 10)
 LINEAR = slice(10, 13)
 ANGULAR = slice(13, 16)
+Counts = npt.NDArray[np.intp]
 # Places in a window, from 0 to 1: the mean over both is exact for cubic polynomials.
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 
@@ -42,37 +44,58 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
-    known, target = mean_rows(kernel, windows)
-    position = np.array([np.mean(window.base_position - origin, axis=0) for window in windows])
+    samples, counts = joined(windows)
+    known, target = mean_rows(kernel, samples, counts)
+    position = mean_of_each(samples.base_position - origin, counts)
     rows = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute).
-    points = [Samples.concatenate([window[_at(part * (len(window) - 1))] for window in windows]) for part in _GAUSS]
-    halves = [_noise(kernel, kernel.states(samples), samples.impulse[:, :3], (windows, noise)) for samples in points]
+    factor = _error_factors(samples, counts, noise)
+    points = [samples[_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp)] for part in _GAUSS]
+    halves = [_noise(kernel, kernel.states(point), point.impulse[:, :3], factor) for point in points]
     noise_known, noise_rows = (
         np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True)
     )
     return Blocks(rows, known, noise_known, noise_rows)
 
 
-def mean_rows(kernel: MomentumKernel, windows: list[Samples]) -> tuple[Array, Array]:
-    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k)."""
-    samples = Samples.concatenate(windows)
+def joined(windows: list[Samples]) -> tuple[Samples, Counts]:
+    """Return the samples of K windows, none empty, and how many each has, (K,)."""
+    return Samples.concatenate(windows), np.array([len(window) for window in windows])
+
+
+def mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tuple[Array, Array]:
+    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k).
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    samples, counts : of K windows, as `joined` has them
+    """
     rows = momentum_rows(kernel, samples)
     # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
     thrust = samples.impulse.copy()
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    counts = np.array([len(window) for window in windows])
-    starts = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    starts = _starts(counts)
     means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
     known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
     return known, np.concatenate(regressors, axis=2)
 
 
-def _at(place: float) -> slice:
-    """Return the slice of one sample."""
-    return slice(round(place), round(place) + 1)
+def mean_of_each(values: Array, counts: Counts) -> Array:
+    """Return the means (K, ...) of values (N, ...) over each window."""
+    return sum_of_each(values, counts) / counts.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def sum_of_each(values: Array, counts: Counts) -> Array:
+    """Return the sums (K, ...) of values (N, ...) over each window."""
+    return np.add.reduceat(values, _starts(counts), axis=0)
+
+
+def _starts(counts: Counts) -> Counts:
+    """Return the place of each window's first sample."""
+    return np.cumsum(counts) - counts
 
 
 def _transport(position: Array) -> Array:
@@ -83,18 +106,14 @@ def _transport(position: Array) -> Array:
     return matrix
 
 
-def _noise(
-    kernel: MomentumKernel, states: BodyStates, brought: Array, data: tuple[list[Samples], SensorNoise]
-) -> tuple[Array, Array]:
+def _noise(kernel: MomentumKernel, states: BodyStates, brought: Array, factor: Array) -> tuple[Array, Array]:
     """Return G0 (K, 6, z) and G1 (K, 6, z, u): derivatives at one sample of each window by unit errors of its means.
 
-    `brought` is the linear momentum (K, 3) by known thrust there.
+    `brought` is the linear momentum (K, 3) by known thrust there, `factor` that of the errors' covariance (K, z, z).
     """
-    windows, noise = data
     derivative = sensitivity(kernel, states)
     joints = kernel.model.joints
-    count = len(windows)
-    sources = 2 * joints + 12
+    count, sources, _ = factor.shape
     bodies = derivative.target.shape[-1]
     # Order of the errors: joint positions, joint velocities, base position, orientation, linear, angular velocity.
     place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
@@ -105,27 +124,23 @@ def _noise(
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3] = -skew(brought)
-    factor = _error_factors(windows, joints, noise)
     # In the order that the solver goes through them, thousands of times.
     return known @ factor, np.ascontiguousarray(np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3))
 
 
-def _error_factors(windows: list[Samples], joints: int, noise: SensorNoise) -> Array:
+def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise) -> Array:
     """Return the (K, z, z) factors F with F F^T the covariance of the means of a window's measurements."""
-    count = len(windows)
+    joints = samples.joint_position.shape[1]
     sources = 2 * joints + 12
-    factor = np.zeros((count, sources, sources))
+    factor = np.zeros((len(counts), sources, sources))
     diagonal = np.arange(joints)
     factor[:, diagonal, diagonal] = noise.joint_position
     # Rates taken from positions carry these positions' noise.
-    gain = np.array([np.mean(window.joint_rate_gain, axis=0) for window in windows]).reshape(count, joints)
+    gain = mean_of_each(samples.joint_rate_gain, counts)
     derived = noise.joint_position * np.sqrt(gain)
     factor[:, joints + diagonal, joints + diagonal] = np.where(np.isnan(gain), noise.joint_velocity, derived)
     pose, twist = slice(2 * joints, 2 * joints + 6), slice(2 * joints + 6, sources)
     # White noise: the covariance of a mean is the mean covariance over the number of samples.
-    pose_covariance = np.array([np.mean(window.pose_covariance, axis=0) for window in windows])
-    twist_covariance = np.array([np.mean(window.twist_covariance, axis=0) for window in windows])
-    factor[:, pose, pose] = np.linalg.cholesky(pose_covariance)
-    factor[:, twist, twist] = np.linalg.cholesky(twist_covariance)
-    counts = np.array([len(window) for window in windows])
+    factor[:, pose, pose] = np.linalg.cholesky(mean_of_each(samples.pose_covariance, counts))
+    factor[:, twist, twist] = np.linalg.cholesky(mean_of_each(samples.twist_covariance, counts))
     return factor / np.sqrt(counts)[:, None, None]

@@ -99,13 +99,15 @@ class Reporting:
         )
         residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
         body, correction = solution.x[:10], 0.0
-        identifiable = self._identifiable(body, solution.cautious_covariance[:10, :10])
+        cautious = solution.cautious_covariance[:10, :10]
+        identifiable = self._identifiable(body, cautious)
         if np.any(identifiable):
             if solution.plane is None:
                 body, correction = project(body, covariance, self.scale)
             else:
                 body, correction = project_planar(body, covariance, self.scale, solution.plane)
-            identifiable = self._identifiable(body, solution.cautious_covariance[:10, :10])
+            if correction > 0.0 or solution.plane is not None:
+                identifiable = self._identifiable(body, cautious)
         parameters: Array = np.full(10, np.nan)
         published: Array = np.full((10, 10), np.nan)
         if np.any(identifiable):

@@ -15,6 +15,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.difference.effects import ConstantForce
+from mbaid_ros.core.difference.window_rows import joined
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
@@ -192,7 +193,7 @@ def test_what_a_force_does_to_the_momentum(robot: MomentumKernel, pushed: dict[s
     momentum = true_momentum(robot, samples)
     about = momentum - np.concatenate((np.zeros((len(samples), 3)), np.cross(origin, momentum[:, :3])), axis=1)
     for window in windows(samples):
-        column = acting.columns(window)
+        column = acting.columns(*joined([window]))[0]
         place = np.searchsorted(samples.time, window.time)
         change = about[place] - about[0]
         change[:, 3:] -= np.cross(window.base_position - origin, change[:, :3])

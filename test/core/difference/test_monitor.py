@@ -39,7 +39,7 @@ def test_a_momentum_that_jumps_before_the_first_window_explains_nothing() -> Non
         gradient = np.einsum('kri,kr->i', rows, residual)
         nuisance = Nuisance.of(information, gradient, np.zeros((16, 0)), np.zeros(0))
         white = White(residual, rows, np.zeros((30, 6, 0)), np.zeros((30, 6, 6)))
-        falls = jumps(white, np.zeros((30, 6, 0)), momentum, nuisance)
+        falls = jumps(white, np.zeros((30, 6, 0)), momentum, 0, nuisance)
         assert falls[0] == 0.0
         assert np.all(np.isfinite(falls))
         assert 1.0 < np.mean(falls[1:]) < 12.0  # chi-square of six

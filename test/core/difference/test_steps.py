@@ -152,7 +152,7 @@ def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     x = np.linalg.solve(information, right_side)
     white = eiv.whitened(blocks, x)
     nuisance = Nuisance.of(information, np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, 0)), np.zeros(0))
-    fall = monitor.jumps(white, np.zeros((20, EQUATIONS, 0)), MOMENTUM, nuisance)
+    fall = monitor.jumps(white, np.zeros((20, EQUATIONS, 0)), MOMENTUM, 0, nuisance)
     for place in (3, 10, 19):
         wider = with_jump_columns(blocks, [place])
         more, right = weighted(wider, np.zeros(6), compensate=False)
