@@ -18,7 +18,7 @@ from mbaid_ros.replay.feed import Progress, feed
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session import Session, intake_warnings, missing_joints
 
 ESTIMATE_TOPIC = '/estimator/estimate'
 DEBRIS_TOPIC = '/estimator/debris'
@@ -93,6 +93,7 @@ def replay_bag(
         topics=intake.statistics(bag),
         used=session.used,
         dropped=dict(session.dropped),
+        missing_joints=missing_joints(session),
         warnings=warnings,
         urdf=session.urdf,
         pose=intake.pose(),
