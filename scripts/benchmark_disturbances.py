@@ -9,23 +9,22 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.disturbed import CASES, LEVEL, ROBOT, SECONDS, Row, Said, motion, run
+from benchmarks.disturbed import CASES, LEVEL, ROBOT, SECONDS, Row, motion, run
 from benchmarks.pages import number, percent, provenance, table
+from benchmarks.store import Runs, completed
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.replay.campaigns.statistics import QUANTILE
 
 _SEEDS = 50
 _METHODS = ('difference', 'trajectory')
-_KEPT_EVERY = 10  # runs
-_QUANTILE = 1.959964  # of 95 %
 
 
 def _links(std: float, mode: str) -> dict[str, object]:
@@ -66,7 +65,7 @@ ROWS = (
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Runs):
     """What S runs of a row said at their end: as in Said, with a leading axis."""
 
     error: Array
@@ -74,20 +73,6 @@ class Outcome:
     noticed: Array
     events: Array
     wrong: Array
-
-    @staticmethod
-    def of(said: Sequence[Said]) -> Outcome:
-        """Return some runs'."""
-        return Outcome(*(np.array([getattr(each, item.name) for each in said]) for item in fields(Outcome)))
-
-    @staticmethod
-    def concatenate(parts: Sequence[Outcome]) -> Outcome:
-        """Return the runs of all parts."""
-        return Outcome(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Outcome)))
-
-    def first(self, runs: int) -> Outcome:
-        """Return the first runs."""
-        return Outcome(*(getattr(self, item.name)[:runs] for item in fields(Outcome)))
 
 
 def main() -> int:
@@ -105,7 +90,9 @@ def main() -> int:
         ProcessPoolExecutor(arguments.processes) as pool,
     ):
         for row, method in wanted:
-            results[method, row.name] = _runs(row, method, arguments, pool, bar)
+            file = None if arguments.store is None else arguments.store / f'{method}-{row.name}.npz'
+            work = [(row, method, seed) for seed in range(arguments.seeds)]
+            results[method, row.name] = completed(Outcome, file, work, run, pool, bar)
             print(' | '.join(_line(row, method, results)), flush=True)
     if arguments.output:
         order = list(CASES)
@@ -116,28 +103,6 @@ def main() -> int:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / 'disturbances.md').write_text(_page(table(_HEADER, lines), command), encoding='utf-8')
     return 0
-
-
-def _runs(row: Row, method: str, arguments: argparse.Namespace, pool: ProcessPoolExecutor, bar: Any) -> Outcome:
-    """Return all runs of a row: those in the store, and those that it lacks."""
-    file = None if arguments.store is None else arguments.store / f'{method}-{row.name}.npz'
-    parts = []
-    if file is not None and file.is_file():
-        with np.load(file) as arrays:
-            parts = [Outcome(*(arrays[item.name] for item in fields(Outcome)))]
-    done = min(len(parts[0].error), arguments.seeds) if parts else 0
-    bar.update(done)
-    for first in range(done, arguments.seeds, _KEPT_EVERY):
-        seeds = range(first, min(first + _KEPT_EVERY, arguments.seeds))
-        found = []
-        for said in pool.map(run, [(row, method, seed) for seed in seeds]):
-            found.append(said)
-            bar.update(1)
-        parts.append(Outcome.of(found))
-        if file is not None:
-            arguments.store.mkdir(parents=True, exist_ok=True)
-            np.savez(file, **vars(Outcome.concatenate(parts)))
-    return Outcome.concatenate(parts).first(arguments.seeds)
 
 
 _HEADER = (
@@ -161,7 +126,7 @@ def _line(row: Row, method: str, results: Mapping[tuple[str, str], Outcome]) -> 
     known = np.isfinite(outcome.std) & np.isfinite(outcome.error)
     # What some runs leave open is judged by the others.
     deviation = np.abs(np.divide(outcome.error, outcome.std, where=known, out=np.full(known.shape, np.nan)))
-    share = np.mean(deviation < _QUANTILE, axis=0, where=known)
+    share = np.mean(deviation < QUANTILE, axis=0, where=known)
     ratio = widened = np.full(1, np.nan)
     if outcome.error.shape[1] == plain.error.shape[1]:
         ratio, widened = (

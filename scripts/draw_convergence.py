@@ -24,6 +24,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
@@ -33,7 +34,6 @@ BAG = ROOT / 'bags' / 'servicer7_mid'
 ROBOT = ROOT / 'config' / 'servicer7.urdf'
 PARAMETERS = ROOT / 'config' / 'servicer7_estimator.yaml'
 
-BAND = 1.96  # standard deviations either side that hold 95 %
 # Blue and orange of Okabe and Ito, which every kind of colour vision tells apart.
 COLOURS = {'difference': '#e69f00', 'trajectory': '#0072b2'}
 # Panel by panel: index among the ten parameters, name, unit.

@@ -25,11 +25,11 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from tqdm import tqdm
 
-from mbaid_ros.bags.types import definition, message_class, serialize
+from mbaid_ros.bags.types import definition, serialize
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.replay import main
 from mbaid_ros.simulated_run import SimulatedRun
 
@@ -50,8 +50,7 @@ def whole_bag(compression: CompressionType, lie: Callable[[str], str] = lambda t
     """Return a small bag of the paper's case; `lie` changes the text of its schemas."""
     config = build(SimulatorConfig, load_parameter_file(CONFIG / 'table1_simulator.yaml', 'simulator'))
     config = replace(config, joint_rate=20.0, odometry_rate=20.0)
-    types = MessageTypes(find=message_class, flags=lambda flags: flags)
-    run = SimulatedRun(config, (CONFIG / 'table1.urdf').read_text(encoding='utf-8'), types)
+    run = SimulatedRun(config, (CONFIG / 'table1.urdf').read_text(encoding='utf-8'), BAG_TYPES)
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=4_000, compression=compression)
     writer.start(profile='ros2')

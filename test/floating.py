@@ -34,6 +34,18 @@ def still(_time: float, _rotation: Array, _position: Array) -> Array:
     return np.zeros(6)
 
 
+def pushing(wrench: Array, axes: str) -> Push:
+    """Return a constant force and torque: on the base's origin in its axes, or inertial ones where it was at first."""
+
+    def push(_time: float, rotation: Array, position: Array) -> Array:
+        if axes == 'inertial':
+            return wrench
+        force, torque = rotation @ wrench[:3], rotation @ wrench[3:]
+        return np.concatenate((force, np.cross(position, force) + torque))
+
+    return push
+
+
 def float_freely(
     kernel: MomentumKernel,
     motion: Sinusoids,

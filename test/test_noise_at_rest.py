@@ -42,10 +42,24 @@ def test_it_finds_the_noise_that_was_added(bag: str) -> None:
         assert SCRIPT['scatter'](found[name]) == pytest.approx(std, rel=0.15)
 
 
-def test_a_topic_that_the_bag_lacks_is_one_line(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert SCRIPT['main']([bag, '--odom', '/mocap']) == 2
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert SCRIPT['main'](arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     assert captured.err.count('\n') == 1
-    assert "'/mocap'" in captured.err
-    assert '/odom' in captured.err
+    return captured.err
+
+
+def test_a_topic_that_the_bag_lacks_is_one_line(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, bag, '--odom', '/mocap')
+    assert "'/mocap'" in line
+    assert '/odom' in line
+
+
+def test_topics_of_other_types_are_one_line(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for option, topic, found, accepted in (
+        ('--odom', '/joint_states', 'sensor_msgs/msg/JointState', 'nav_msgs/msg/Odometry'),
+        ('--joint-states', '/odom', 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/JointState'),
+    ):
+        line = refused(capsys, bag, option, topic)
+        assert f"topic '{topic}' of bag '{bag}' is of type {found}; accepted: {accepted}" in line

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.bags import deserialize, message_class, serialize
+from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, estimate_message, inertia_message
+from mbaid_ros.replay.bag_types import BAG_TYPES
 
-TYPES = MessageTypes(find=message_class, flags=np.asarray)
 FRAMES = Frames(target_link='link7', odometry='odom')
 
 
@@ -32,7 +32,7 @@ def example() -> Estimate:
 
 def test_an_estimate_survives_the_wire_in_full() -> None:
     estimate = example()
-    message = estimate_message(estimate, TYPES, FRAMES, ['of the run'])
+    message = estimate_message(estimate, BAG_TYPES, FRAMES, ['of the run'])
     type_name = 'mbaid_msgs/msg/InertiaEstimate'
     read = deserialize(serialize(message, type_name), type_name)
     assert (read.header.stamp.sec, read.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
@@ -52,12 +52,12 @@ def test_an_estimate_survives_the_wire_in_full() -> None:
 
 
 def test_the_inertia_alone_has_the_same_header() -> None:
-    message = inertia_message(example(), TYPES, FRAMES)
+    message = inertia_message(example(), BAG_TYPES, FRAMES)
     assert message.header.frame_id == 'link7'
     assert message.inertia.izz == 10.0
 
 
 def test_an_estimate_of_nothing_is_nan() -> None:
-    message = estimate_message(Estimate(method='difference', status='waiting'), TYPES, FRAMES)
+    message = estimate_message(Estimate(method='difference', status='waiting'), BAG_TYPES, FRAMES)
     assert np.isnan(message.inertia.m)
     assert not np.any(message.identifiable)

@@ -7,22 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.bags import message_class, serialize
+from mbaid_ros.bags import serialize
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
 from mbaid_ros.core.simulation.run import Simulation, total_momentum
-from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_initial_state, make_motion
 from simulated import CONFIG, robot
 
-TYPES = MessageTypes(find=message_class, flags=np.asarray)
 NAMES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
 
 
 def run(name: str = 'ets7', **values: Any) -> SimulatedRun:
-    return SimulatedRun(build(SimulatorConfig, values), (CONFIG / f'{name}.urdf').read_text(), TYPES)
+    return SimulatedRun(build(SimulatorConfig, values), (CONFIG / f'{name}.urdf').read_text(), BAG_TYPES)
 
 
 def payloads(messages: list[TimedMessage]) -> list[bytes]:

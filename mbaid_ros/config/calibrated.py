@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from mbaid_ros.config.files import read_text
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 
@@ -42,15 +42,7 @@ def read_calibration(path: str) -> CalibratedLinks:
     ParameterError
         The file cannot be read, or is none that `calibrate` writes.
     """
-    try:
-        with Path(path).open(encoding='utf-8') as file:
-            text = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise ParameterError(f"cannot read calibration '{path}': {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ParameterError(f"'{path}' is no calibration: it is not text in UTF-8; {_ACCEPTED}") from error
-    if len(text) > LARGEST_FILE:
-        raise ParameterError(f"calibration '{path}' has more than {LARGEST_FILE} characters, which is the limit")
+    text = read_text(path, 'calibration', LARGEST_FILE, _ACCEPTED)
     try:
         return _read(path, text)
     except (ValueError, TypeError, KeyError, RecursionError) as error:

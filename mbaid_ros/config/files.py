@@ -85,11 +85,39 @@ def read_yaml(path: str | Path, kind: str) -> object:
     ParameterError
         The file cannot be read, or is no YAML.
     """
-    text = _read(Path(path), kind)
+    text = read_text(path, kind, LARGEST_FILE)
     try:
         return yaml.load(text, _Loader)
     except _REFUSED as error:
         raise ParameterError(f"{kind} '{path}' is not YAML: {_reason(error)}") from error
+
+
+def read_text(path: str | Path, kind: str, limit: int, accepted: str = '') -> str:
+    """Return the content of a text file of at most so many characters.
+
+    Parameters
+    ----------
+    path : the file
+    kind : what an error calls it
+    limit : number of characters; more of a longer file are not read
+    accepted : what an error says of the files that are, if anything
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read, is no text, or is longer.
+    """
+    try:
+        with Path(path).open(encoding='utf-8') as file:
+            text = file.read(limit + 1)
+    except OSError as error:
+        raise ParameterError(f"cannot read {kind} '{path}': {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        told = f'; {accepted}' if accepted else ''
+        raise ParameterError(f"{kind} '{path}' is not text in UTF-8{told}") from error
+    if len(text) > limit:
+        raise ParameterError(f"{kind} '{path}' has more than {limit} characters, which is the limit")
+    return text
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
@@ -111,19 +139,6 @@ def parse_assignment(text: str) -> tuple[str, object]:
 
 def _reason(error: Exception) -> str:
     return 'nested too deeply' if isinstance(error, RecursionError) else ' '.join(str(error).split())
-
-
-def _read(path: Path, kind: str) -> str:
-    try:
-        with path.open(encoding='utf-8') as file:
-            text = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise ParameterError(f"cannot read {kind} '{path}': {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ParameterError(f"{kind} '{path}' is not text in UTF-8") from error
-    if len(text) > LARGEST_FILE:
-        raise ParameterError(f"{kind} '{path}' has more than {LARGEST_FILE} characters, which is the limit")
-    return text
 
 
 def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[tuple[str, Mapping[object, object]]]:

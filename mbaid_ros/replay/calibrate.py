@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
 from mbaid_ros.replay.feed import progress_bar
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
 
 NOT_DETERMINED = 3
@@ -40,7 +40,7 @@ def _calibrate(argv: list[str]) -> int:
     urdf = read_robot_description(arguments.model)
     kernel = make_kernel(load_model(urdf), parameters)
     settings = make_settings(kernel, parameters)
-    inputs = Inputs(arguments.joint_states, arguments.odom, arguments.thrust)
+    inputs = Inputs.of(arguments)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:
@@ -64,13 +64,10 @@ def _parser() -> ArgumentParser:
         'calibrate before_capture --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
     )
     add = parser.add_argument
-    add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     add('--model', required=True, metavar='URDF', help='the robot description, with the CAD values')
     add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
     add('--params', metavar='YAML', help=f"parameter file with a section for '{NODE}': prior.*, and the estimator's")
-    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
-    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
+    add_input_arguments(parser)
     add('--json', metavar='FILE', help='write the result with its covariance as JSON; - for standard output')
     add('--report', metavar='HTML', help='write a report')
     add('--output', metavar='URDF', help='write the robot description with the calibrated values')

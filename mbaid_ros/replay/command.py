@@ -38,7 +38,7 @@ def replay(arguments: argparse.Namespace) -> int:
     truths = _truths(arguments)
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
-    inputs = Inputs(arguments.joint_states, arguments.odom, arguments.thrust)
+    inputs = Inputs.of(arguments)
     if len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:

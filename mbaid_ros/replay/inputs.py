@@ -1,7 +1,8 @@
-"""Which topics are read."""
+"""Which topics of bags are read, and the arguments that say so."""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,11 @@ class Inputs:
     odometry: str = '/odom'
     thrust: str = ''
 
+    @staticmethod
+    def of(arguments: argparse.Namespace) -> Inputs:
+        """Return what the arguments of `add_input_arguments` say."""
+        return Inputs(arguments.joint_states, arguments.odom, arguments.thrust)
+
     def topics(self, bag: BagReader) -> tuple[str, ...]:
         """Return what of a bag is to be read, joint states and odometry first.
 
@@ -54,3 +60,12 @@ class Inputs:
             session.add_odometry(message)
         else:
             session.add_thrust(message)
+
+
+def add_input_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that name bags and the topics to read."""
+    add = parser.add_argument
+    add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
+    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from mbaid_ros.cli import ArgumentParser, run
 from mbaid_ros.config.estimator import METHODS
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import add_input_arguments
 from mbaid_ros.replay.workers import add_processes_option
 
 
@@ -31,14 +31,11 @@ def _parser() -> ArgumentParser:
         'replay run1 --model robot.urdf --target gripper --report run1.html',
     )
     add = parser.add_argument
-    add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     add('--model', required=True, metavar='URDF', help='the robot description')
     add('--target', metavar='LINK', help='link to identify (default: the last link)')
     add('--params', metavar='YAML', help="the estimator node's ROS parameter file")
     add('--method', metavar='METHOD', help=f'identification method: {", ".join(METHODS)}')
-    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
-    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
+    add_input_arguments(parser)
     add('--json', metavar='FILE', help='write the result as JSON; - for standard output')
     add('--report', metavar='HTML', help='write a report')
     add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')

@@ -11,9 +11,11 @@ import numpy as np
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture, Phase
+from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate
+from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay.jsonable import (
     matrix,
     number,
@@ -85,6 +87,7 @@ class Run:
     debris : the captured body alone, None where not asked for or not determined
     phase : in which the bag ends
     capture : what it tells, None where the bag holds none
+    missing_joints : for want of which most of the joint states could not be used
     """
 
     bag: str
@@ -101,6 +104,7 @@ class Run:
     debris: Debris | None = None
     phase: Phase = 'post_capture'
     capture: Capture | None = None
+    missing_joints: tuple[str, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -239,7 +243,8 @@ def verdict(run: Run) -> str:
     if run.phase != 'post_capture':
         return f'no estimate of {run.target_link}: the data end before the capture'
     if run.final.status == 'waiting':
-        return f'no estimate of {run.target_link}: the data hold no complete window'
+        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
+        return f'no estimate of {run.target_link}: the data hold no complete window{why}'
     if not run.reached:
         return f'no estimate of {run.target_link}: the motion does not determine any of its parameters'
     if run.final.status == 'converged':

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from mbaid_ros.bags import BagReader, BagWriter, message_class
+from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
-from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.feed import Progress, feed
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session import Session, intake_warnings, missing_joints
 
 ESTIMATE_TOPIC = '/estimator/estimate'
 DEBRIS_TOPIC = '/estimator/debris'
@@ -39,17 +39,16 @@ class EstimateWriter:
         for topic in (ESTIMATE_TOPIC, DEBRIS_TOPIC) if with_debris else (ESTIMATE_TOPIC,):
             bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
         bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
-        self._types = MessageTypes(find=message_class, flags=_as_it_is)
 
     def write(
         self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
     ) -> None:
         """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
         time = max(0, estimate.stamp)
-        self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, self._types, frames), time)
-        self._bag.write(INERTIA_TOPIC, inertia_message(estimate, self._types, frames), time)
+        self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, BAG_TYPES, frames), time)
+        self._bag.write(INERTIA_TOPIC, inertia_message(estimate, BAG_TYPES, frames), time)
         if alone is not None:
-            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, self._types, frames, capture), time)
+            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, BAG_TYPES, frames, capture), time)
 
 
 def replay_bag(
@@ -94,6 +93,7 @@ def replay_bag(
         topics=intake.statistics(bag),
         used=session.used,
         dropped=dict(session.dropped),
+        missing_joints=missing_joints(session),
         warnings=warnings,
         urdf=session.urdf,
         pose=intake.pose(),
@@ -147,7 +147,3 @@ def _take(estimates: Sequence[Estimate], session: Session, history: History, wri
         history.add(estimate)
         if writer:
             writer.write(estimate, frames, session.debris(estimate), session.captured(estimate))
-
-
-def _as_it_is(flags: Flags) -> Flags:
-    return flags

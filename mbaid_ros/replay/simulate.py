@@ -12,14 +12,14 @@ import numpy as np
 from tqdm import tqdm
 
 from mbaid_ros import cli
-from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import PARAMETERS
-from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.simulated_run import SimulatedRun
 
 NODE = 'simulator'
@@ -27,7 +27,6 @@ JOINT_STATES, ODOMETRY, THRUST = '/joint_states', '/odom', '/thrust'
 DESCRIPTION, TRUTH = '/robot_description', f'/{NODE}/truth'
 TRUTH_FILE = 'truth.json'
 
-_TYPES = MessageTypes(find=message_class, flags=np.asarray)
 _CHUNK = 1.0  # s of the run between two looks at the progress bar
 
 _EXAMPLE = (
@@ -44,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: list[str]) -> int:
     arguments = _parser().parse(argv)
     config = _config(arguments)
-    run = SimulatedRun(config, read_robot_description(config.robot_description_file), _TYPES)
+    run = SimulatedRun(config, read_robot_description(config.robot_description_file), BAG_TYPES)
     begin = time.monotonic()
     if arguments.truth is not None:
         _write_truth(arguments.truth, run)

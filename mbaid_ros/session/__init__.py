@@ -1,7 +1,7 @@
 """A run of the estimator, as both faces see it: messages go in, estimates and explanations come out."""
 
-from mbaid_ros.session.explanation import explain, intake_warnings, obstacles
+from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import Session
 
-__all__ = ['Session', 'explain', 'intake_warnings', 'make_estimator', 'obstacles']
+__all__ = ['Session', 'explain', 'intake_warnings', 'make_estimator', 'missing_joints', 'obstacles']

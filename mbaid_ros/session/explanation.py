@@ -32,7 +32,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
         FAR_THRUST: 'more than 10 s: both need the same time source',
     }
-    return [f'{cause}: {details[cause]}' if cause in details else cause for cause in sorted(causes)]
+    return [f'{cause}: {details[cause]}' if details.get(cause) else cause for cause in sorted(causes)]
 
 
 def intake_warnings(session: Session) -> list[str]:
@@ -48,7 +48,7 @@ def intake_warnings(session: Session) -> list[str]:
 def obstacles(session: Session) -> list[str]:
     """Return what keeps messages that have come from becoming samples."""
     found = [session.problem] if session.problem else []
-    if session.merge.partial and session.merge.missing:
+    if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
     joints, base = (session.gates[name].newest for name in (JOINTS, ODOMETRY))
     if joints is not None and base is not None and abs(joints - base) > _APART:
@@ -67,12 +67,24 @@ def obstacles(session: Session) -> list[str]:
     return found
 
 
+def missing_joints(session: Session) -> tuple[str, ...]:
+    """Return the joints for want of which most of the joint states lead to no sample; empty where that is not so."""
+    most = 2 * session.dropped[JOINT_MISSING] > session.received[JOINTS]
+    return _never_held(session) or (session.joint_reader.missing if most else ())
+
+
+def _never_held(session: Session) -> tuple[str, ...]:
+    """Return the joints that no message has held, where the joints come in parts."""
+    merge = session.merge
+    return tuple(session.model.joint_names[joint] for joint in merge.missing) if merge.partial else ()
+
+
 def _lacking(session: Session) -> str:
-    reader, merge = session.joint_reader, session.merge
-    missing = reader.missing
-    if merge.partial and merge.missing:
-        missing = tuple(session.model.joint_names[joint] for joint in merge.missing)
-    return f'the joint states lack {listing(missing)}; they hold {listing(reader.unknown)}'
+    """Return which joints are missing; empty where that was only so before the run started again."""
+    missing = _never_held(session) or session.joint_reader.missing
+    if not missing:
+        return ''
+    return f'the joint states lack {listing(missing)}; they hold {listing(session.joint_reader.unknown)}'
 
 
 def _wrong_child_frame(session: Session) -> str:

@@ -13,23 +13,23 @@ import numpy as np
 
 from benchmarks.data import CONFIG, LEVELS, RATE, model
 from benchmarks.speed_bag import START
-from mbaid_ros.bags import message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.known_errors import body_sizes
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
-from mbaid_ros.outgoing import MessageTypes, SensorMessages
+from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import commands, make_motion, make_simulation
 
@@ -170,11 +170,13 @@ class Motion:
     truth : Truth
     pulse : of thrust; None where there is none
     sought : (10,) physical parameters; after a capture (16,), with the momentum before
+    robot : that moves
     """
 
     truth: Truth
     pulse: Pulse | None
     sought: Array
+    robot: RobotModel
 
 
 def _config(changes: Mapping[str, object]) -> SimulatorConfig:
@@ -190,7 +192,8 @@ def motion(case: str) -> Motion:
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
         sought = np.concatenate((physical(captured.alone()), simulation.brought))
-    return Motion(truth, simulation.pulse if isinstance(simulation, ThrustSimulation) else None, sought)
+    pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
+    return Motion(truth, pulse, sought, robot)
 
 
 @dataclass(frozen=True)
@@ -244,19 +247,15 @@ def run(work: tuple[Row, str, int]) -> Said:
 
 def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[[Any], Any], Any]]:
     """Yield the messages of a run in order, each with what takes it."""
-    case, moved = CASES[row.case], motion(row.case)
+    moved = motion(row.case)
     sensors = Sensors(LEVELS[LEVEL], seed)
     joints, base = sensors.joints(moved.truth), sensors.base(moved.truth)
-    messages = SensorMessages(MessageTypes(message_class, _as_it_is), load_model(case.robot()), 'odom')
+    messages = SensorMessages(BAG_TYPES, moved.robot, 'odom')
     told = commands(moved.pulse) if row.told and moved.pulse is not None else []
     for index, time in enumerate(moved.truth.time):
         stamp = START + round(time * 1e9)
         while told and told[0][0] <= time:
             begin, wrench = told.pop(0)
-            yield session.add_thrust, messages.wrench(wrench, model(ROBOT).base_link, START + round(begin * 1e9))
+            yield session.add_thrust, messages.wrench(wrench, moved.robot.base_link, START + round(begin * 1e9))
         yield session.add_odometry, messages.odometry(base, index, stamp)
-        yield session.add_joint_state, messages.joint_state(joints, index, stamp + round(case.late * 1e9))
-
-
-def _as_it_is(flags: Flags) -> Flags:
-    return flags
+        yield session.add_joint_state, messages.joint_state(joints, index, stamp + round(CASES[row.case].late * 1e9))

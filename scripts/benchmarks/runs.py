@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed
 from benchmarks.methods import METHODS, Identification
+from benchmarks.store import Runs, completed
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.campaigns.make import nees
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Runs):
     """What one method, or many runs of it, said at T times.
 
     Attributes
@@ -32,20 +31,6 @@ class Outcome:
     parameters: Array
     std: Array
     error_norm: Array
-
-    def first(self, runs: int) -> Outcome:
-        """Return the first of many runs."""
-        return Outcome(*(getattr(self, field.name)[:runs] for field in fields(self)))
-
-    def followed_by(self, other: Outcome) -> Outcome:
-        """Return these runs and other ones."""
-        pairs = ((getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
-        return Outcome(*(np.concatenate(pair) for pair in pairs))
-
-    @staticmethod
-    def stack(outcomes: Sequence[Outcome]) -> Outcome:
-        """Return the outcomes of several runs with a leading axis."""
-        return Outcome(*(np.array([getattr(outcome, field.name) for outcome in outcomes]) for field in fields(Outcome)))
 
 
 @dataclass(frozen=True)
@@ -106,39 +91,13 @@ def monte_carlo(
         ProcessPoolExecutor(processes) as pool,
     ):
         for (case, method), runs in wanted.items():
-            outcome = _stored(store, case, method)
-            done = 0 if outcome is None else min(len(outcome.parameters), len(runs))
-            bar.update(done)
-            if done < len(runs):
-                rest = Outcome.stack([_counted(item, bar) for item in pool.map(_outcome, runs[done:], chunksize=2)])
-                outcome = rest if outcome is None else outcome.followed_by(rest)
-                _keep(store, case, method, outcome)
-            if outcome is not None:
-                results[case][method] = outcome.first(len(runs))
+            file = None if store is None else store / _file_name(case, method)
+            results[case][method] = completed(Outcome, file, runs, _outcome, pool, bar)
     return results
 
 
-def _counted(outcome: Outcome, bar: Any) -> Outcome:
-    bar.update(1)
-    return outcome
-
-
-def _file(store: Path, case: Case, method: str) -> Path:
-    return store / f'{case.name}-{method}.npz'.replace(' ', '_').replace('/', '_per_')
-
-
-def _stored(store: Path | None, case: Case, method: str) -> Outcome | None:
-    """Return what a store holds of a case."""
-    if store is None or not _file(store, case, method).is_file():
-        return None
-    with np.load(_file(store, case, method)) as arrays:
-        return Outcome(*(arrays[field.name] for field in fields(Outcome)))
-
-
-def _keep(store: Path | None, case: Case, method: str, outcome: Outcome) -> None:
-    if store is not None:
-        store.mkdir(parents=True, exist_ok=True)
-        np.savez(_file(store, case, method), **{field.name: getattr(outcome, field.name) for field in fields(Outcome)})
+def _file_name(case: Case, method: str) -> str:
+    return f'{case.name}-{method}.npz'.replace(' ', '_').replace('/', '_per_')
 
 
 def _outcome(run: _Run) -> Outcome:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.data import DURATION, LEVELS, RATE, endless_motion, model
-from mbaid_ros.bags import BagWriter, message_class
-from mbaid_ros.core.geometry import Flags
+from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.outgoing import MessageTypes, SensorMessages
+from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.replay.bag_types import BAG_TYPES
 
 ROBOT = 'servicer7'
 LEVEL = 'mid'
@@ -27,7 +27,7 @@ def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
     """
     truth = endless_motion(ROBOT, rate, min(60.0 * minutes, DURATION))
     sensors = Sensors(LEVELS[LEVEL], seed=0)
-    messages = SensorMessages(MessageTypes(message_class, _as_it_is), model(ROBOT), 'odom')
+    messages = SensorMessages(BAG_TYPES, model(ROBOT), 'odom')
     left = round(minutes * 60.0 * rate)
     with BagWriter(path) as bag:
         for topic, kind in TOPICS.items():
@@ -39,7 +39,3 @@ def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
                 stamp = START + round((minute * DURATION + time) * 1e9)
                 bag.write('/odom', messages.odometry(base, index, stamp), stamp)
                 bag.write('/joint_states', messages.joint_state(joints, index, stamp), stamp)
-
-
-def _as_it_is(flags: Flags) -> Flags:
-    return flags

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from benchmarks.runs import Outcome
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.replay.campaigns.statistics import QUANTILE
 
-_QUANTILE = 1.959963984540054  # of the 95 % interval
 _BAND = 0.95
 
 
@@ -78,7 +78,7 @@ def _summary(error: Array, std: Array, error_norm: Array, bound: Array) -> Summa
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', RuntimeWarning)  # nothing but NaN: no run has determined it
         rmse = np.where(free, np.sqrt(np.nanmean(error**2, axis=0)), np.nan)
-        inside = np.where(np.isfinite(std) & np.isfinite(error), np.abs(error) < _QUANTILE * std, np.nan)
+        inside = np.where(np.isfinite(std) & np.isfinite(error), np.abs(error) < QUANTILE * std, np.nan)
         coverage = np.where(free, np.nanmean(inside, axis=0), np.nan)
         nees = float(np.nanmean(error_norm))
     runs = int(np.sum(np.isfinite(error_norm)))

@@ -1,4 +1,4 @@
-"""The executable `campaign`: what its YAML stands for, its results, and how it goes on after whatever stopped it."""
+"""The executable `campaign`: its results, and how it goes on after whatever stopped it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay import campaign, replay, simulate
@@ -25,26 +26,8 @@ from mbaid_ros.replay.campaigns.make import Result, make
 from mbaid_ros.replay.campaigns.statistics import statistics
 from simulated import CONFIG
 
-TEXT = f"""
-model: {CONFIG / 'table1.urdf'}
-simulator_params: {CONFIG / 'table1_simulator.yaml'}
-estimator_params: {CONFIG / 'table1_estimator.yaml'}
-simulator: {{duration: 3.0, joint_rate: 20.0, odometry_rate: 20.0}}
-noise: {{base_position: 1e-4}}
-seeds: 4
-cases:
-  noise:
-    low: {{noise: {{joint_position: 1.0e-5}}}}
-    mid: {{noise: {{joint_position: 1.0e-4}}}}
-"""
 RUNS = 8
 FILES = ('runs.jsonl', 'summary.json', 'campaign.json')
-
-
-def written(folder: Path, text: str = TEXT) -> Path:
-    path = folder / 'campaign.yaml'
-    path.write_text(text)
-    return path
 
 
 def lines(folder: Path) -> list[Any]:
@@ -61,15 +44,6 @@ def made_in_one_go(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = folder / 'output'
     assert campaign.main([str(written(folder)), '--output', str(output), '--processes', '2']) == 0
     return output
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert campaign.main(list(arguments)) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith('mbaid_ros campaign: ')
-    assert captured.err.count('\n') == 1
-    return captured.err
 
 
 # -- results
@@ -259,76 +233,3 @@ def test_a_process_that_dies_costs_no_run_but_the_one_that_kills_it(whole: Path)
     assert (died['run'], died['status']) == (2, 'failed')
     assert died['reason'].startswith('its process died')
     assert results == [make(run, plan.urdf) for run in runs if run.number != 2]
-
-
-# -- the YAML
-
-
-def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
-    text = TEXT.replace('seeds: 4', 'seeds: [7, 3]\nmotions: 3').replace(
-        'simulator: {', 'simulator: {motion.kind: random, '
-    )
-    text = text.replace(
-        f'simulator_params: {CONFIG / "table1_simulator.yaml"}', f'simulator_params: {CONFIG / "ets7_simulator.yaml"}'
-    )
-    plan = load_campaign(written(tmp_path, text.replace('table1.urdf', 'ets7.urdf')))
-    runs = list(plan.runs())
-    assert [run.number for run in runs] == list(range(12))
-    assert [(run.case.simulator.motion.seed, run.case.simulator.seed) for run in runs[:6]] == [
-        (0, 7), (0, 3), (1, 7), (1, 3), (2, 7), (2, 3)
-    ]  # fmt: skip
-    assert str(runs[-1].case) == 'noise=mid'
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'told'),
-    [
-        (TEXT, '', "the key 'model' is missing"),
-        (TEXT, '- 1', "is [1]; accepted: 'name: value' pairs"),
-        (TEXT, '[', 'is not YAML'),
-        ('seeds: 4', 'seed: 4', "unknown key 'seed'; known: seeds, "),
-        ('seeds: 4', 'seeds: 0', "'seeds' is 0; accepted: a whole number >= 1, of seeds from 0, or a list"),
-        ('seeds: 4', 'seeds: four', "'seeds' is 'four'; accepted"),
-        ('seeds: 4', 'seeds: true', "'seeds' is True; accepted"),
-        ('seeds: 4', 'seeds: [1, 1]', "'seeds' is [1, 1]; accepted: "),
-        ('seeds: 4', 'seeds: [-1]', "'seeds' is [-1]; accepted"),
-        ('seeds: 4', 'seeds: 1000000', 'make 2000000 runs; accepted: 1000000 at most'),
-        ('seeds: 4', 'motions: 2', "'motion.kind' is 'passive'; accepted: random"),
-        ('duration: 3.0', 'duration: 0.0', "'duration' is 0 s"),
-        ('duration: 3.0', 'duration: long', "parameter 'duration' is 'long'; accepted: a number >= 0 s"),
-        ('duration: 3.0', 'length: 3.0', "unknown parameter 'length'; known: "),
-        ('duration: 3.0', 'duration: 3.0, seed: 3', "'simulator.seed' is not accepted; the key for it is 'seeds'"),
-        ('simulator: {', 'simulator: 3 #', "'simulator' is 3; accepted: 'name: value' pairs"),
-        ('mid: {noise', 'mid: {sensors', "'cases.noise.mid' has the unknown key 'sensors'; known: "),
-        ('{joint_position: 1.0e-4}', '{joint_position: -1.0}', "noise=mid: parameter 'noise.joint_position' is -1"),
-        ('    low:', '    1:', "'cases.noise' has the name 1; accepted: text"),
-        ('cases:', 'cases:\n  empty:', "'cases.empty' is None; accepted: 'name: value' pairs"),
-        (
-            'cases:', 'cases:\n  other: {a: {estimator: {noise: {joint_position: 1.0}}}}',
-            "'noise.joint_position' of the estimator is set by the groups 'other' and 'noise'; accepted: by one",
-        ),
-        (
-            'noise: {base', 'estimator: {noise.base_position: 1.0}\nnoise: {base',
-            "'noise.base_position' and 'estimator.noise.base_position' are both given; accepted: one",
-        ),
-        (
-            'noise: {base', 'estimator: {target_link: link3}\nnoise: {base',
-            "noise=low: 'target_link' is 'link4' for the simulator and 'link3' for the estimator",
-        ),
-        ('table1.urdf', 'absent.urdf', 'absent.urdf'),
-        ('table1_estimator.yaml', 'absent.yaml', "absent.yaml': No such file"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_used_is_one_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
-) -> None:
-    yaml = str(written(tmp_path, TEXT.replace(old, new, 1)))
-    line = refused(capsys, yaml, '--output', str(tmp_path / 'output'))
-    assert told in line
-    assert f"campaign '{yaml}'" in line
-    assert not (tmp_path / 'output').exists()
-
-
-def test_the_campaign_that_ships_is_accepted() -> None:
-    plan = load_campaign(CONFIG / 'table1_campaign.yaml')
-    assert len(list(plan.runs())) == 20

@@ -18,7 +18,7 @@ from mbaid_ros.bags import BagWriter, message_class
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.principal import box_sizes
-from mbaid_ros.outgoing import Frames, MessageTypes
+from mbaid_ros.outgoing import Frames
 from mbaid_ros.replay.export import main
 from mbaid_ros.replay.results import as_json
 from mbaid_ros.replay.run import EstimateWriter
@@ -161,10 +161,9 @@ def test_a_bag_of_estimates_is_read(capsys: pytest.CaptureFixture[str], tmp_path
 
 
 def test_a_bag_without_estimates_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    types = MessageTypes(find=message_class, flags=np.asarray)
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/a', 'std_msgs/msg/String')
-        bag.write('/a', types.find('std_msgs/msg/String')(data='x'), 0)
+        bag.write('/a', message_class('std_msgs/msg/String')(data='x'), 0)
     assert 'holds no estimates' in exported(capsys, str(tmp_path / 'bag'), code=2)
 
 

@@ -112,6 +112,15 @@ def assigned(values: dict[str, str]) -> list[str]:
     return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
+def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], values: dict[str, str]) -> str:
+    """Return the one line that parameters of servicer7 lead to."""
+    model = ['--model', str(CONFIG / 'servicer7.urdf')]
+    assert main([*model, *SERVICER, *assigned(values), '--output', str(tmp_path / 'bag')]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    return error
+
+
 def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf, parameters, bag = tmp_path / 'free.urdf', tmp_path / 'estimator.yaml', tmp_path / 'bag'
     urdf.write_text(free_urdf(), encoding='utf-8')
@@ -151,12 +160,7 @@ def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.Captur
 def test_a_capture_that_cannot_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
 ) -> None:
-    options = assigned({**CAPTURE, **changed})
-    model = ['--model', str(CONFIG / 'servicer7.urdf')]
-    assert main([*model, *SERVICER, *options, '--output', str(tmp_path / 'bag')]) == 2
-    error = capsys.readouterr().err
-    assert error.count('\n') == 1
-    assert reason in error
+    assert reason in refused(tmp_path, capsys, {**CAPTURE, **changed})
 
 
 THRUST = {'thrust.time': '4.0', 'thrust.duration': '1.3', 'thrust.force': '[1.5, -1.4, 1.2]', 'thrust.link': 'link1'}
@@ -193,7 +197,4 @@ def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFi
 def test_thrust_that_cannot_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
 ) -> None:
-    options = assigned({**CAPTURE, 'capture.time': '0.0', **THRUST, **changed})
-    model = ['--model', str(CONFIG / 'servicer7.urdf')]
-    assert main([*model, *SERVICER, *options, '--output', str(tmp_path / 'bag')]) == 2
-    assert reason in capsys.readouterr().err
+    assert reason in refused(tmp_path, capsys, {**CAPTURE, 'capture.time': '0.0', **THRUST, **changed})

@@ -19,7 +19,7 @@ from mbaid_ros.core.intake.reorder import LATE, REPEATED
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
-from mbaid_ros.session import Session, explain, intake_warnings, obstacles
+from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
 from simulated import CONFIG
 
 ROBOT, SECONDS = 'servicer7', 12.0
@@ -135,6 +135,24 @@ def test_half_of_the_joints_alone_are_waited_with() -> None:
     assert obstacles(session) == [
         'joint missing: the joint states lack joint5, joint6, joint7; they hold joint1, joint2, joint3, joint4'
     ]
+    assert missing_joints(session) == ('joint5', 'joint6', 'joint7')
+
+
+def test_only_what_keeps_most_joint_states_from_use_counts_as_missing() -> None:
+    spoil = changed(JOINTS, lambda m: setattr(m, 'name', ['joint1', *'bcdefg']))
+    tail = clean()[600:800]
+    for whole, missing in ((clean()[:100], ('joint2',)), (clean()[:600], ())):
+        _, session = estimates(ROBOT, [*whole, *spoil(tail)])
+        assert session.dropped[JOINT_MISSING] == 100
+        assert missing_joints(session)[:1] == missing
+
+
+def test_joints_that_were_missing_before_a_restart_are_not_told_as_none() -> None:
+    spoil = changed(JOINTS, lambda m: setattr(m, 'name', list('abcdefg')))
+    _, session = estimates(ROBOT, [*spoil(clean()[1000:1400]), *clean()[:400]], at_once=1)
+    assert session.restarted == 1
+    assert explain(session, [JOINT_MISSING]) == [JOINT_MISSING]
+    assert missing_joints(session) == ()
 
 
 def test_notes_say_what_was_derived() -> None:

@@ -95,3 +95,11 @@ def test_a_file_that_is_not_there() -> None:
     config = build(EstimatorConfig, {'known_links.calibration': 'nowhere.json'}).known_links
     with pytest.raises(ParameterError, match=r"cannot read calibration 'nowhere\.json': No such file"):
         with_known_errors(ROBOT, config)
+
+
+def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / 'calibration.json'
+    path.write_bytes(b'\xff\xfe\x00')
+    config = build(EstimatorConfig, {'known_links.calibration': str(path)}).known_links
+    with pytest.raises(ParameterError, match=r'not text in UTF-8; accepted: what calibrate --json writes$'):
+        with_known_errors(ROBOT, config)

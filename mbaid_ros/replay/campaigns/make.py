@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.bags import message_class
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.campaign import CampaignRun, Case
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
@@ -22,7 +21,6 @@ FAILED = 'failed'
 # What a run leads to: plain numbers, texts, lists and dictionaries, as JSON has them.
 Result = dict[str, Any]
 
-_TYPES = MessageTypes(find=message_class, flags=np.asarray)
 _CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers
 
 
@@ -34,7 +32,7 @@ def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
     ModelError, ParameterError
         The robot or the parameters cannot be used, alone or together.
     """
-    simulated, session = SimulatedRun(case.simulator, urdf, _TYPES), Session(case.estimator, urdf)
+    simulated, session = SimulatedRun(case.simulator, urdf, BAG_TYPES), Session(case.estimator, urdf)
     if simulated.target.name != session.target_link:
         raise ParameterError(
             f"'target_link' is '{simulated.target.name}' for the simulator and '{session.target_link}' for the "

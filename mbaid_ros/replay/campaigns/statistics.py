@@ -17,7 +17,7 @@ from mbaid_ros.replay.campaigns.make import FAILED, Result
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 
 _BAND = 0.95
-_QUANTILE = float(ndtri(0.5 * (1.0 + _BAND)))
+QUANTILE = float(ndtri(0.5 * (1.0 + _BAND)))  # standard deviations either side that hold 95 %
 _REASONS = 5  # failed runs that the text names
 
 
@@ -73,7 +73,7 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
         statuses=dict(sorted(Counter(result['status'] for result in results).items())),
         rmse=np.sqrt(_mean(error**2)),
         mean_std=_mean(std),
-        inside=_mean(np.where(np.isfinite(error / std), np.abs(error) < _QUANTILE * std, np.nan)),
+        inside=_mean(np.where(np.isfinite(error / std), np.abs(error) < QUANTILE * std, np.nan)),
         determined=_mean(np.isfinite(estimate) * 1.0),
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         nees_band=(low, high),

@@ -10,14 +10,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from floating import float_freely, true_momentum
+from floating import float_freely, pushing, true_momentum
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.difference.effects import ConstantForce
 from mbaid_ros.core.difference.window_rows import joined
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import body_sizes
@@ -57,19 +56,9 @@ def free(floating: Float) -> Truth:
     return floating()
 
 
-def push(axes: str) -> Callable[[float, Array, Array], Array]:
-    def act(_time: float, rotation: Array, position: Array) -> Array:
-        if axes == 'inertial':
-            return FORCE
-        force, torque = rotation @ FORCE[:3], rotation @ FORCE[3:]
-        return np.concatenate((force, np.cross(position, force) + torque))
-
-    return act
-
-
 @pytest.fixture(scope='module')
 def pushed(floating: Float) -> dict[str, Truth]:
-    return {axes: floating(push=push(axes)) for axes in ('inertial', 'body')}
+    return {axes: floating(push=pushing(FORCE, axes)) for axes in ('inertial', 'body')}
 
 
 def test_a_pulse(robot: MomentumKernel, floating: Float) -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from floating import Push, errors, float_freely, follow, make, normalised, true_momentum
+from floating import errors, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -26,18 +26,6 @@ PULSED = 12.2  # s
 LATE = 0.005  # s
 # Ten parameters, one run in a thousand.
 LIMIT = float(chi2.isf(1e-3, 10))
-
-
-def pushing(axes: str) -> Push:
-    """Return a constant force and torque: on the base's origin in its axes, or inertial ones where it was at first."""
-
-    def push(_time: float, rotation: Array, position: Array) -> Array:
-        if axes == 'inertial':
-            return FORCE_TORQUE
-        force, torque = rotation @ FORCE_TORQUE[:3], rotation @ FORCE_TORQUE[3:]
-        return np.concatenate((force, np.cross(position, force) + torque))
-
-    return push
 
 
 @pytest.fixture(scope='module')
@@ -71,7 +59,7 @@ def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array) -> N
 
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
-    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(axes))
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
     estimator = make(robot, MID, adapt=True)
     last = estimator.update(windows(observe(truth, MID, 5)), 0)[-1]
     assert any(
@@ -131,7 +119,7 @@ def test_known_bodies_that_are_a_little_wrong(robot: MomentumKernel, servicer: T
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
     """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
-    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(axes))
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
     estimator = make(robot, MID, adapt=True)
     last = estimator.update(windows(observe(truth, MID)), 0)[-1]
     assert last.events[0].kind == 'ramp'

@@ -1,0 +1,38 @@
+"""A small campaign of the paper's case, for the tests of what reads and makes campaigns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mbaid_ros.replay import campaign
+from simulated import CONFIG
+
+TEXT = f"""
+model: {CONFIG / 'table1.urdf'}
+simulator_params: {CONFIG / 'table1_simulator.yaml'}
+estimator_params: {CONFIG / 'table1_estimator.yaml'}
+simulator: {{duration: 3.0, joint_rate: 20.0, odometry_rate: 20.0}}
+noise: {{base_position: 1e-4}}
+seeds: 4
+cases:
+  noise:
+    low: {{noise: {{joint_position: 1.0e-5}}}}
+    mid: {{noise: {{joint_position: 1.0e-4}}}}
+"""
+
+
+def written(folder: Path, text: str = TEXT) -> Path:
+    path = folder / 'campaign.yaml'
+    path.write_text(text)
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert campaign.main(list(arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('mbaid_ros campaign: ')
+    assert captured.err.count('\n') == 1
+    return captured.err
