@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.stacked import Stacked
 
 Stamps = npt.NDArray[np.int64]
 
@@ -41,7 +42,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(Stacked):
     """A batch of N samples, joints and base at common stamps.
 
     Attributes
@@ -79,21 +80,6 @@ class Samples:
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.time)
-
-    def __getitem__(self, index: slice | Array) -> Samples:
-        """Return the samples of a slice or mask."""
-        return Samples(*(getattr(self, item.name)[index] for item in fields(self)))
-
-    @staticmethod
-    def concatenate(parts: list[Samples]) -> Samples:
-        """Return the parts joined in order."""
-        if len(parts) == 1:
-            return parts[0]
-        return Samples(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Samples)))
 
 
 @dataclass(frozen=True)

@@ -34,4 +34,6 @@ class Stacked:
     @classmethod
     def concatenate(cls: type[S], parts: Sequence[S]) -> S:
         """Return the entries of the parts, in order."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))

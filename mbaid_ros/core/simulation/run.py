@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, cross, rotation_from_quaternion
@@ -19,13 +16,14 @@ from mbaid_ros.core.simulation.dynamics import Dynamics, State
 from mbaid_ros.core.simulation.hermite import Nodes
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.push import Push
+from mbaid_ros.core.stacked import Stacked
 
 # An instant this close to a step of the integrator (in steps) is that step.
 _ON_GRID = 1e-9
 
 
 @dataclass(frozen=True)
-class Truth:
+class Truth(Stacked):
     """The true motion at N instants.
 
     Attributes
@@ -45,19 +43,6 @@ class Truth:
     base_orientation: Array
     base_linear_velocity: Array
     base_angular_velocity: Array
-
-    def __len__(self) -> int:
-        """Return the number of instants."""
-        return len(self.time)
-
-    def __getitem__(self, index: slice | npt.NDArray[Any]) -> Truth:
-        """Return the instants of a slice, mask or index array."""
-        return Truth(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    @staticmethod
-    def concatenate(parts: Sequence[Truth]) -> Truth:
-        """Return the instants of the parts, joined in order."""
-        return Truth(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Truth)))
 
 
 class Simulation:
