@@ -126,12 +126,20 @@ def _fall(*, cross: Array, own: Array, gradient: Array, effects: Array, nuisance
     slope = gradient - np.swapaxes(weighed, -1, -2) @ nuisance.gradient
     unsure = effects * nuisance.size - back @ nuisance.spread
     covariance = own - back @ weighed + unsure @ np.swapaxes(unsure, -1, -2)
-    return np.asarray(np.sum((inverse(covariance, own) @ slope[..., None])[..., 0] * slope, axis=-1))
+    return _squared(slope, covariance, own)
 
 
 def _from_the_end(values: Array) -> Array:
     """Return sums over each place and all later ones."""
     return np.cumsum(values[::-1], axis=0)[::-1]
+
+
+def _squared(slope: Array, covariance: Array, whole: Array) -> Array:
+    """Return the (...) squares of (..., c) in the metric of (..., c, c); the rest as for `inverse`."""
+    size, _, factor = _scaled(covariance, whole)
+    if factor is None:
+        return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
+    return np.asarray(np.sum(np.linalg.solve(factor, (slope * size)[..., None]) ** 2, axis=(-2, -1)))
 
 
 def inverse(information: Array, whole: Array | None = None) -> Array:
@@ -142,11 +150,8 @@ def inverse(information: Array, whole: Array | None = None) -> Array:
     information : (..., k, k) what is left of `whole`, less what explains all of it but for rounding
     whole : (..., k, k); where not given, the information itself
     """
-    left = np.diagonal(information, axis1=-2, axis2=-1)
-    least = 0.0 if whole is None else _ROUNDING * np.diagonal(whole, axis1=-2, axis2=-1)
-    size = np.where(left > least, 1.0 / np.sqrt(np.where(left > least, left, 1.0)), 0.0)
-    scaled = information * size[..., None] * size[..., None, :]
-    if np.all(left > least) and (factor := _well_conditioned(scaled)) is not None:
+    size, scaled, factor = _scaled(information, whole)
+    if factor is not None:
         root = np.linalg.inv(factor) * size[..., None, :]
         return np.asarray(np.swapaxes(root, -1, -2) @ root)
     values, vectors = np.linalg.eigh(scaled)
@@ -156,11 +161,23 @@ def inverse(information: Array, whole: Array | None = None) -> Array:
     return np.asarray(matrix * size[..., None] * size[..., None, :])
 
 
-def _well_conditioned(scaled: Array) -> Array | None:
-    """Return the Cholesky factors of matrices with unit diagonals, None if one is near to being singular."""
+def _scaled(information: Array, whole: Array | None) -> tuple[Array, Array, Array | None]:
+    """Return scales (..., k), 0 where nothing is left, what they make of the information, and its Cholesky factors.
+
+    The factors are those of matrices with unit diagonals; None if one is near to being singular.
+    """
+    left = np.diagonal(information, axis1=-2, axis2=-1)
+    least = 0.0 if whole is None else _ROUNDING * np.diagonal(whole, axis1=-2, axis2=-1)
+    there = left > least
+    if not there.all():
+        size = np.where(there, 1.0 / np.sqrt(np.where(there, left, 1.0)), 0.0)
+        return size, information * size[..., None] * size[..., None, :], None
+    size = 1.0 / np.sqrt(left)
+    scaled = information * size[..., None] * size[..., None, :]
     try:
         factor = np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
-        return None
-    # Their diagonals: what is left of each unit once the earlier ones are known.
-    return factor if np.all(np.diagonal(factor, axis1=-2, axis2=-1) ** 2 > _DOUBTFUL) else None
+        return size, scaled, None
+    # Its diagonal: what is left of each unit once those before it are known.
+    sound = (np.diagonal(factor, axis1=-2, axis2=-1) ** 2 > _DOUBTFUL).all()
+    return size, scaled, factor if sound else None
