@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import Inputs, Message
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 2_000
@@ -20,7 +20,7 @@ Progress = Callable[[int, int], None]
 
 
 def feed(
-    bag: BagReader, inputs: Inputs, add: Callable[[str, Any, int], None], progress: Progress | None
+    bag: BagReader, inputs: Inputs, add: Callable[[Sequence[Message]], None], progress: Progress | None
 ) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
@@ -28,7 +28,7 @@ def feed(
     ----------
     bag : an open bag
     inputs : the topics to read
-    add : takes topic, message and the time it was recorded at, ns
+    add : takes messages, in order
     progress : Progress
 
     Raises
@@ -38,12 +38,17 @@ def feed(
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
-    for count, message in enumerate(bag.read(topics), start=1):
-        add(*message)
-        if count % _MESSAGES_AT_ONCE == 0:
-            yield
-            if progress:
-                progress(count, total)
+    messages = bag.read(topics, packed=True)
+    count = 0
+    while True:
+        part = list(islice(messages, _MESSAGES_AT_ONCE))
+        add(part)
+        count += len(part)
+        if len(part) < _MESSAGES_AT_ONCE:
+            break
+        yield
+        if progress:
+            progress(count, total)
     yield
     if progress:
         progress(total, total)

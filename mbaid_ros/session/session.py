@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -106,6 +106,30 @@ class Session:
     def add_odometry(self, message: Any) -> bool:
         """Take an Odometry without looking into it; return whether it is time for `process`."""
         return self._add(ODOMETRY, JOINTS, message)
+
+    def add_in_order(self, messages: Sequence[tuple[str, Any, int]], joint_states: str) -> None:
+        """Take messages as if they came one after the other.
+
+        Parameters
+        ----------
+        messages : topic, message, and when it came, ns
+        joint_states : the topic whose messages are JointStates; the others are Odometry
+        """
+        parts: dict[str, list[Any]] = {name: [] for name in self.gates}
+        for topic, message, _ in messages:
+            parts[JOINTS if topic == joint_states else ODOMETRY].append(message)
+        stamps = {
+            name: np.array([stamp_of(message) for message in part], dtype=np.int64) for name, part in parts.items()
+        }
+        regular = not self.problem and all(
+            gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in self.gates.items()
+        )
+        if regular:
+            for name, gate in self.gates.items():
+                gate.take_regular(stamps[name], parts[name])
+        else:
+            for topic, message, _ in messages:
+                (self.add_joint_state if topic == joint_states else self.add_odometry)(message)
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
