@@ -23,7 +23,7 @@ def motion(robot: str, seconds: float) -> Truth:
 def verdict(declared: str, samples: Samples) -> TwistFrame:
     judge = TwistFrame(declared)
     for window in windows(samples):
-        judge.update(window)
+        judge.update([window])
     return judge
 
 
