@@ -148,11 +148,26 @@ class _Layout:
             return True
         return all(data.startswith(constant, place) for place, constant in self._constant)
 
+    def stamps(self, messages: Sequence[bytes]) -> Stamps | None:
+        """Return the stamps (N,), ns, of messages that are laid out like this and padded alike; None if not all are."""
+        if any(len(data) != self._size for data in messages):
+            return None
+        joined = b''.join(messages)
+        content = np.frombuffer(joined, np.uint8).reshape(len(messages), self._size)
+        for place, constant in self._usual:
+            if not np.all(content[:, place : place + len(constant)] == np.frombuffer(constant, np.uint8)):
+                return None
+        return _stamps(np.frombuffer(joined, self._record))
+
     def _read(self, messages: Sequence[HasBytes]) -> tuple[Stamps, npt.NDArray[np.void]]:
         """Return the stamps (N,), ns, of N messages that are laid out like this, and all their numbers."""
         records = np.frombuffer(b''.join([message.data for message in messages]), self._record)
-        stamp = records['stamp']
-        return stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec'].astype(np.int64), records
+        return _stamps(records), records
+
+
+def _stamps(records: npt.NDArray[np.void]) -> Stamps:
+    stamp = records['stamp']
+    return stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec'].astype(np.int64)
 
 
 class JointStateLayout(_Layout):

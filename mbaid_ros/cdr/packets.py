@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from itertools import repeat
 from typing import Generic, TypeVar
 
 from mbaid_ros.cdr.layouts import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, MisfitError, OdometryLayout
@@ -56,6 +58,15 @@ class Packer(Generic[Layout]):
             return None
         self._remember(learnt, len(data))
         return _packet(data, learnt)
+
+    def many(self, given: Sequence[bytes]) -> list[Packet[Layout] | None]:
+        """Return messages as packets, as one by one; where all have the same layout, in a fraction of the time."""
+        if given:
+            for layout in self._known.get(len(given[0]), ()):
+                stamps = layout.stamps(given)
+                if stamps is not None:
+                    return list(map(Packet, given, repeat(layout), stamps.tolist()))
+        return [self(data) for data in given]
 
     def _remember(self, layout: Layout, size: int) -> None:
         if self._count == _MOST_LAYOUTS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 
 from tqdm import tqdm
@@ -38,17 +37,14 @@ def feed(
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
-    messages = bag.read(topics, packed=True)
     count = 0
-    while True:
-        part = list(islice(messages, _MESSAGES_AT_ONCE))
+    for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
         add(part)
         count += len(part)
-        if len(part) < _MESSAGES_AT_ONCE:
-            break
-        yield
-        if progress:
-            progress(count, total)
+        if len(part) == _MESSAGES_AT_ONCE:
+            yield
+            if progress:
+                progress(count, total)
     yield
     if progress:
         progress(total, total)
