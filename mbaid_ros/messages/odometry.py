@@ -67,9 +67,11 @@ class OdometryReader:
         good = self._usable(numbers, dropped)
         if not np.any(good):
             return None, +dropped
-        pose = self._covariances(pose, self._pose_default)[good]
-        twist = self._covariances(twist, self._twist_default)[good]
-        return _of_base(self._stream(stamp[good], numbers[good], pose, twist), frames, good), +dropped
+        pose = self._covariances(pose, self._pose_default)
+        twist = self._covariances(twist, self._twist_default)
+        if not np.all(good):
+            stamp, numbers, pose, twist = stamp[good], numbers[good], pose[good], twist[good]
+        return _of_base(self._stream(stamp, numbers, pose, twist), frames, good), +dropped
 
     def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
         """Return the messages of frames on the base, by their shapes; the others are counted."""

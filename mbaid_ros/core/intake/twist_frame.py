@@ -78,30 +78,42 @@ def _alike(windows: Sequence[Samples]) -> list[list[int]]:
 
 def _said(windows: Sequence[Samples], declared: str) -> Array:
     """Return the information of W windows of N samples, and the share they find times that, (W, 2)."""
-    position, rotation, pose_covariance, twist_covariance = (
-        np.stack([getattr(window, name) for window in windows])
-        for name in ('base_position', 'base_rotation', 'pose_covariance', 'twist_covariance')
-    )
     twist = np.stack(
         [np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1) for window in windows]
     )
-    other = _other_reading(rotation, twist, declared)
-    read, difference = np.mean(twist, axis=1), np.mean(other - twist, axis=1)
-    seen, gain = np.empty(read.shape), np.empty(len(windows))
+    rotation = np.stack([window.base_rotation for window in windows])
+    difference = np.mean(_other_reading(rotation, twist, declared) - twist, axis=1)
+    # The twist's noise, of whichever axes: its larger variance of the three.
+    spread = _variances([window.twist_covariance for window in windows]).reshape(-1, 2, 3)
+    own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
+    distinct = difference**2 > _DISTINCT**2 * 2.0 * own
+    said = np.zeros((len(windows), 2))
+    told = np.flatnonzero(np.any(distinct, axis=1))
+    if not len(told):
+        return said
+    seen, slope = _seen([windows[place] for place in told])
+    weight = np.where(distinct[told], 1.0 / (slope + own[told]), 0.0)
+    disagreement = seen - np.mean(twist[told], axis=1)
+    said[told, 0] = np.sum(weight * difference[told] ** 2, axis=1)
+    said[told, 1] = np.sum(weight * difference[told] * disagreement, axis=1)
+    return said
+
+
+def _seen(windows: Sequence[Samples]) -> tuple[Array, Array]:
+    """Return the mean twist that the poses of W windows of N samples imply, (W, 6), and the variances of its parts."""
+    seen, gain = np.empty((len(windows), 6)), np.empty((len(windows), 1))
+    position = np.stack([window.base_position for window in windows])
+    rotation = np.stack([window.base_rotation for window in windows])
     for places, local in fits(np.stack([window.time for window in windows])):
         slopes = base_slopes(position[places], rotation[places], local)
         seen[places] = np.mean(np.concatenate(slopes, axis=-1), axis=1)
-        gain[places] = local.mean_gain
-    variances = np.diagonal(np.mean(pose_covariance, axis=1), axis1=-2, axis2=-1)
-    slope = np.maximum(gain[:, None] * variances, 1e-30)
-    # The twist's noise, of whichever axes: its larger variance of the three.
-    spread = np.diagonal(np.mean(twist_covariance, axis=1), axis1=-2, axis2=-1).reshape(-1, 2, 3)
-    own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
-    distinct = difference**2 > _DISTINCT**2 * 2.0 * own
-    weight = np.where(distinct, 1.0 / (slope + own), 0.0)
-    return np.stack(
-        (np.sum(weight * difference**2, axis=1), np.sum(weight * difference * (seen - read), axis=1)), axis=1
-    )
+        gain[places, 0] = local.mean_gain
+    return seen, np.maximum(gain * _variances([window.pose_covariance for window in windows]), 1e-30)
+
+
+def _variances(covariances: Sequence[Array]) -> Array:
+    """Return the (W, k) mean variances of W times (N, k, k) covariances."""
+    return np.mean([np.diagonal(covariance, axis1=-2, axis2=-1) for covariance in covariances], axis=1)
 
 
 def _other_reading(rotation: Array, twist: Array, declared: str) -> Array:
