@@ -93,8 +93,6 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Mapping[int, Connection
                 messages.append((time, number, wanted[channel], data[place + _MESSAGE_HEAD.size : after]))
         else:
             after = place + _HEAD.size + _HEAD.unpack_from(data, place)[1]
-            if after > size:
-                raise ReaderError(f'Record beyond the end of a chunk of {size} bytes, at {place}.')
         place = after
     return messages
 
