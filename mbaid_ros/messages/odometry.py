@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache, reduce
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,8 +77,8 @@ class OdometryReader:
     def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
         """Return the messages of frames on the base, by their shapes; the others are counted."""
         places: dict[_Shape, list[int]] = {}
-        for place, message in enumerate(messages):
-            places.setdefault(odometry_shape(message), []).append(place)
+        for shape, group in groupby(range(len(messages)), key=lambda place: odometry_shape(messages[place])):
+            places.setdefault(shape, []).extend(group)
         accepted: list[_Group] = []
         for shape in sorted(places, key=lambda shape: places[shape][-1]):  # so that the last remains
             frame = self._frame(shape.child_frame_id)

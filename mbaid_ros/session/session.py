@@ -26,6 +26,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of, wrench_of
+from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
@@ -118,16 +119,7 @@ class Session:
         parts: dict[str, list[Any]] = {name: [] for name in self.gates}
         for topic, message, _ in messages:
             parts[JOINTS if topic == joint_states else ODOMETRY].append(message)
-        stamps = {
-            name: np.array([stamp_of(message) for message in part], dtype=np.int64) for name, part in parts.items()
-        }
-        regular = not self.problem and all(
-            gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in self.gates.items()
-        )
-        if regular:
-            for name, gate in self.gates.items():
-                gate.take_regular(stamps[name], parts[name])
-        else:
+        if self.problem or not let_through(self.gates, self._epoch, parts):
             for topic, message, _ in messages:
                 (self.add_joint_state if topic == joint_states else self.add_odometry)(message)
 
