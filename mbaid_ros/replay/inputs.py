@@ -59,6 +59,9 @@ class Inputs:
     def add_to(self, session: Session, messages: Sequence[Message]) -> None:
         """Hand messages of the topics, in the order they were recorded, to a session."""
         measured = {self.joint_states, self.odometry}
+        if measured.issuperset([topic for topic, _, _ in messages]):
+            session.add_in_order(messages, self.joint_states)
+            return
         for is_measured, group in groupby(messages, key=lambda message: message[0] in measured):
             if is_measured:
                 session.add_in_order(list(group), self.joint_states)

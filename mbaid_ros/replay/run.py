@@ -122,7 +122,7 @@ class _Intake:
         """Take messages in the order they were recorded."""
         self._inputs.add_to(self._session, messages)
         for topic, arrivals in self._arrivals.items():
-            arrivals.add(time for name, _, time in messages if name == topic)
+            arrivals.add([time for name, _, time in messages if name == topic])
         self._pose.add_joint_states([message for topic, message, _ in messages if topic == self._inputs.joint_states])
         self._pose.add_odometry([message for topic, message, _ in messages if topic == self._inputs.odometry])
 
