@@ -17,8 +17,10 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDurability, QosReliability
-from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
+
+from mbaid_ros.bags.chunks import FastReader
 
 MCAP_MAGIC = b'\x89MCAP0\r\n'
 
@@ -87,7 +89,7 @@ class IndexedSource:
 
     def __init__(self, path: Path) -> None:
         self.complete = True
-        self._reader = Reader(path)
+        self._reader = FastReader(path)
         self._reader.open()
         self.topics: dict[str, Topic] = {}
         counts: Counter[str] = Counter()

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -68,6 +69,31 @@ def definition(type_name: str) -> tuple[str, str]:
     store = message_types()
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
+
+
+def is_standard(store: Typestore, type_name: str) -> bool:
+    """Tell whether a type, and all that it is made of, is defined in a store as in ROS 2 Jazzy."""
+    standard = message_types()
+    wanted, seen = [type_name], set()
+    while wanted:
+        name = wanted.pop()
+        if name not in seen:
+            seen.add(name)
+            if name not in standard.fielddefs or name not in store.fielddefs:
+                return False
+            fields = standard.fielddefs[name][1]
+            if list(store.fielddefs[name][1]) != list(fields):
+                return False
+            wanted += [part for _, described in fields for part in _named(described)]
+    return True
+
+
+def _named(described: Any) -> list[str]:
+    """Return the name of the message type in a field's description, if there is one."""
+    kind, value = described
+    if kind == Nodetype.NAME:
+        return [value]
+    return _named(value[0]) if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE} else []
 
 
 def _ensure(type_name: str) -> None:

@@ -102,20 +102,25 @@ class Identifier:
         self.used += len(samples)
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
         self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
-        closed = [window for window in map(self._prepared, self._windows.push(samples)) if window is not None]
+        closed = self._prepared(self._windows.push(samples))
         if not closed:
             return []
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates
 
-    def _prepared(self, window: Samples) -> Samples | None:
-        """Return a closed window with the velocities its method needs, None if it cannot have them."""
-        start = float(window.time[0])
+    def _prepared(self, windows: list[Samples]) -> list[Samples]:
+        """Return closed windows with the velocities their method needs, without those that cannot have them."""
         if self._thrust is not None:
-            window = self._thrust.applied(window, self.origin)
-        self._twist_frame.update(window)
-        if self._twist_frame.contradiction:
-            self._notes.setdefault(self._twist_frame.contradiction, start)
+            windows = [self._thrust.applied(window, self.origin) for window in windows]
+        told = zip(windows, self._twist_frame.update(windows), strict=True)
+        prepared = (self._with_rates(window, contradiction) for window, contradiction in told)
+        return [window for window in prepared if window is not None]
+
+    def _with_rates(self, window: Samples, contradiction: str) -> Samples | None:
+        """Return a window with the velocities its method needs, None if it cannot have them; note what that takes."""
+        start = float(window.time[0])
+        if contradiction:
+            self._notes.setdefault(contradiction, start)
         joints, base = missing_rates(window)
         if not self._estimator.needs_rates:
             if base:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -132,7 +133,7 @@ class EstimatorNode(Node):
 
     # Data
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, message: Any) -> None:
         session = self._open_session()
         if session is None:
             return
@@ -140,7 +141,7 @@ class EstimatorNode(Node):
         if session.add_joint_state(message):
             self._process(session)
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Any) -> None:
         session = self._open_session()
         if session is not None and session.add_odometry(message):
             self._process(session)

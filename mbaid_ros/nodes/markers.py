@@ -8,6 +8,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
@@ -19,7 +20,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.principal import ellipsoid_radii, principal
-from mbaid_ros.messages import stamp_of
+from mbaid_ros.messages import positions_of, stamp_of
 from mbaid_ros.nodes.qos import LATCHED, qos
 
 NAMESPACE = 'identified_body'
@@ -114,20 +115,21 @@ class LinkFrames:
 
     def transforms(self, message: Any) -> list[TransformStamped]:
         """Return the frames after a JointState, of all joints or of some; none while that is too soon or too little."""
-        for name, value in zip(message.name, message.position, strict=False):
-            if name in self._positions and math.isfinite(value):
+        for name, value in positions_of(message).items():
+            if name in self._positions:
                 self._positions[name] = value
         positions = np.array([self._positions[name] for name in self._model.joint_names])
         stamp = stamp_of(message)
         if not np.all(np.isfinite(positions)) or 0 <= stamp - self._sent < _TF_PERIOD:
             return []
         self._sent = stamp
+        second, nanosecond = divmod(stamp, 1_000_000_000)
         configuration = self._kinematics.configure(np.eye(3)[None], positions[None])
         places = {link.name: configuration.link(link) for link in self._model.links}
         made = []
         for child, parent in self._parents.items():
             (rotation, position), (carrier, origin) = places[child], places[parent]
-            header = Header(stamp=message.header.stamp, frame_id=parent)
+            header = Header(stamp=Time(sec=second, nanosec=nanosecond), frame_id=parent)
             transform = TransformStamped(header=header, child_frame_id=child)
             transform.transform.translation = _vector(rotate_back(carrier[0], position[0] - origin[0]))
             transform.transform.rotation = _quaternion(carrier[0].T @ rotation[0])

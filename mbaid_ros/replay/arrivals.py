@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -20,9 +21,9 @@ class Arrivals:
     def __init__(self) -> None:
         self._times = array('q')
 
-    def add(self, time: int) -> None:
-        """Take the time of a message, ns."""
-        self._times.append(time)
+    def add(self, times: Iterable[int]) -> None:
+        """Take the times of messages, ns."""
+        self._times.extend(times)
 
     def statistics(self, topic: str, type_name: str, messages: int, origin: int) -> TopicStatistics:
         """Return what there is to say.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -39,6 +40,8 @@ def replay(arguments: argparse.Namespace) -> int:
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
     inputs = Inputs.of(arguments)
+    if not gc.get_freeze_count():
+        gc.freeze()  # what there is by now stays: looking through it for garbage takes time, again and again
     if len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import Inputs, Message
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 2_000
@@ -20,7 +19,7 @@ Progress = Callable[[int, int], None]
 
 
 def feed(
-    bag: BagReader, inputs: Inputs, add: Callable[[str, Any, int], None], progress: Progress | None
+    bag: BagReader, inputs: Inputs, add: Callable[[Sequence[Message]], None], progress: Progress | None
 ) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
@@ -28,7 +27,7 @@ def feed(
     ----------
     bag : an open bag
     inputs : the topics to read
-    add : takes topic, message and the time it was recorded at, ns
+    add : takes messages, in order
     progress : Progress
 
     Raises
@@ -38,9 +37,11 @@ def feed(
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
-    for count, message in enumerate(bag.read(topics), start=1):
-        add(*message)
-        if count % _MESSAGES_AT_ONCE == 0:
+    count = 0
+    for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
+        add(part)
+        count += len(part)
+        if len(part) == _MESSAGES_AT_ONCE:
             yield
             if progress:
                 progress(count, total)

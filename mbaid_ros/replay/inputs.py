@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
@@ -14,6 +16,8 @@ JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
 THRUST = '/thrust'  # read where a bag has it, even if not asked for
+
+Message = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
 
 
 @dataclass(frozen=True)
@@ -52,14 +56,18 @@ class Inputs:
         present = THRUST in bag.topics and bag.topics[THRUST].type == THRUST_TYPE
         return (self.joint_states, self.odometry, *((THRUST,) if present else ()))
 
-    def add_to(self, session: Session, topic: str, message: Any) -> None:
-        """Hand a message of one of the topics to a session."""
-        if topic == self.joint_states:
-            session.add_joint_state(message)
-        elif topic == self.odometry:
-            session.add_odometry(message)
-        else:
-            session.add_thrust(message)
+    def add_to(self, session: Session, messages: Sequence[Message]) -> None:
+        """Hand messages of the topics, in the order they were recorded, to a session."""
+        measured = {self.joint_states, self.odometry}
+        if measured.issuperset([topic for topic, _, _ in messages]):
+            session.add_in_order(messages, self.joint_states)
+            return
+        for is_measured, group in groupby(messages, key=lambda message: message[0] in measured):
+            if is_measured:
+                session.add_in_order(list(group), self.joint_states)
+            else:
+                for _, message, _ in group:
+                    session.add_thrust(message)
 
 
 def add_input_arguments(parser: argparse.ArgumentParser) -> None:

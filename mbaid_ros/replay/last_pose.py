@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay.results import Pose
 
 
@@ -26,33 +27,33 @@ class LastPose:
         self._joint_state: dict[tuple[str, ...], Any] = {}  # the last message of each list of names
         self._odometry: Any = None
 
-    def add_joint_state(self, message: Any) -> None:
-        """Take a JointState, of all joints or of some."""
-        names = tuple(message.name)
-        if names in self._joint_state or len(self._joint_state) < 64:
-            self._joint_state[names] = message
+    def add_joint_states(self, messages: Sequence[Any]) -> None:
+        """Take JointStates in order, of all joints or of some."""
+        last = {joint_state_shape(message): message for message in messages}
+        for shape, message in last.items():
+            if shape.names in self._joint_state or len(self._joint_state) < 64:
+                self._joint_state[shape.names] = message
 
-    def add_odometry(self, message: Any) -> None:
-        """Take an Odometry of the base link or of a link fixed to it."""
-        if message.child_frame_id.lstrip('/') in self._carried:
-            self._odometry = message
+    def add_odometry(self, messages: Sequence[Any]) -> None:
+        """Take Odometry in order, of the base link or of links fixed to it."""
+        own = (message for message in reversed(messages) if self._carrier(message) is not None)
+        self._odometry = next(own, self._odometry)
+
+    def _carrier(self, odometry: Any) -> Link | None:
+        return self._carried.get(odometry_shape(odometry).child_frame_id.lstrip('/'))
 
     def pose(self) -> Pose | None:
         """Return the pose, None while a joint or the base has none."""
         positions: dict[str, float] = {}
         for message in self._joint_state.values():
-            positions.update(
-                (name, float(value))
-                for name, value in zip(message.name, message.position, strict=False)
-                if math.isfinite(value)
-            )
+            positions.update(positions_of(message))
         names = self._model.joint_names
-        if self._odometry is None or not all(name in positions for name in names):
+        link = None if self._odometry is None else self._carrier(self._odometry)
+        if link is None or not all(name in positions for name in names):
             return None
-        place, turn = self._odometry.pose.pose.position, self._odometry.pose.pose.orientation
-        position, quaternion = np.array([place.x, place.y, place.z]), np.array([turn.x, turn.y, turn.z, turn.w])
+        numbers = odometry_shape(self._odometry).columns([self._odometry])[1][0]
+        position, quaternion = numbers[:3], numbers[3:7]
         if not np.all(np.isfinite(position)) or not 0.5 < np.sum(quaternion**2) < 2.0:
             return None
-        link = self._carried[self._odometry.child_frame_id.lstrip('/')]
         rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
         return Pose(rotation, position - rotation @ link.position, np.array([positions[name] for name in names]))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -12,7 +12,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.feed import Progress, feed
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import Inputs, Message
 from mbaid_ros.session import Session, intake_warnings
 
 
@@ -80,8 +80,8 @@ def read_motions(
 
     session = Session(config, urdf, collect)
 
-    def add(topic: str, message: Any, _time: int) -> None:
-        inputs.add_to(session, topic, message)
+    def add(messages: Sequence[Message]) -> None:
+        inputs.add_to(session, messages)
 
     notes: tuple[str, ...] = ()
     with BagReader(path) as bag:

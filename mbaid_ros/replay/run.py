@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -15,7 +14,7 @@ from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.feed import Progress, feed
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import Inputs, Message
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
 from mbaid_ros.session import Session, intake_warnings, missing_joints
@@ -119,14 +118,13 @@ class _Intake:
         self._arrivals = {topic: Arrivals() for topic in topics}
         self._pose = LastPose(session.model)
 
-    def add(self, topic: str, message: Any, time: int) -> None:
-        """Take a message that was recorded at a time, ns."""
-        self._arrivals[topic].add(time)
-        self._inputs.add_to(self._session, topic, message)
-        if topic == self._inputs.joint_states:
-            self._pose.add_joint_state(message)
-        elif topic == self._inputs.odometry:
-            self._pose.add_odometry(message)
+    def add(self, messages: Sequence[Message]) -> None:
+        """Take messages in the order they were recorded."""
+        self._inputs.add_to(self._session, messages)
+        for topic, arrivals in self._arrivals.items():
+            arrivals.add([time for name, _, time in messages if name == topic])
+        self._pose.add_joint_states([message for topic, message, _ in messages if topic == self._inputs.joint_states])
+        self._pose.add_odometry([message for topic, message, _ in messages if topic == self._inputs.odometry])
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return what arrived."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, stamp_of, wrench_of
+from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
@@ -106,6 +107,21 @@ class Session:
     def add_odometry(self, message: Any) -> bool:
         """Take an Odometry without looking into it; return whether it is time for `process`."""
         return self._add(ODOMETRY, JOINTS, message)
+
+    def add_in_order(self, messages: Sequence[tuple[str, Any, int]], joint_states: str) -> None:
+        """Take messages as if they came one after the other.
+
+        Parameters
+        ----------
+        messages : topic, message, and when it came, ns
+        joint_states : the topic whose messages are JointStates; the others are Odometry
+        """
+        parts: dict[str, list[Any]] = {name: [] for name in self.gates}
+        for topic, message, _ in messages:
+            parts[JOINTS if topic == joint_states else ODOMETRY].append(message)
+        if self.problem or not let_through(self.gates, self._epoch, parts):
+            for topic, message, _ in messages:
+                (self.add_joint_state if topic == joint_states else self.add_odometry)(message)
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""

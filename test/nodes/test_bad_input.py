@@ -54,6 +54,10 @@ class Talk:
                 change_odometry(message)
                 self._odometry.publish(message)
 
+    def send_bytes(self, data: bytes) -> None:
+        """Publish bytes as a JointState."""
+        self._joints.publish(data)
+
     def hear(self, part: str, level: bytes, *texts: str) -> None:
         """Wait until diagnostic statuses have said each of some texts; forget what has been said up to then."""
 
@@ -156,6 +160,20 @@ def test_messages_that_cannot_be_used(graph: Graph) -> None:
     assert talk.made()
     log = talk.node.stderr
     assert [log.count(cause) for cause in causes] == [1] * len(causes)
+    assert talk.node.stop() == 0
+
+
+def test_bytes_that_are_no_message(graph: Graph) -> None:
+    talk = Talk(graph)
+    talk.describe(urdf('table1'))
+    talk.hear('robot description', DiagnosticStatus.OK, "target link 'link4'")
+    text = 'a message on /joint_states is not a sensor_msgs/msg/JointState: it is not used'
+    for data in (b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 60):
+        talk.send_bytes(data)
+    graph.wait(lambda: text in talk.node.stderr, text)
+    talk.send(samples=100)
+    graph.wait(talk.made, 'an estimate')
+    assert talk.node.stderr.count('is not a sensor_msgs') == 1
     assert talk.node.stop() == 0
 
 

@@ -14,8 +14,7 @@ SECOND = 1_000_000_000
 
 def arrivals(times: list[float]) -> Arrivals:
     made = Arrivals()
-    for time in times:
-        made.add(round(time * SECOND))
+    made.add(round(time * SECOND) for time in times)
     return made
 
 

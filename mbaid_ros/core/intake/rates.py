@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from mbaid_ros.core.geometry import Array, cross, log
+from mbaid_ros.core.geometry import Array, Flags, cross, log
 from mbaid_ros.core.samples import Samples
 
 # Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
@@ -19,25 +20,31 @@ _DEGREE = 4
 _WORST_CONDITION = 1e4
 FEWEST = 2  # samples that a rate can be taken from
 
+Places = npt.NDArray[np.intp]
+
 
 @dataclass(frozen=True)
 class Fit:
-    """A polynomial fitted to N instants, for any number of signals.
+    """A polynomial fitted to N instants, for any number of signals; of many windows at once with leading axes.
 
     Attributes
     ----------
-    values, slopes : (N, d + 1) the polynomials and their derivatives (1/s) at the instants
-    solve : (d + 1, N) from measurements to coefficients
-    mean_gain : variance of the mean slope over that of one measurement, 1/s^2
+    values, slopes : (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
+    solve : (..., d + 1, N) from measurements to coefficients
+    mean_gain : (...) variance of the mean slope over that of one measurement, 1/s^2
     """
 
     values: Array
     slopes: Array
     solve: Array
-    mean_gain: float
+    mean_gain: Array
+
+    def __getitem__(self, index: int | Flags) -> Fit:
+        """Return the fits of some of the windows."""
+        return Fit(self.values[index], self.slopes[index], self.solve[index], self.mean_gain[index])
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
-        """Return values and derivatives of (N, k) signals."""
+        """Return values and derivatives of (..., N, k) signals."""
         coefficients = self.solve @ measured
         return self.values @ coefficients, self.slopes @ coefficients
 
@@ -48,16 +55,34 @@ class Fit:
 
 def fit(time: Array) -> Fit:
     """Return the fit for N >= 2 instants (s, increasing): of degree 4, or of as much as they determine."""
-    half = 0.5 * (time[-1] - time[0])
-    place = (time - time[0]) / half - 1.0
-    for degree in range(min(_DEGREE, len(time) - 1), 0, -1):
-        values = legendre.legvander(place, degree)
-        orthonormal, triangle = np.linalg.qr(values)
-        if degree == 1 or np.linalg.cond(triangle) < _WORST_CONDITION:
+    return fits(time[None])[0][1][0]
+
+
+def fits(time: Array) -> list[tuple[Places, Fit]]:
+    """Return the fits of W windows of N >= 2 instants each, (W, N) s: those of one degree together, and of which."""
+    left: Places = np.arange(len(time))
+    found = []
+    for degree in range(min(_DEGREE, time.shape[1] - 1), 0, -1):
+        local, condition = _fitted(time[left], degree)
+        good = condition < (_WORST_CONDITION if degree > 1 else np.inf)
+        if np.any(good):
+            found.append((left[good], local[good]))
+        left = left[~good]
+        if not len(left):
             break
-    slopes = legendre.legvander(place, degree - 1) @ legendre.legder(np.eye(degree + 1)) / half
-    solve = np.linalg.solve(triangle, orthonormal.T)
-    return Fit(values, slopes, solve, float(np.sum((np.mean(slopes, axis=0) @ solve) ** 2)))
+    return found
+
+
+def _fitted(time: Array, degree: int) -> tuple[Fit, Array]:
+    """Return the fits of a degree to W windows of N instants, (W, N) s, and how badly these determine them, (W,)."""
+    half = 0.5 * (time[:, -1:] - time[:, :1])
+    place = (time - time[:, :1]) / half - 1.0
+    values = legendre.legvander(place, degree)
+    orthonormal, triangle = np.linalg.qr(values)
+    slopes = legendre.legvander(place, degree - 1) @ legendre.legder(np.eye(degree + 1)) / half[..., None]
+    solve = np.linalg.solve(triangle, np.swapaxes(orthonormal, -1, -2))
+    gain = np.sum((np.mean(slopes, axis=1, keepdims=True) @ solve) ** 2, axis=(1, 2))
+    return Fit(values, slopes, solve, gain), np.linalg.cond(triangle)
 
 
 def missing_rates(window: Samples) -> tuple[bool, bool]:
@@ -94,7 +119,7 @@ def _joint_rates(window: Samples, local: Fit) -> Samples:
 def _base_rates(window: Samples, local: Fit) -> Samples:
     linear = np.all(np.isfinite(window.base_linear_velocity))
     angular = np.all(np.isfinite(window.base_angular_velocity))
-    velocity, rate = base_slopes(window, local)
+    velocity, rate = base_slopes(window.base_position, window.base_rotation, local)
     to_base = np.zeros((len(window), 6, 6))
     to_base[:, :3, :3] = to_base[:, 3:, 3:] = np.swapaxes(window.base_rotation, -1, -2)
     derived = len(window) * local.mean_gain * (to_base @ window.pose_covariance @ np.swapaxes(to_base, -1, -2))
@@ -113,19 +138,31 @@ def _base_rates(window: Samples, local: Fit) -> Samples:
     )
 
 
-def base_slopes(window: Samples, local: Fit) -> tuple[Array, Array]:
-    """Return the (N, 3) linear and angular velocities (odometry axes) that a window's poses imply."""
-    velocity = local.smooth(window.base_position - window.base_position[len(window) // 2])[1]
-    turn, slope = local.smooth(turns(window))
+def base_slopes(position: Array, rotation: Array, local: Fit) -> tuple[Array, Array]:
+    """Return the linear and angular velocities (odometry axes) that the poses of a window imply, or of many windows.
+
+    Parameters
+    ----------
+    position : (..., N, 3) m
+    rotation : (..., N, 3, 3)
+    local : the fits to their instants
+
+    Returns
+    -------
+    (..., N, 3) m/s and rad/s
+    """
+    middle = position.shape[-2] // 2
+    velocity = local.smooth(position - position[..., middle : middle + 1, :])[1]
+    turn, slope = local.smooth(turns(rotation))
     # R = Exp(turn) R_mid turns at w = J_l(turn) turn', with the left Jacobian of the rotation group.
-    angle = np.sqrt(np.sum(turn**2, axis=1, keepdims=True))
+    angle = np.sqrt(np.sum(turn**2, axis=-1, keepdims=True))
     second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
     third = np.where(angle > 1e-3, (1.0 - np.sinc(angle / np.pi)) / np.maximum(angle, 1e-3) ** 2, 1.0 / 6.0)
     bend = cross(turn, slope)
     return velocity, slope + second * bend + third * cross(turn, bend)
 
 
-def turns(window: Samples) -> Array:
-    """Return the (N, 3) rotation vectors, odometry axes, from the orientation at mid-window."""
-    middle = window.base_rotation[len(window) // 2]
-    return log(window.base_rotation @ middle.T)
+def turns(rotation: Array) -> Array:
+    """Return the (..., N, 3) rotation vectors, odometry axes, from the orientation at mid-window."""
+    middle = rotation.shape[-3] // 2
+    return log(rotation @ np.swapaxes(rotation[..., middle : middle + 1, :, :], -1, -2))

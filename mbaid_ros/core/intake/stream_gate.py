@@ -7,7 +7,12 @@ that message. All decisions follow from the order of arrival alone.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
+
+from mbaid_ros.core.samples import Stamps
 
 ZERO_STAMP = 'stamp is zero'
 STRAY_STAMP = 'stamp far from those before and after'
@@ -58,6 +63,21 @@ class Gate:
             self.newest = stamp
         return 0
 
+    def passes(self, stamp: Stamps) -> bool:
+        """Tell whether messages with these stamps (N,) would all pass, with nothing to be decided about any of them."""
+        if not len(stamp):
+            return True
+        if self.newest is None or self._suspect is not None:
+            return False
+        steps = stamp - self._newest_before(stamp)
+        return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
+
+    def take_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
+        """Take messages that would all pass, as `passes` says, with their stamps."""
+        if len(stamp):
+            self.messages += messages
+            self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
+
     def settle(self, message: Any) -> None:
         """Let the two messages pass that have shown a jump back: the one held, and `message`, which confirmed it."""
         if self._suspect is not None:
@@ -68,6 +88,10 @@ class Gate:
         """Return the messages that have passed and forget them."""
         messages, self.messages = self.messages, []
         return messages
+
+    def _newest_before(self, stamp: Stamps) -> Stamps:
+        """Return the latest stamp before each of the messages with some stamps, if all pass."""
+        return np.maximum.accumulate(np.concatenate((np.array([self.newest], dtype=np.int64), stamp[:-1])))
 
     def _far(self, stamp: int, message: Any, newest: int) -> int:
         """Take a message whose stamp is far from the newest."""

@@ -132,7 +132,6 @@ def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps],
     slopes = [np.where(np.isfinite(slope), slope, turn * even) for slope in (rate[0], rate_end)]
     cubic = to_end * turn + from_start * slopes[0] + from_end * slopes[1]
     turned = rotation @ exp(cubic)
-    weight, blend = shared[:, None, None], s[..., None]
     return Samples(
         time=time,
         joint_position=joints.position,
@@ -142,9 +141,20 @@ def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps],
         base_linear_velocity=velocity[0] + s * (velocity[1] - velocity[0]),
         base_angular_velocity=base.angular_velocity[left]
         + s * (base.angular_velocity[right] - base.angular_velocity[left]),
-        pose_covariance=weight * (base.pose_covariance[left] * (1.0 - blend) + base.pose_covariance[right] * blend),
-        twist_covariance=weight * (base.twist_covariance[left] * (1.0 - blend) + base.twist_covariance[right] * blend),
+        pose_covariance=_blended(base.pose_covariance, ends, s, shared),
+        twist_covariance=_blended(base.twist_covariance, ends, s, shared),
     )
+
+
+def _blended(covariance: Array, ends: tuple[Stamps, Stamps], fraction: Array, weight: Array) -> Array:
+    """Return (N, 6, 6) covariances so far (N, 1) between two of the base's, weighted (N,); in place, they are large."""
+    blend = fraction[..., None]
+    start, end = (np.take(covariance, places, axis=0) for places in ends)
+    start *= 1.0 - blend
+    end *= blend
+    start += end
+    start *= weight[:, None, None]
+    return start
 
 
 def _cut(stream: Stream, index: slice | Flags) -> Stream:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import insort
 from collections import Counter, deque
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,22 @@ class _Command:
     wrench: Array = field(compare=False)
 
 
+class _Part(NamedTuple):
+    """A window, and the one before it."""
+
+    before: Samples
+    window: Samples
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample, s."""
+        return float(self.window.time[-1])
+
+    def joined(self) -> Samples:
+        """Return the window's samples after the last one before it."""
+        return Samples.concatenate([self.before[-1:], self.window])
+
+
 class Thrust:
     """Adds up what commanded thrust does to the momentum.
 
@@ -58,7 +75,7 @@ class Thrust:
         self._hold = hold
         self._commands: dict[str, list[_Command]] = {}
         self._origin = 0
-        self._past: deque[Samples] = deque()  # windows that were used, of the last seconds
+        self._past: deque[_Part] = deque()  # windows that were used, of the last seconds
         self.odometry_frame = ''
         self.brought: Array = np.zeros(6)
         self.commands = 0
@@ -100,13 +117,13 @@ class Thrust:
         origin : ns, stamp at time 0
         """
         self._origin = origin
-        before = self._past[-1][-1:] if self._past else window[:1]
-        joined = Samples.concatenate([before, window])
-        self._past.append(joined)
-        while window.time[-1] - self._past[0].time[-1] > _FAR * 1e-9:
+        part = _Part(self._past[-1].window if self._past else window[:1], window)
+        self._past.append(part)
+        while window.time[-1] - self._past[0].end > _FAR * 1e-9:
             self._past.popleft()
         if not self.commands:
             return window
+        joined = part.joined()
         total = np.tile(self.brought, (len(window), 1))
         for frame in list(self._commands):
             if frame not in self._links and frame != self.odometry_frame:
@@ -119,7 +136,7 @@ class Thrust:
 
     def _take(self, frame: str, command: _Command) -> None:
         time = (command.stamp - self._origin) * 1e-9
-        missed = [part for part in self._past if part.time[-1] > time]
+        missed = [part.joined() for part in self._past if part.end > time]
         before = self._in(frame, missed)
         insort(self._commands.setdefault(frame, []), command)
         self.commands += 1

@@ -7,10 +7,12 @@ where the other does. It is estimated by weighted least squares over all windows
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, rotate, rotate_back
-from mbaid_ros.core.intake.rates import base_slopes, fit
+from mbaid_ros.core.intake.rates import base_slopes, fits, missing_rates
 from mbaid_ros.core.samples import Samples
 
 _SIGNIFICANT = 6.0  # standard deviations
@@ -34,23 +36,17 @@ class TwistFrame:
         self._information = 0.0
         self._weighted = 0.0
 
-    def update(self, window: Samples) -> None:
-        """Take a window; one whose twist is not measured says nothing."""
-        twist = np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1)
-        if len(window) < _FEWEST or not np.all(np.isfinite(twist)):
-            return
-        other = _other_reading(window.base_rotation, twist, self._declared)
-        read, difference = np.mean(twist, axis=0), np.mean(other - twist, axis=0)
-        local = fit(window.time)
-        seen = np.mean(np.concatenate(base_slopes(window, local), axis=1), axis=0)
-        slope = np.maximum(local.mean_gain * np.diagonal(np.mean(window.pose_covariance, axis=0)), 1e-30)
-        # The twist's noise, of whichever axes: its larger variance of the three.
-        spread = np.diagonal(np.mean(window.twist_covariance, axis=0)).reshape(2, 3)
-        own = np.repeat(np.max(spread, axis=1), 3) / len(window)
-        distinct = difference**2 > _DISTINCT**2 * 2.0 * own
-        weight = np.where(distinct, 1.0 / (slope + own), 0.0)
-        self._information += float(np.sum(weight * difference**2))
-        self._weighted += float(np.sum(weight * difference * (seen - read)))
+    def update(self, windows: Sequence[Samples]) -> list[str]:
+        """Take windows, and return what `contradiction` is after each; one whose twist is not measured says nothing."""
+        said = np.zeros((len(windows), 2))
+        for places in _alike(windows):
+            said[places] = _said([windows[place] for place in places], self._declared)
+        told = []
+        for information, weighted in said.tolist():
+            self._information += information
+            self._weighted += weighted
+            told.append(self.contradiction)
+        return told
 
     @property
     def share(self) -> tuple[float, float]:
@@ -71,7 +67,56 @@ class TwistFrame:
         )
 
 
+def _alike(windows: Sequence[Samples]) -> list[list[int]]:
+    """Return which windows have enough samples with a twist, those of one length together."""
+    groups: dict[int, list[int]] = {}
+    for place, window in enumerate(windows):
+        if len(window) >= _FEWEST and not missing_rates(window)[1]:
+            groups.setdefault(len(window), []).append(place)
+    return list(groups.values())
+
+
+def _said(windows: Sequence[Samples], declared: str) -> Array:
+    """Return the information of W windows of N samples, and the share they find times that, (W, 2)."""
+    twist = np.stack(
+        [np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1) for window in windows]
+    )
+    rotation = np.stack([window.base_rotation for window in windows])
+    difference = np.mean(_other_reading(rotation, twist, declared) - twist, axis=1)
+    # The twist's noise, of whichever axes: its larger variance of the three.
+    spread = _variances([window.twist_covariance for window in windows]).reshape(-1, 2, 3)
+    own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
+    distinct = difference**2 > _DISTINCT**2 * 2.0 * own
+    said = np.zeros((len(windows), 2))
+    told = np.flatnonzero(np.any(distinct, axis=1))
+    if not len(told):
+        return said
+    seen, slope = _seen([windows[place] for place in told])
+    weight = np.where(distinct[told], 1.0 / (slope + own[told]), 0.0)
+    disagreement = seen - np.mean(twist[told], axis=1)
+    said[told, 0] = np.sum(weight * difference[told] ** 2, axis=1)
+    said[told, 1] = np.sum(weight * difference[told] * disagreement, axis=1)
+    return said
+
+
+def _seen(windows: Sequence[Samples]) -> tuple[Array, Array]:
+    """Return the mean twist that the poses of W windows of N samples imply, (W, 6), and the variances of its parts."""
+    seen, gain = np.empty((len(windows), 6)), np.empty((len(windows), 1))
+    position = np.stack([window.base_position for window in windows])
+    rotation = np.stack([window.base_rotation for window in windows])
+    for places, local in fits(np.stack([window.time for window in windows])):
+        slopes = base_slopes(position[places], rotation[places], local)
+        seen[places] = np.mean(np.concatenate(slopes, axis=-1), axis=1)
+        gain[places, 0] = local.mean_gain
+    return seen, np.maximum(gain * _variances([window.pose_covariance for window in windows]), 1e-30)
+
+
+def _variances(covariances: Sequence[Array]) -> Array:
+    """Return the (W, k) mean variances of W times (N, k, k) covariances."""
+    return np.mean([np.diagonal(covariance, axis1=-2, axis2=-1) for covariance in covariances], axis=1)
+
+
 def _other_reading(rotation: Array, twist: Array, declared: str) -> Array:
-    """Return the (N, 6) twist in odometry axes if its numbers were meant in the frame that is not the declared one."""
+    """Return the (..., 6) twist in odometry axes if its numbers were meant in the frame that is not declared."""
     turn = rotate_back if declared == 'child' else rotate
-    return np.concatenate((turn(rotation, twist[:, :3]), turn(rotation, twist[:, 3:])), axis=1)
+    return np.concatenate((turn(rotation, twist[..., :3]), turn(rotation, twist[..., 3:])), axis=-1)

@@ -23,7 +23,7 @@ def motion(robot: str, seconds: float) -> Truth:
 def verdict(declared: str, samples: Samples) -> TwistFrame:
     judge = TwistFrame(declared)
     for window in windows(samples):
-        judge.update(window)
+        judge.update([window])
     return judge
 
 
@@ -72,3 +72,20 @@ def test_poses_without_a_twist_decide_nothing() -> None:
     samples = observe(motion('servicer7', 20.0)[:500], MID, 1)
     silent = replace(samples, base_linear_velocity=samples.base_linear_velocity * np.nan)
     assert verdict('child', silent).share == (0.0, np.inf)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_windows_at_once_say_what_they_say_one_by_one(seed: int) -> None:
+    samples = misread(observe(motion('servicer7', 20.0), MID, seed + 1), 'child')
+    random = np.random.default_rng(seed)
+    # Unequal lengths, and five samples so close together that no polynomial of degree 4 can be fitted to.
+    kept = np.flatnonzero(random.random(len(samples)) > 0.02)
+    samples = Samples.concatenate([samples[place : place + 1] for place in kept])
+    cut = [*windows(samples), replace(samples[-6:], time=30.0 + np.array([0.0, 1e-9, 2e-9, 3e-9, 4e-9, 1.0]))]
+    singly, together, in_parts = (TwistFrame('child') for _ in range(3))
+    told = [singly.update([window])[0] for window in cut]
+    assert together.update(cut) == told
+    assert in_parts.update(cut[:7]) + in_parts.update(cut[7:]) == told
+    assert together.share == singly.share == in_parts.share
+    assert told[0] == ''
+    assert told[-1]

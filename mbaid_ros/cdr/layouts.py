@@ -1,0 +1,251 @@
+"""Where the numbers stand in the bytes of a message: after its strings and lengths, which mostly repeat.
+
+The messages of a topic have the same frames, names and lengths as those before, so that what is found out once tells
+where the numbers of all of them are. Alignment counts from the byte after the four that say how the rest is encoded.
+Bytes are not trusted: a layout is only found where every length in them has been checked against what there is.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Stamps
+
+JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+
+ENCAPSULATION = b'\x00\x01'  # plain CDR, little-endian
+_BODY = 4  # where the message begins
+_HEADER = 12  # where the message goes on after its stamp
+_SPARE = 3  # bytes that may follow a message: it is padded to a multiple of four
+_MOST_NAMES = 10_000
+_LONGEST_HEAD = 100_000  # bytes: layouts are kept, with what is constant in them
+_POSE, _TWIST = slice(0, 7), slice(43, 49)  # in the numbers of an Odometry: pose, covariance, twist, covariance
+_POSE_COVARIANCE, _TWIST_COVARIANCE = slice(7, 43), slice(49, 85)
+_NUMBERS = 85
+
+_length = struct.Struct('<I').unpack_from
+
+
+class MisfitError(Exception):
+    """The bytes are not laid out as they are understood here; a general deserialiser may know more."""
+
+
+class HasBytes(Protocol):
+    """Something that holds the bytes of a message."""
+
+    data: bytes
+
+
+class Cursor:
+    """Goes through the bytes of a message and notes what other messages must have, too, to be laid out alike.
+
+    Parameters
+    ----------
+    data : the message
+
+    Raises
+    ------
+    MisfitError
+        The bytes are encoded in another way, or there are too few.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        if len(data) < _HEADER or data[:2] != ENCAPSULATION:
+            raise MisfitError
+        self._data = data
+        self._place = _HEADER
+        self.constant = [(0, len(ENCAPSULATION))]  # begin and end
+
+    def length(self) -> int:
+        """Return the length that stands next."""
+        begin = self._aligned(4)
+        if begin + 4 > len(self._data):
+            raise MisfitError
+        self._note(begin, begin + 4)
+        return int(_length(self._data, begin)[0])
+
+    def string(self) -> str:
+        """Return the text that comes next."""
+        length = self.length()
+        begin, end = self._place, self._place + length
+        if length < 1 or end > len(self._data) or end > _LONGEST_HEAD or self._data.find(0, begin, end) != end - 1:
+            raise MisfitError
+        self._note(begin, end)
+        try:
+            return self._data[begin : end - 1].decode()
+        except UnicodeDecodeError as error:
+            raise MisfitError from error
+
+    def strings(self) -> tuple[str, ...]:
+        """Return the texts that come next, after their number."""
+        count = self.length()
+        if count > _MOST_NAMES:
+            raise MisfitError
+        return tuple(self.string() for _ in range(count))
+
+    def sequence(self) -> tuple[int, int]:
+        """Return place and number of the doubles that come next, after their number; they may vary."""
+        count = self.length()
+        return self.doubles(count), count
+
+    def doubles(self, count: int) -> int:
+        """Return the place of so many doubles that come next; they may vary."""
+        begin = self._aligned(8) if count else self._place
+        if begin + 8 * count > len(self._data):
+            raise MisfitError
+        self._place = begin + 8 * count
+        return begin
+
+    def end(self) -> None:
+        """Check that nothing follows but padding."""
+        if len(self._data) - self._place > _SPARE:
+            raise MisfitError
+
+    def _aligned(self, size: int) -> int:
+        return _BODY + (self._place - _BODY + size - 1) // size * size
+
+    def _note(self, begin: int, end: int) -> None:
+        """Go on to an end; what is between must be the same in other messages. Padding, which is not, is left out."""
+        if self.constant[-1][1] == begin:
+            begin = self.constant.pop()[0]
+        self.constant.append((begin, end))
+        self._place = end
+
+
+class _Layout:
+    """What messages of one layout have in common: their size, their strings and lengths, and where the numbers are."""
+
+    def __init__(self, data: bytes, cursor: Cursor, places: dict[str, tuple[int, int]]) -> None:
+        cursor.end()
+        self._size = len(data)
+        self._constant = [(begin, data[begin:end]) for begin, end in cursor.constant]
+        # The same with the padding between, in few pieces: most publishers always pad alike.
+        self._usual = [(begin, data[begin:end]) for begin, end in _joined(cursor.constant)]
+        self._record = np.dtype(
+            {
+                'names': ['stamp', *places],
+                'formats': [[('sec', '<i4'), ('nanosec', '<u4')], *(('<f8', (n,)) for _, n in places.values())],
+                'offsets': [_BODY, *(place for place, _ in places.values())],
+                'itemsize': len(data),
+            }
+        )
+
+    def fits(self, data: bytes) -> bool:
+        """Tell whether a message is laid out like this."""
+        if len(data) != self._size:
+            return False
+        for place, constant in self._usual:
+            if not data.startswith(constant, place):
+                break
+        else:
+            return True
+        return all(data.startswith(constant, place) for place, constant in self._constant)
+
+    def stamps(self, messages: Sequence[bytes]) -> Stamps | None:
+        """Return the stamps (N,), ns, of messages that are laid out like this and padded alike; None if not all are."""
+        if any(len(data) != self._size for data in messages):
+            return None
+        joined = b''.join(messages)
+        content = np.frombuffer(joined, np.uint8).reshape(len(messages), self._size)
+        for place, constant in self._usual:
+            if not np.all(content[:, place : place + len(constant)] == np.frombuffer(constant, np.uint8)):
+                return None
+        return _stamps(np.frombuffer(joined, self._record))
+
+    def _read(self, messages: Sequence[HasBytes]) -> tuple[Stamps, npt.NDArray[np.void]]:
+        """Return the stamps (N,), ns, of N messages that are laid out like this, and all their numbers."""
+        records = np.frombuffer(b''.join([message.data for message in messages]), self._record)
+        return _stamps(records), records
+
+
+def _stamps(records: npt.NDArray[np.void]) -> Stamps:
+    stamp = records['stamp']
+    return stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec'].astype(np.int64)
+
+
+class JointStateLayout(_Layout):
+    """A layout of sensor_msgs/JointState.
+
+    Parameters
+    ----------
+    data : a message that has it
+
+    Attributes
+    ----------
+    names : of the joints
+    positions, velocities : how many there are
+
+    Raises
+    ------
+    MisfitError
+        The bytes are not understood.
+    """
+
+    type_name: ClassVar[str] = JOINT_STATE_TYPE
+
+    def __init__(self, data: bytes) -> None:
+        cursor = Cursor(data)
+        cursor.string()
+        self.names = cursor.strings()
+        position, velocity = cursor.sequence(), cursor.sequence()
+        cursor.sequence()
+        self.positions, self.velocities = position[1], velocity[1]
+        super().__init__(data, cursor, {'position': position, 'velocity': velocity})
+
+    def columns(self, messages: Sequence[HasBytes]) -> tuple[Stamps, Array, Array]:
+        """Return stamps (N,), ns, positions (N, p) and velocities (N, v) of N messages that are laid out like this."""
+        stamp, records = self._read(messages)
+        return stamp, records['position'].astype(float, 'C'), records['velocity'].astype(float, 'C')
+
+
+class OdometryLayout(_Layout):
+    """A layout of nav_msgs/Odometry.
+
+    Parameters
+    ----------
+    data : a message that has it
+
+    Attributes
+    ----------
+    frame_id, child_frame_id : names of the frames
+
+    Raises
+    ------
+    MisfitError
+        The bytes are not understood.
+    """
+
+    type_name: ClassVar[str] = ODOMETRY_TYPE
+
+    def __init__(self, data: bytes) -> None:
+        cursor = Cursor(data)
+        self.frame_id, self.child_frame_id = cursor.string(), cursor.string()
+        super().__init__(data, cursor, {'numbers': (cursor.doubles(_NUMBERS), _NUMBERS)})
+
+    def columns(self, messages: Sequence[HasBytes]) -> tuple[Stamps, Array, Array, Array]:
+        """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist of N such messages.
+
+        The numbers are position (3), orientation (4), linear and angular velocity (3 each).
+        """
+        stamp, records = self._read(messages)
+        given = records['numbers'].astype(float, 'C')
+        numbers = np.concatenate((given[:, _POSE], given[:, _TWIST]), axis=1)
+        return stamp, numbers, given[:, _POSE_COVARIANCE], given[:, _TWIST_COVARIANCE]
+
+
+def _joined(parts: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return parts (begin, end), those joined between which there is nothing but padding."""
+    joined = [parts[0]]
+    for begin, end in parts[1:]:
+        if begin - joined[-1][1] <= _SPARE:
+            joined[-1] = (joined[-1][0], end)
+        else:
+            joined.append((begin, end))
+    return joined

@@ -1,0 +1,88 @@
+"""Messages as their bytes, of which only the stamp has been read."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from itertools import repeat
+from typing import Generic, TypeVar
+
+from mbaid_ros.cdr.layouts import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, MisfitError, OdometryLayout
+
+_MOST_LAYOUTS = 64  # that are remembered of a topic
+
+_stamp = struct.Struct('<4xiI').unpack_from
+
+Layout = TypeVar('Layout', JointStateLayout, OdometryLayout)
+
+
+class Packet(Generic[Layout]):
+    """A message as its bytes.
+
+    Attributes
+    ----------
+    data : the bytes, CDR with its encapsulation header
+    layout : where its numbers are; that has been checked
+    stamp : ns
+    """
+
+    __slots__ = ('data', 'layout', 'stamp')
+
+    def __init__(self, data: bytes, layout: Layout, stamp: int) -> None:
+        self.data = data
+        self.layout: Layout = layout
+        self.stamp = stamp
+
+
+class Packer(Generic[Layout]):
+    """Makes packets of a topic's messages.
+
+    Parameters
+    ----------
+    kind : the layouts of the topic's type
+    """
+
+    def __init__(self, kind: type[Layout]) -> None:
+        self._kind: type[Layout] = kind
+        self._known: dict[int, list[Layout]] = {}  # by the size of the messages
+        self._count = 0
+
+    def __call__(self, data: bytes) -> Packet[Layout] | None:
+        """Return a message as a packet, None where its bytes are not understood: a general deserialiser is to try."""
+        for layout in self._known.get(len(data), ()):
+            if layout.fits(data):
+                return _packet(data, layout)
+        try:
+            learnt: Layout = self._kind(data)
+        except MisfitError:
+            return None
+        self._remember(learnt, len(data))
+        return _packet(data, learnt)
+
+    def many(self, given: Sequence[bytes]) -> list[Packet[Layout] | None]:
+        """Return messages as packets, as one by one; where all have the same layout, in a fraction of the time."""
+        if given:
+            for layout in self._known.get(len(given[0]), ()):
+                stamps = layout.stamps(given)
+                if stamps is not None:
+                    return list(map(Packet, given, repeat(layout), stamps.tolist()))
+        return [self(data) for data in given]
+
+    def _remember(self, layout: Layout, size: int) -> None:
+        if self._count == _MOST_LAYOUTS:
+            self._known.clear()
+            self._count = 0
+        self._known.setdefault(size, []).append(layout)
+        self._count += 1
+
+
+def _packet(data: bytes, layout: Layout) -> Packet[Layout]:
+    second, nanosecond = _stamp(data)
+    return Packet(data, layout, second * 1_000_000_000 + nanosecond)
+
+
+def packer(type_name: str) -> Packer[JointStateLayout] | Packer[OdometryLayout] | None:
+    """Return what makes packets of messages of a type, None where its bytes are not known."""
+    if type_name == JOINT_STATE_TYPE:
+        return Packer(JointStateLayout)
+    return Packer(OdometryLayout) if type_name == ODOMETRY_TYPE else None

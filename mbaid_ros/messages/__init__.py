@@ -1,0 +1,35 @@
+"""Messages to arrays, many at a time: the objects of rclpy and rosbags alike, and bytes that were made into none."""
+
+from mbaid_ros.messages.fields import numbers_of, stamp_of, wrench_of
+from mbaid_ros.messages.joints import JointReader
+from mbaid_ros.messages.odometry import OdometryReader
+from mbaid_ros.messages.refusals import (
+    BAD_QUATERNION,
+    JOINT_MISSING,
+    LENGTH_MISMATCH,
+    NAMED_TWICE,
+    NOT_FINITE,
+    NOT_REAL,
+    TOO_MANY_NAMES,
+    WRONG_CHILD_FRAME,
+)
+from mbaid_ros.messages.shapes import joint_state_shape, odometry_shape, positions_of
+
+__all__ = [
+    'BAD_QUATERNION',
+    'JOINT_MISSING',
+    'LENGTH_MISMATCH',
+    'NAMED_TWICE',
+    'NOT_FINITE',
+    'NOT_REAL',
+    'TOO_MANY_NAMES',
+    'WRONG_CHILD_FRAME',
+    'JointReader',
+    'OdometryReader',
+    'joint_state_shape',
+    'numbers_of',
+    'odometry_shape',
+    'positions_of',
+    'stamp_of',
+    'wrench_of',
+]

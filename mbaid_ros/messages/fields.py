@@ -1,0 +1,38 @@
+"""What single messages hold: stamps, the numbers of an Odometry, a wrench."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.cdr import Packet
+from mbaid_ros.core.geometry import Array
+
+
+def stamp_of(message: Any) -> int:
+    """Return a message's header stamp in ns."""
+    if isinstance(message, Packet):
+        return message.stamp
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def wrench_of(message: Any) -> tuple[str, int, Array]:
+    """Return frame, stamp (ns) and (6,) force and torque (N, N m) of a WrenchStamped."""
+    force, torque = message.wrench.force, message.wrench.torque
+    values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z], dtype=float)
+    return message.header.frame_id.lstrip('/'), stamp_of(message), values
+
+
+def numbers_of(message: Any) -> tuple[float, ...]:
+    """Return position (3), orientation (4), linear and angular velocity (3 each) of an Odometry."""
+    pose, twist = message.pose.pose, message.twist.twist
+    position, orientation = pose.position, pose.orientation
+    linear, angular = twist.linear, twist.angular
+    return (
+        *(position.x, position.y, position.z),
+        *(orientation.x, orientation.y, orientation.z, orientation.w),
+        *(linear.x, linear.y, linear.z),
+        *(angular.x, angular.y, angular.z),
+    )

@@ -1,0 +1,148 @@
+"""JointState messages to arrays: joints by name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.cdr import JointStateLayout
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.intake.joint_merge import Joints
+from mbaid_ros.core.intake.reorder import take
+from mbaid_ros.core.samples import JointStream
+from mbaid_ros.messages.refusals import (
+    JOINT_MISSING,
+    LENGTH_MISMATCH,
+    NAMED_TWICE,
+    NOT_FINITE,
+    NOT_REAL,
+    TOO_MANY_NAMES,
+)
+from mbaid_ros.messages.shapes import JointStateShape, joint_state_shape
+
+_MOST_NAMES = 10_000
+_LARGEST_JOINT = 1e6  # rad, m
+_LARGEST_VELOCITY = 1e6  # m/s, rad/s
+_NOWHERE = np.zeros(0, dtype=np.intp)
+
+_Shape = JointStateShape | JointStateLayout
+
+
+class JointReader:
+    """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
+
+    Messages that hold some of the joints count until one has held all of them.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self.all: Joints = tuple(range(len(self._names)))
+        self._layouts: dict[tuple[str, ...], _Layout] = {}
+        self._complete = False  # whether a message has held all joints
+        self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
+        self.missing: tuple[str, ...] = ()
+
+    def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
+        """Return the measurements by the joints they are of, and how many messages were dropped for what.
+
+        A velocity that is not given is NaN.
+        """
+        dropped: Counter[str] = Counter()
+        runs: dict[Joints, list[_Run]] = {}
+        for shape, group in groupby(messages, key=joint_state_shape):
+            run = list(group)
+            layout = self._layout(shape.names)
+            cause = layout.refused or self._misfit(shape, layout)
+            if cause:
+                dropped[cause] += len(run)
+                continue
+            earlier = runs.setdefault(layout.joints, [])
+            if earlier and earlier[-1][1] == shape:
+                earlier[-1][2].extend(run)
+            else:
+                earlier.append((layout, shape, run))
+        streams = {}
+        for joints, read in runs.items():
+            stream = _finite_joints(read, dropped)
+            if len(stream.stamp):
+                streams[joints] = stream
+        return streams, +dropped
+
+    def _misfit(self, shape: _Shape, layout: _Layout) -> str:
+        """Return why messages of a shape cannot be used, empty if they can."""
+        count = len(shape.names)
+        if shape.positions != count or shape.velocities not in {0, count}:
+            return LENGTH_MISMATCH
+        if layout.joints == self.all:
+            self._complete = True
+        elif self._complete:
+            return JOINT_MISSING
+        return ''
+
+    def _layout(self, key: tuple[str, ...]) -> _Layout:
+        """Return which joints a message with certain names holds, and where."""
+        if len(key) > _MOST_NAMES:
+            return _Layout((), _NOWHERE, TOO_MANY_NAMES)
+        known = self._layouts.get(key)
+        if known is None:
+            if len(self._layouts) > 64:
+                self._layouts.clear()
+            known = self._layouts[key] = self._laid_out(key)
+        if len(known.joints) < len(self._names):
+            self.unknown = key
+            self.missing = tuple(name for name in self._names if name not in key)
+        return known
+
+    def _laid_out(self, names: tuple[str, ...]) -> _Layout:
+        place = {name: index for index, name in enumerate(names)}
+        joints = tuple(joint for joint, name in enumerate(self._names) if name in place)
+        if any(names.count(self._names[joint]) > 1 for joint in joints):
+            return _Layout(joints, _NOWHERE, NAMED_TWICE)
+        refused = JOINT_MISSING if not joints and self._names else ''
+        places = np.array([place[self._names[joint]] for joint in joints], dtype=np.intp)
+        return _Layout(joints, places, refused)
+
+
+class _Layout:
+    """Where the joints of the robot stand in messages with certain names.
+
+    Parameters
+    ----------
+    joints : their indices in the model
+    places : their places in the message
+    refused : why such messages cannot be used; empty: they can
+    """
+
+    def __init__(self, joints: Joints, places: npt.NDArray[np.intp], refused: str) -> None:
+        self.joints = joints
+        self.places = places
+        self.refused = refused
+
+    def chosen(self, values: Array) -> Array:
+        """Return the (N, k) values of the joints from those of N messages (N, c); NaN where c is 0."""
+        return values[:, self.places] if values.shape[1] else np.full((len(values), len(self.places)), np.nan)
+
+
+_Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same shape
+
+
+def _finite_joints(runs: Sequence[_Run], dropped: Counter[str]) -> JointStream:
+    """Return what messages hold that have every position; others are counted."""
+    parts = [(layout, *shape.columns(messages)) for layout, shape, messages in runs]
+    stream = JointStream(
+        np.concatenate([stamp for _, stamp, _, _ in parts]),
+        np.concatenate([layout.chosen(position) for layout, _, position, _ in parts]),
+        np.concatenate([layout.chosen(velocity) for layout, _, _, velocity in parts]),
+    )
+    finite = np.all(np.isfinite(stream.position), axis=1)
+    real = np.all(np.abs(stream.position) < _LARGEST_JOINT, axis=1)
+    dropped[NOT_FINITE] += int(np.sum(~finite))
+    dropped[NOT_REAL] += int(np.sum(finite & ~real))
+    with np.errstate(invalid='ignore'):
+        stream.velocity[~(np.abs(stream.velocity) < _LARGEST_VELOCITY)] = np.nan
+    return stream if np.all(real) else take(stream, finite & real)

@@ -1,0 +1,190 @@
+"""Odometry messages to arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache, reduce
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.cdr import OdometryLayout
+from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
+from mbaid_ros.core.intake.attached_frame import AttachedFrame
+from mbaid_ros.core.intake.covariances import usable_covariance
+from mbaid_ros.core.intake.reorder import join, take
+from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
+from mbaid_ros.messages.refusals import BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
+from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
+
+_LARGEST_POSITION = 1e12  # m: beyond the planets
+_LARGEST_VELOCITY = 1e6  # m/s, rad/s
+_QUATERNION_TOLERANCE = 0.1
+
+_Shape = OdometryShape | OdometryLayout
+_Columns = tuple[Stamps, Array, Array, Array]
+
+
+class OdometryReader:
+    """Reads Odometry messages: pose of a frame on the base in the odometry frame, twist in the declared frame.
+
+    Parameters
+    ----------
+    attached : the child frames that are accepted, by name: those of the links of the base
+    marker : where a frame that is no link of the robot is taken to be, None if it is refused
+    links : names of all links of the robot
+    twist_frame : 'child' (the ROS convention) or 'inertial'
+    noise : standard deviations where a message carries no usable covariance
+    """
+
+    def __init__(
+        self,
+        attached: Mapping[str, AttachedFrame],
+        marker: AttachedFrame | None,
+        links: Collection[str],
+        twist_frame: str,
+        noise: SensorNoise,
+    ) -> None:
+        self._attached = attached
+        self._marker = marker
+        self._links = links
+        self._inertial = twist_frame == 'inertial'
+        self._pose_default = noise.pose_covariance()
+        self._twist_default = noise.twist_covariance()
+        self.other_child_frame = ''
+        self.frame = ''
+        self.default_covariances = 0  # messages whose covariance, or a part of it, came from the parameters
+
+    def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
+        """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN."""
+        dropped: Counter[str] = Counter()
+        accepted = self._accepted(messages, dropped)
+        if not accepted:
+            return None, dropped
+        (stamp, numbers, pose, twist), frames = _joined(accepted)
+        good = self._usable(numbers, dropped)
+        if not np.any(good):
+            return None, +dropped
+        pose = self._covariances(pose, self._pose_default)
+        twist = self._covariances(twist, self._twist_default)
+        if not np.all(good):
+            stamp, numbers, pose, twist = stamp[good], numbers[good], pose[good], twist[good]
+        return _of_base(self._stream(stamp, numbers, pose, twist), frames, good), +dropped
+
+    def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
+        """Return the messages of frames on the base, by their shapes; the others are counted."""
+        places: dict[_Shape, list[int]] = {}
+        for shape, group in groupby(range(len(messages)), key=lambda place: odometry_shape(messages[place])):
+            places.setdefault(shape, []).extend(group)
+        accepted: list[_Group] = []
+        for shape in sorted(places, key=lambda shape: places[shape][-1]):  # so that the last remains
+            frame = self._frame(shape.child_frame_id)
+            if frame is None:
+                self.other_child_frame = shape.child_frame_id
+                dropped[WRONG_CHILD_FRAME] += len(places[shape])
+            else:
+                self.frame = shape.frame_id
+                accepted.append(_Group(frame, places[shape], shape.columns([messages[k] for k in places[shape]])))
+        return accepted
+
+    def _frame(self, name: str) -> AttachedFrame | None:
+        """Return where the frame of that name is on the base, None if that is not known."""
+        name = name.lstrip('/')
+        return self._attached.get(name) or (self._marker if name not in self._links else None)
+
+    @staticmethod
+    def _usable(numbers: Array, dropped: Counter[str]) -> Flags:
+        """Return which messages have a pose; the others are counted."""
+        finite = np.all(np.isfinite(numbers[:, :7]), axis=1)
+        with np.errstate(over='ignore', invalid='ignore'):
+            length = np.sqrt(np.sum(numbers[:, 3:7] ** 2, axis=1))
+            unit = np.abs(length - 1.0) < _QUATERNION_TOLERANCE
+            real = np.all(np.abs(numbers[:, :3]) < _LARGEST_POSITION, axis=1)
+        dropped[NOT_FINITE] += int(np.sum(~finite))
+        dropped[BAD_QUATERNION] += int(np.sum(finite & ~unit))
+        dropped[NOT_REAL] += int(np.sum(finite & unit & ~real))
+        return np.asarray(finite & unit & real)
+
+    def _stream(self, stamp: npt.NDArray[np.int64], numbers: Array, pose: Array, twist: Array) -> BaseStream:
+        rotation = rotation_from_quaternion(numbers[:, 3:7])
+        linear, angular = numbers[:, 7:10], numbers[:, 10:13]
+        with np.errstate(invalid='ignore'):
+            linear, angular = (
+                np.where(np.all(np.abs(part) < _LARGEST_VELOCITY, axis=1, keepdims=True), part, np.nan)
+                for part in (linear, angular)
+            )
+        if self._inertial:
+            both = np.zeros((len(stamp), 6, 6))
+            both[:, :3, :3] = both[:, 3:, 3:] = np.swapaxes(rotation, -1, -2)
+            twist = both @ twist @ np.swapaxes(both, -1, -2)
+        else:
+            linear, angular = rotate(rotation, linear), rotate(rotation, angular)
+        return BaseStream(stamp, numbers[:, :3], rotation, linear, angular, pose, twist)
+
+    def _covariances(self, rows: Array, default: Array) -> Array:
+        """Return (N, 6, 6) covariances: the messages' (N, 36), or the default where they are not set or not usable."""
+        # Publishers mostly repeat one covariance: check each distinct one once.
+        if np.all(rows == rows[0]):
+            used, replaced = _checked(rows[0].tobytes(), default.tobytes())
+            self.default_covariances += len(rows) * replaced
+            return np.repeat(used[None], len(rows), axis=0)
+        distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
+        checked = [_checked(row.tobytes(), default.tobytes()) for row in distinct]
+        self.default_covariances += int(np.sum(np.array([replaced for _, replaced in checked])[inverse.ravel()]))
+        return np.array([used for used, _ in checked])[inverse.ravel()]
+
+
+@lru_cache(maxsize=64)
+def _checked(given: bytes, default: bytes) -> tuple[Array, bool]:
+    """Return the (6, 6) covariance to use where one is given, and whether that is another one."""
+    matrix = np.frombuffer(given).reshape(6, 6)
+    used = usable_covariance(matrix, np.frombuffer(default).reshape(6, 6))
+    return used, not np.array_equal(used, matrix)
+
+
+class _Group(NamedTuple):
+    """Messages of the same frames: where the child frame is, their places among all messages, their numbers."""
+
+    frame: AttachedFrame
+    places: list[int]
+    columns: _Columns
+
+
+def _joined(groups: Sequence[_Group]) -> tuple[_Columns, dict[AttachedFrame, npt.NDArray[np.intp]]]:
+    """Return the numbers of all messages in their order, and which of them are of which frame."""
+    if len(groups) == 1:
+        frame, places, columns = groups[0]
+        return columns, {frame: np.arange(len(places))}
+    order = np.argsort(np.concatenate([group.places for group in groups]))
+    stamp, numbers, pose, twist = (
+        np.concatenate(parts)[order] for parts in zip(*(group.columns for group in groups), strict=True)
+    )
+    number = np.repeat(np.arange(len(groups)), [len(group.places) for group in groups])[order]
+    frames: dict[AttachedFrame, npt.NDArray[np.intp]] = {}
+    for frame in dict.fromkeys(group.frame for group in groups):
+        frames[frame] = np.flatnonzero(np.isin(number, [k for k, group in enumerate(groups) if group.frame is frame]))
+    return (stamp, numbers, pose, twist), frames
+
+
+def _of_base(stream: BaseStream, frames: Mapping[AttachedFrame, npt.NDArray[np.intp]], good: Flags) -> BaseStream:
+    """Return the base link's measurements from those of frames on it.
+
+    Parameters
+    ----------
+    stream : those that are good
+    frames : which of all are of which frame
+    good : which of all are good
+    """
+    place = np.cumsum(good) - 1
+    parts = [(frame, place[which[good[which]]]) for frame, which in frames.items() if np.any(good[which])]
+    if len(parts) == 1:
+        return _converted(stream, parts[0][0])
+    joined = [_converted(take(stream, places), frame) for frame, places in parts]
+    return take(reduce(join, joined), np.argsort(np.concatenate([places for _, places in parts])))
+
+
+def _converted(stream: BaseStream, frame: AttachedFrame) -> BaseStream:
+    return stream if frame.is_base else frame.to_base(stream)

@@ -1,0 +1,10 @@
+"""Why messages are not used."""
+
+JOINT_MISSING = 'joint missing'
+LENGTH_MISMATCH = 'names and values differ in number'
+NOT_FINITE = 'NaN or infinite value'
+NAMED_TWICE = 'joint named twice'
+TOO_MANY_NAMES = 'more than 10000 names'
+NOT_REAL = 'value beyond anything real'
+WRONG_CHILD_FRAME = 'child_frame_id is no frame on the base'
+BAD_QUATERNION = 'orientation is not a unit quaternion'

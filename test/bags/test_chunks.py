@@ -1,0 +1,167 @@
+"""The messages of MCAP files: the same in the same order as rosbags gives them, and as objects or as packets."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Reader, ReaderError
+
+from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.bags.types import definition
+from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.messages import joint_state_shape
+from small_bags import COUNT, everything, write_bag
+from wire import as_bytes, joint_state
+
+ONE = np.ones(1)
+
+
+def disordered(path: Path, seed: int, compression: CompressionType) -> Path:
+    """Write messages in an order that is not that of their times: chunks overlap, and times are equal."""
+    random = np.random.default_rng(seed)
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=3_000, compression=compression)
+        writer.start(profile='ros2')
+        channels = []
+        for topic in ('/a', '/b', '/c'):
+            schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', definition(JOINT_STATE_TYPE)[0].encode())
+            channels.append(writer.register_channel(topic, 'cdr', schema))
+        for count in range(400):
+            time = max(0, count // 4 + int(random.integers(-15, 15)))
+            data = as_bytes(joint_state([f'{count}'], ONE, ONE, stamp=time))
+            writer.add_message(channels[random.integers(3)], time, data, time, count)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+@pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize('seed', range(3))
+def test_messages_come_as_from_rosbags(tmp_path: Path, seed: int, compression: CompressionType) -> None:
+    path = disordered(tmp_path / 'bag.mcap', seed, compression)
+    for topics in (['/a'], ['/a', '/c'], ['/a', '/b', '/c']):
+        with Reader(path) as reader, BagReader(path) as bag:
+            chosen = [connection for connection in reader.connections if connection.topic in topics]
+            expected = [(connection.topic, data, time) for connection, time, data in reader.messages(chosen)]
+            assert list(bag.raw(topics)) == expected
+            assert bag.warnings == []
+        stamps = [int.from_bytes(data[8:12], 'little') for _, data, _ in expected]
+        assert stamps == sorted(stamps)
+
+
+def test_a_folder_comes_as_from_rosbags(recorded: Path) -> None:
+    with Reader(recorded) as reader:
+        expected = [(connection.topic, bytes(data), time) for connection, time, data in reader.messages()]
+    assert everything(recorded) == (expected, [])
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_a_damaged_chunk_ends_the_reading_with_a_warning(tmp_path: Path, seed: int) -> None:
+    """No checksum helps here: what lies in the chunk itself has to be found out."""
+    random = np.random.default_rng(seed)
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=2_000, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', definition(JOINT_STATE_TYPE)[0].encode())
+        channel = writer.register_channel('/a', 'cdr', schema)
+        for time in range(60):
+            data = as_bytes(joint_state(['x'], ONE, ONE, stamp=time))
+            writer.add_message(channel, time, data, time, time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    content = bytearray(path.read_bytes())
+    record = content.index(as_bytes(joint_state(['x'], ONE, ONE, stamp=30))) - 31
+    assert content[record] == 5
+    content[record + 1 + random.integers(8)] ^= 1 << int(random.integers(8))  # the length of a message's record
+    path.write_bytes(content)
+    expected = list(until_damage(path))
+    read, warnings = everything(path)
+    assert read == expected
+    assert 0 < len(read) < 60
+    assert len(warnings) == 1
+    assert f'is damaged: read {len(read)} of 60 messages' in warnings[0]
+
+
+def until_damage(path: Path) -> Iterator[tuple[str, bytes, int]]:
+    """Yield what rosbags reads of a file before it finds damage."""
+    with Reader(path) as reader, suppress(ReaderError, struct.error):
+        for connection, time, data in reader.messages():
+            yield connection.topic, data, time
+
+
+@pytest.mark.parametrize('at_once', [1, 7, COUNT, 10 * COUNT])
+def test_packets_are_the_messages(recorded: Path, at_once: int) -> None:
+    topics = ['/joint_states', '/robot_description']
+    with BagReader(recorded) as bag:
+        parts = list(bag.read_packed(topics, at_once))
+        objects = list(bag.read(topics))
+    assert [len(part) for part in parts[:-1]] == [at_once] * (len(parts) - 1)
+    packed = [message for part in parts for message in part]
+    assert [(topic, time) for topic, _, time in packed] == [(topic, time) for topic, _, time in objects]
+    for (topic, packet, _), (_, message, _) in zip(packed, objects, strict=True):
+        assert isinstance(packet, Packet) == (topic == '/joint_states')
+        if topic == '/joint_states':
+            columns, expected = (joint_state_shape(x).columns([x]) for x in (packet, message))
+            assert [column.tobytes() for column in columns] == [column.tobytes() for column in expected]
+        else:
+            assert packet.data == message.data
+
+
+@pytest.mark.parametrize(
+    ('change', 'packed', 'extra'),
+    [
+        (lambda text: text, True, 0),
+        (lambda _text: '', True, 0),
+        (lambda text: text.replace('float64[] effort', 'float64[] effort\nfloat64 more'), False, 8),
+        (lambda text: text.replace('float64[] position', 'float32[] position'), False, 0),
+        # What cannot be a definition is left aside, for objects as for packets.
+        (lambda text: text.replace('int32 sec', 'uint32 sec'), True, 0),
+    ],
+)
+def test_a_type_that_the_bag_defines_in_another_way_is_not_packed(
+    tmp_path: Path, change: Callable[[str], str], extra: int, *, packed: bool
+) -> None:
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2')
+        text = definition(JOINT_STATE_TYPE)[0]
+        schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', change(text).encode())
+        channel = writer.register_channel('/a', 'cdr', schema)
+        data = as_bytes(joint_state([], ONE[:0], ONE[:0]))
+        writer.add_message(channel, 1, data + bytes(0 if packed else extra), 1, 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with BagReader(path) as bag:
+        ((_, message, _),) = (each for part in bag.read_packed(['/a'], 10) for each in part)
+    assert isinstance(message, Packet) == packed
+
+
+def test_a_message_that_is_not_of_its_type_is_told_as_from_objects(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/a', JOINT_STATE_TYPE)
+        for time in range(20):
+            writer.write_raw('/a', as_bytes(joint_state(['x'], ONE, ONE)), time)
+        writer.write_raw('/a', as_bytes(joint_state(['x'], ONE, ONE))[:-9], 20)
+    texts = []
+    for packed in (False, True):
+        with BagReader(tmp_path / 'bag') as bag, pytest.raises(DataError, match='at 20 ns is not a sensor') as caught:
+            list(bag.read_packed(['/a'], 100) if packed else bag.read(['/a']))
+        texts.append(str(caught.value))
+    assert texts[0] == texts[1]
+
+
+def test_damage_of_the_file_is_the_same_with_packets(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / 'bag')
+    content = (path / 'bag.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(content[: len(content) // 2])
+    with BagReader(tmp_path / 'cut.mcap') as bag:
+        objects = [time for _, _, time in bag.read(['/joint_states'])]
+        packets = [time for part in bag.read_packed(['/joint_states'], 64) for _, _, time in part]
+    assert 0 < len(objects) < COUNT
+    assert packets == objects

@@ -1,0 +1,170 @@
+"""Messages as bytes: the stamps and numbers are those of a general deserialiser, or the bytes are not understood."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.serde import SerdeError
+
+from mbaid_ros.bags import message_types
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, Packer, packer
+from mbaid_ros.cdr.layouts import MisfitError
+from mbaid_ros.messages import joint_state_shape, odometry_shape, stamp_of
+from wire import again, as_bytes, joint_state, odometry
+
+NAMES = st.lists(st.text(st.characters(exclude_characters='\0', codec='utf-8'), max_size=9), max_size=4)
+COUNT = st.integers(0, 4)
+NOISE = np.random.default_rng(0).standard_normal((3, 40))
+
+
+def example(type_name: str, seed: int = 0) -> bytes:
+    noise = np.random.default_rng(seed).standard_normal(85)
+    if type_name == JOINT_STATE_TYPE:
+        return as_bytes(joint_state(['a', 'bcd'], noise[:2], noise[2:4], stamp=seed, effort=2))
+    return as_bytes(odometry(noise[:13], noise[13:85].reshape(2, 36), stamp=seed))
+
+
+def columns(message: Any, type_name: str) -> list[bytes]:
+    """Return what is read of a message: its names, and every bit of its numbers."""
+    shape = (joint_state_shape if type_name == JOINT_STATE_TYPE else odometry_shape)(message)
+    named = ('names', 'positions', 'velocities') if type_name == JOINT_STATE_TYPE else ('frame_id', 'child_frame_id')
+    texts = [repr(getattr(shape, name)).encode() for name in named]
+    return [*texts, str(stamp_of(message)).encode(), *(column.tobytes() for column in shape.columns([message]))]
+
+
+def check(data: bytes, type_name: str) -> bool:
+    """Check that bytes give a packet only where a deserialiser takes them, with the same content; tell whether."""
+    make = packer(type_name)
+    assert make is not None
+    packet = make(data)
+    if packet is None:
+        return False
+    assert columns(packet, type_name) == columns(message_types().deserialize_cdr(data, type_name), type_name)
+    return True
+
+
+@given(
+    NAMES,
+    COUNT,
+    COUNT,
+    COUNT,
+    st.text(st.characters(exclude_characters='\0'), max_size=5),
+    st.integers(-(2**31), 2**31 - 1),
+)
+def test_joint_states_of_any_layout(names: list[str], p: int, v: int, e: int, frame: str, second: int) -> None:
+    frame = frame.encode(errors='ignore').decode()
+    message = joint_state(names, NOISE[0, :p], NOISE[1, :v], stamp=second * 10**9 + 7, effort=e, frame=frame)
+    assert check(as_bytes(message), JOINT_STATE_TYPE)
+
+
+@given(NAMES)
+def test_odometry_of_any_frames(names: list[str]) -> None:
+    frame, child = ([*names, '', ''])[:2]
+    assert check(as_bytes(odometry(NOISE[0, :13], NOISE[:2, :36], child=child, frame=frame)), ODOMETRY_TYPE)
+
+
+@pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -0.0, 5e-324])
+def test_numbers_keep_every_bit(type_name: str, bad: float) -> None:
+    data = example(type_name)
+    assert check(data[:-8] + struct.pack('<d', bad), type_name)
+
+
+@pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
+def test_no_beginning_of_a_message_is_taken_for_one(type_name: str) -> None:
+    data = example(type_name)
+    make = packer(type_name)
+    assert make is not None
+    assert make(data) is not None
+    assert [make(data[:size]) for size in range(len(data))] == [None] * len(data)
+    assert [make(data + bytes(more)) is not None for more in range(6)] == [True] * 4 + [False] * 2
+
+
+@given(st.sampled_from([JOINT_STATE_TYPE, ODOMETRY_TYPE]), st.data())
+def test_bytes_that_lie_give_what_the_deserialiser_gives_or_nothing(type_name: str, data: st.DataObject) -> None:
+    lying = bytearray(example(type_name))
+    make = packer(type_name)
+    assert make is not None
+    make(bytes(lying))  # the layout is known, and the lie has to be seen even so
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, min(len(lying), 110) - 4))
+        value = data.draw(st.sampled_from([0, 1, 2, 3, 5, 255, 256, 2**31 - 1, 2**31, 2**32 - 1]))
+        size = data.draw(st.sampled_from([1, 4]))
+        lying[place : place + size] = (value % 256**size).to_bytes(size, 'little')
+    cut = bytes(lying[: data.draw(st.integers(0, len(lying)))]) if data.draw(st.booleans()) else bytes(lying)
+    packet = make(cut)
+    try:
+        expected = again(cut, type_name)
+    except SerdeError:
+        assert packet is None
+        return
+    if packet is not None:
+        assert columns(packet, type_name) == columns(expected, type_name)
+
+
+@pytest.mark.parametrize('head', [b'\0\0', b'\0\2', b'\0\3', b'\0\6', b'\0\7', b'\1\1'])
+@pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
+def test_other_encodings_are_not_understood(type_name: str, head: bytes) -> None:
+    make = packer(type_name)
+    assert make is not None
+    assert make(example(type_name)) is not None
+    assert make(head + example(type_name)[2:]) is None
+
+
+def test_a_name_that_is_no_text_is_not_understood() -> None:
+    data = as_bytes(joint_state(['abc'], NOISE[0, :1], NOISE[0, :1]))
+    for wrong in (b'a\xffc\0', b'a\0c\0', b'abcd'):
+        with pytest.raises(MisfitError):
+            JointStateLayout(data.replace(b'abc\0', wrong))
+
+
+def padded(filling: bytes) -> bytes:
+    """Return a message whose padding after its names holds something."""
+    data = as_bytes(joint_state(['a', 'b', 'c'], NOISE[0, :3], NOISE[1, :3]))
+    return data.replace(b'a\0\0\0', b'a\0' + filling).replace(b'b\0\0\0', b'b\0' + filling)
+
+
+def test_padding_makes_no_other_layout() -> None:
+    make = packer(JOINT_STATE_TYPE)
+    assert make is not None
+    packets = [make(padded(filling)) for filling in (b'\0\0', b'xy', b'\xff\0')]
+    assert len({packet.layout for packet in packets if packet is not None}) == 1
+    assert make.many([padded(b'\0\0'), padded(b'xy')]) != [None, None]
+    for filling in (b'\0\0', b'xy'):
+        assert check(padded(filling), JOINT_STATE_TYPE)
+
+
+def read(packets: Sequence[Any]) -> list[tuple[bytes, int] | None]:
+    return [None if packet is None else (packet.data, packet.stamp) for packet in packets]
+
+
+@pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
+def test_many_at_once_are_as_one_by_one(type_name: str) -> None:
+    alike = [example(type_name, seed) for seed in range(50)]
+    other = as_bytes(joint_state(['a', 'bce'], NOISE[0, :2], NOISE[1, :2], effort=2))
+    mixed = [*alike[:20], other, alike[20][:-3], *alike[20:]]
+    for given_bytes in ([], alike, mixed, alike[::-1]):
+        single, many = packer(type_name), packer(type_name)
+        assert single is not None
+        assert many is not None
+        for _ in range(2):
+            assert read(many.many(given_bytes)) == read([single(data) for data in given_bytes])
+
+
+def test_any_number_of_layouts_is_taken_in_bounded_memory() -> None:
+    make = Packer(JointStateLayout)
+    for number in range(500):
+        packet = make(as_bytes(joint_state([f'joint{number}'], NOISE[0, :1], NOISE[0, :1])))
+        assert packet is not None
+        assert packet.layout.names == (f'joint{number}',)
+    assert sum(map(len, make._known.values())) <= 64
+
+
+def test_other_types_are_not_known() -> None:
+    assert packer('std_msgs/msg/String') is None
