@@ -58,6 +58,9 @@ class Samples(Stacked):
     twist_covariance : (N, 6, 6) linear and angular velocity, in base axes
     joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) where it was taken from the
         positions; NaN, also where not given, is a measured velocity
+    rate_tilt : (N, n + 6) velocities of the joints, linear and angular ones of the base: variance of how their errors
+        tilt over a window, over that of errors which are independent and have as noisy a mean; 1, also where not given,
+        is a measured velocity
     impulse : (N, 6) what known thrust has changed (P, L) by since the first sample, odometry frame, L about its origin:
         N s, N m s; zero where not given
     """
@@ -72,6 +75,7 @@ class Samples(Stacked):
     pose_covariance: Array
     twist_covariance: Array
     joint_rate_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    rate_tilt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def __post_init__(self) -> None:
@@ -80,6 +84,8 @@ class Samples(Stacked):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
+        if len(self.rate_tilt) != len(self.time):
+            object.__setattr__(self, 'rate_tilt', np.ones((len(self.time), self.joint_velocity.shape[1] + 6)))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -50,14 +50,16 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     rows = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
-    # fast arm's estimate after a minute).
-    factor = _error_factors(samples, counts, noise)
+    # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
     points = [samples[_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp)] for part in _GAUSS]
-    halves = [_noise(kernel, kernel.states(point), point.impulse[:, :3], factor) for point in points]
+    first, second = (_derivatives(kernel, point) for point in points)
+    mean = _error_factors(samples, counts, noise)
+    tilt = np.sqrt(_tilts(samples, counts))[..., None] * mean
     noise_known, noise_rows = (
-        np.concatenate(parts, axis=2) / np.sqrt(len(_GAUSS)) for parts in zip(*halves, strict=True)
+        np.concatenate((_by_errors(0.5 * (one + other), mean), _by_errors(0.5 * (one - other), tilt)), axis=2)
+        for one, other in zip(first, second, strict=True)
     )
-    return Blocks(rows, known, noise_known, noise_rows)
+    return Blocks(rows, known, noise_known[..., 0], noise_rows)
 
 
 def joined(windows: list[Samples]) -> tuple[Samples, Counts]:
@@ -106,26 +108,38 @@ def _transport(position: Array) -> Array:
     return matrix
 
 
-def _noise(kernel: MomentumKernel, states: BodyStates, brought: Array, factor: Array) -> tuple[Array, Array]:
-    """Return G0 (K, 6, z) and G1 (K, 6, z, u): derivatives at one sample of each window by unit errors of its means.
+def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
+    """Return how K samples' equations change with each measured quantity: y (K, 6, z, 1) and A (K, 6, z, u).
 
-    `brought` is the linear momentum (K, 3) by known thrust there, `factor` that of the errors' covariance (K, z, z).
+    Their order: joint positions, joint velocities, base position, orientation, linear, angular velocity.
     """
-    derivative = sensitivity(kernel, states)
+    derivative = sensitivity(kernel, kernel.states(point))
     joints = kernel.model.joints
-    count, sources, _ = factor.shape
-    bodies = derivative.target.shape[-1]
-    # Order of the errors: joint positions, joint velocities, base position, orientation, linear, angular velocity.
+    count, sources, bodies = len(point), 2 * joints + 12, derivative.target.shape[-1]
     place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
-    known = np.zeros((count, 6, sources))
+    known = np.zeros((count, 6, sources, 1))
     target = np.zeros((count, 6, sources, bodies + 6))
-    known[..., place] = derivative.known
+    known[:, :, place, 0] = derivative.known
     target[:, :, place, :bodies] = derivative.target
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
-    known[:, 3:, 2 * joints : 2 * joints + 3] = -skew(brought)
-    # In the order that the solver goes through them, thousands of times.
-    return known @ factor, np.ascontiguousarray(np.swapaxes(np.swapaxes(target, 2, 3) @ factor[:, None], 2, 3))
+    known[:, 3:, 2 * joints : 2 * joints + 3, 0] = -skew(point.impulse[:, :3])
+    return known, target
+
+
+def _by_errors(derivative: Array, factor: Array) -> Array:
+    """Return derivatives (K, 6, z, u) by unit errors, from those by what they are factors (K, z, z) of."""
+    return np.swapaxes(np.swapaxes(derivative, 2, 3) @ factor[:, None], 2, 3)
+
+
+def _tilts(samples: Samples, counts: Counts) -> Array:
+    """Return the variance of the tilt of each window's errors over that of their mean, (K, z)."""
+    joints = samples.joint_position.shape[1]
+    tilt = np.ones((len(counts), 2 * joints + 12))
+    tilt[:, [*range(joints, 2 * joints), *range(2 * joints + 6, 2 * joints + 12)]] = mean_of_each(
+        samples.rate_tilt, counts
+    )
+    return tilt
 
 
 def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise) -> Array:

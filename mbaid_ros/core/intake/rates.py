@@ -1,7 +1,8 @@
 """Velocities that no sensor gave, from the positions of a window: the derivative of a polynomial fitted to them.
 
 The mean of such a rate over the window carries a noise that follows from the positions' own; it goes into the samples,
-as that of single samples whose mean would be as noisy.
+as that of single samples whose mean would be as noisy. The error of a polynomial's derivative is no white noise: from
+one end of the window to the other it tilts far more than its mean tells, and by how much goes into the samples, too.
 """
 
 from __future__ import annotations
@@ -32,16 +33,18 @@ class Fit:
     values, slopes : (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
     solve : (..., d + 1, N) from measurements to coefficients
     mean_gain : (...) variance of the mean slope over that of one measurement, 1/s^2
+    tilt : (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
     """
 
     values: Array
     slopes: Array
     solve: Array
     mean_gain: Array
+    tilt: Array
 
     def __getitem__(self, index: int | Flags) -> Fit:
         """Return the fits of some of the windows."""
-        return Fit(self.values[index], self.slopes[index], self.solve[index], self.mean_gain[index])
+        return Fit(self.values[index], self.slopes[index], self.solve[index], self.mean_gain[index], self.tilt[index])
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
         """Return values and derivatives of (..., N, k) signals."""
@@ -81,8 +84,12 @@ def _fitted(time: Array, degree: int) -> tuple[Fit, Array]:
     orthonormal, triangle = np.linalg.qr(values)
     slopes = legendre.legvander(place, degree - 1) @ legendre.legder(np.eye(degree + 1)) / half[..., None]
     solve = np.linalg.solve(triangle, np.swapaxes(orthonormal, -1, -2))
-    gain = np.sum((np.mean(slopes, axis=1, keepdims=True) @ solve) ** 2, axis=(1, 2))
-    return Fit(values, slopes, solve, gain), np.linalg.cond(triangle)
+    off = (place - np.mean(place, axis=1, keepdims=True))[..., None]
+    trend = off / np.sqrt(np.mean(off**2, axis=1, keepdims=True))  # independent errors have as large a trend as a mean
+    mean, tilt = (
+        np.sum((np.mean(part, axis=1, keepdims=True) @ solve) ** 2, axis=(1, 2)) for part in (slopes, trend * slopes)
+    )
+    return Fit(values, slopes, solve, mean, tilt / mean), np.linalg.cond(triangle)
 
 
 def missing_rates(window: Samples) -> tuple[bool, bool]:
@@ -109,10 +116,13 @@ def _joint_rates(window: Samples, local: Fit) -> Samples:
     slopes = local.smooth(window.joint_position - middle)[1]
     # Single samples whose mean is as noisy as the mean slope.
     gain = np.where(absent, len(window) * local.mean_gain, np.nan)
+    tilt = window.rate_tilt.copy()
+    tilt[:, : len(absent)][:, absent] = local.tilt
     return replace(
         window,
         joint_velocity=np.where(absent, slopes, window.joint_velocity),
         joint_rate_gain=np.broadcast_to(gain, slopes.shape),
+        rate_tilt=tilt,
     )
 
 
@@ -123,11 +133,12 @@ def _base_rates(window: Samples, local: Fit) -> Samples:
     to_base = np.zeros((len(window), 6, 6))
     to_base[:, :3, :3] = to_base[:, 3:, 3:] = np.swapaxes(window.base_rotation, -1, -2)
     derived = len(window) * local.mean_gain * (to_base @ window.pose_covariance @ np.swapaxes(to_base, -1, -2))
-    covariance = window.twist_covariance.copy()
+    covariance, tilt = window.twist_covariance.copy(), window.rate_tilt.copy()
     for block, measured in ((slice(0, 3), linear), (slice(3, 6), angular)):
         if not measured:
             covariance[:, block] = covariance[..., block] = 0.0
             covariance[:, block, block] = derived[:, block, block]
+            tilt[:, -6:][:, block] = local.tilt
     if not linear and not angular:
         covariance = derived
     return replace(
@@ -135,6 +146,7 @@ def _base_rates(window: Samples, local: Fit) -> Samples:
         base_linear_velocity=window.base_linear_velocity if linear else velocity,
         base_angular_velocity=window.base_angular_velocity if angular else rate,
         twist_covariance=covariance,
+        rate_tilt=tilt,
     )
 
 

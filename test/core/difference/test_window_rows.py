@@ -8,10 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.effects import delay_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.window_rows import joined, window_rows
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array, exp, skew
+from mbaid_ros.core.intake.rates import with_rates
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation.run import Truth, total_momentum
 from observed import MID, drifting, kernel, observe, windows
@@ -157,3 +159,37 @@ def test_known_thrust_is_no_motion_of_the_joints(spatial: Truth) -> None:
     ]
     # Differences over a millisecond of numbers of size 1e3.
     assert found[1] == pytest.approx(found[0], abs=1e-8)
+
+
+def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: Truth) -> None:
+    """Their errors tilt over a window, which counts where a fast arm changes the equations in it."""
+    servicer = kernel('servicer7')
+    exact, x = observe(spatial, MID)[140:165], unknowns(spatial, ORIGIN)
+    rng = np.random.default_rng(5)
+    surprises, untilted = [], []
+    for _ in range(300):
+        joints, place = (
+            rng.normal(scale=deviation, size=shape.shape)
+            for deviation, shape in (
+                (MID.joint_position, exact.joint_position),
+                (MID.base_position, exact.base_position),
+            )
+        )
+        turned = exact.base_rotation @ exp(rng.normal(scale=MID.base_orientation, size=(len(exact), 3)))
+        window = with_rates(
+            replace(
+                exact,
+                joint_position=exact.joint_position + joints,
+                joint_velocity=np.full_like(exact.joint_velocity, np.nan),
+                base_position=exact.base_position + place,
+                base_rotation=turned,
+                base_linear_velocity=np.full_like(exact.base_linear_velocity, np.nan),
+                base_angular_velocity=np.full_like(exact.base_angular_velocity, np.nan),
+            )
+        )
+        surprises.append(eiv.cost(window_rows(servicer, [window], MID, ORIGIN), x))
+        plain = replace(window, rate_tilt=np.ones_like(window.rate_tilt))
+        untilted.append(eiv.cost(window_rows(servicer, [plain], MID, ORIGIN), x))
+    # Chi-square of 1800: its mean is known to 3 %.
+    assert np.mean(surprises) / 6.0 == pytest.approx(1.0, abs=0.12)
+    assert np.mean(untilted) / 6.0 > 1.15
