@@ -26,6 +26,7 @@ from mbaid_ros.nodes.qos import LATCHED, qos
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
 _SMALLEST = 1e-6  # m; viewers do not draw what has no size
+_LATEST = 2**31 * 1_000_000_000 - 1  # ns, that a stamp can tell
 _TF_PERIOD = 1_000_000_000 // 50  # ns
 
 # Okabe and Ito's colours.
@@ -123,7 +124,7 @@ class LinkFrames:
         if not np.all(np.isfinite(positions)) or 0 <= stamp - self._sent < _TF_PERIOD:
             return []
         self._sent = stamp
-        second, nanosecond = divmod(stamp, 1_000_000_000)
+        second, nanosecond = divmod(min(stamp, _LATEST), 1_000_000_000)
         configuration = self._kinematics.configure(np.eye(3)[None], positions[None])
         places = {link.name: configuration.link(link) for link in self._model.links}
         made = []

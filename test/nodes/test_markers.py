@@ -11,12 +11,14 @@ import pinocchio
 import pytest
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from graph import Graph
 from made_runs import BODY, STD, estimate, planar
+from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
 from mbaid_ros.core.results.estimate import Estimate
@@ -110,6 +112,20 @@ def test_frames_are_sent_once_every_joint_is_known_and_not_too_often() -> None:
     assert frames.transforms(joint_state(list(others), [0.1] * 3, 20_000_000)) == []
     assert frames.transforms(joint_state(list(others), [0.1] * 3, 30_000_000))
     assert frames.transforms(joint_state([first], [0.1], 0))  # the time jumped back
+
+
+@pytest.mark.parametrize(('second', 'nanosecond'), [(7, 5), (-3, 10**9 - 1), (2**31 - 1, 2**32 - 1)])
+def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nanosecond: int) -> None:
+    model = robot('table1')
+    message = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4])
+    message.velocity = message.effort = [0.0] * 4  # where one is empty, `serialize_message` adds bytes of its own
+    message.header.stamp.sec, message.header.stamp.nanosec = second, nanosecond
+    pack = packer('sensor_msgs/msg/JointState')
+    assert pack is not None
+    expected = LinkFrames(model).transforms(message)
+    assert LinkFrames(model).transforms(pack(serialize_message(message))) == expected
+    stamp = expected[0].header.stamp
+    assert stamp.sec * 10**9 + stamp.nanosec == min(second * 10**9 + nanosecond, 2**31 * 10**9 - 1)
 
 
 class Publisher:
