@@ -98,7 +98,7 @@ def with_joints_later(samples: Samples, counts: Counts, delay: float) -> Samples
     delay : s
     """
     centre, span = mean_of_each(samples.time, counts), np.maximum.reduceat(samples.time, np.cumsum(counts) - counts)
-    half = np.maximum(span - centre, np.finfo(float).tiny)
+    half = np.where(counts > 1, span - centre, 1.0)
     time, scale = (samples.time - np.repeat(centre, counts)) / np.repeat(half, counts), np.repeat(half, counts)[:, None]
     powers = np.vander(time, _DEGREE + 1, increasing=True)
     square = sum_of_each(powers[:, :, None] * powers[:, None], counts)

@@ -177,8 +177,7 @@ def own_information(blocks: Blocks, white: White) -> Array:
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
     seen = white.noise[:, None] @ rows
-    rows, seen = (part.reshape(len(blocks), -1, shape[-1]) for part in (rows, seen))
-    return np.asarray(np.swapaxes(rows, 1, 2) @ rows - np.swapaxes(seen, 1, 2) @ seen)
+    return np.array([square(rows[k]) - square(seen[k]) for k in range(len(blocks))])
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:

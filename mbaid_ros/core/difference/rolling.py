@@ -195,14 +195,14 @@ class RollingLikelihood:
             root = self._folded.forget(self._forgetting, recent, idle)
             self.coupling = self.coupling.forget(root, self._forgetting)
         plausible, spread = self._plausible()
-        block = oldest.blocks
+        block, own = oldest.blocks, oldest.noise_information
         if self._sure:
-            share = float(np.vdot(oldest.noise_information, spread @ spread.T)) / block.offset.size
+            share = float(np.vdot(own, spread @ spread.T)) / block.offset.size
         else:
             share = eiv.uncertain_share(block, plausible, spread)
         self._sure = share < _LARGEST_SHARE
         if self._sure:
-            linear, own = eiv.normal_equations(oldest.white), oldest.noise_information
+            linear = eiv.normal_equations(oldest.white)
             self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
             self.coupling += Coupling.of(oldest.white, oldest.columns, oldest.x)
         else:
