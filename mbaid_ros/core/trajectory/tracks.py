@@ -11,7 +11,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
 from mbaid_ros.core.trajectory.filter import Belief, Coordinates, Step, Walk, advance, jolted, unlinked, update
-from mbaid_ros.core.trajectory.nodes import Window
+from mbaid_ros.core.trajectory.windows import Window
 
 # How much better (log-likelihood) the data must be explained by another hypothesis than by the first.
 MARGIN = 10.0
