@@ -223,9 +223,9 @@ def _from_delay(delay: float, value: Array, rows: Array) -> tuple[Array, Array]:
 
 def _pose_measurement(errors: Array, twist: Array) -> tuple[Array, Array]:
     """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late."""
-    mean = np.mean(errors[:-1], axis=0)
+    mean = _total(errors[:-1]) / (len(errors) - 1)
     rows = _state_rows(mean)
-    rows[..., DELAY] = np.mean(twist, axis=0)[..., _ANGULAR_FIRST]
+    rows[..., DELAY] = _total(twist)[..., _ANGULAR_FIRST] / len(twist)
     return -mean[..., -1], rows
 
 
@@ -241,12 +241,12 @@ def _twist_measurement(
     model: Array = prediction.by_pose_error[..., _ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
     model[..., -1] += prediction.twist[..., _ANGULAR_FIRST] - gain @ parameters
-    mean = np.sum(weight[..., None] * model, axis=0)
+    mean = _total(weight[..., None] * model)
     rows = _state_rows(mean)
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(prediction.twist[..., 3:], prediction.twist[..., :3])
-    rows[..., DELAY] = np.sum(weight * np.concatenate((slope[..., 3:], linear), axis=-1), axis=0)
-    return np.sum(weight * middle.base_twist[..., _ANGULAR_FIRST], axis=0) - mean[..., -1], rows
+    rows[..., DELAY] = _total(weight * np.concatenate((slope[..., 3:], linear), axis=-1))
+    return _total(weight * middle.base_twist[..., _ANGULAR_FIRST]) - mean[..., -1], rows
 
 
 def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Array:
@@ -257,6 +257,11 @@ def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Arra
     white = count * np.sum(weight**2) / stack.samples
     telescoped = count * np.sum(np.diff(np.pad(weight, 1)) ** 2) / stack.windows[0].spacing ** 2
     return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
+
+
+def _total(values: Array) -> Array:
+    """Return the sum along the intervals, one after the other: numpy chooses another order for other layouts."""
+    return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
 
 
 def _weights(count: int) -> Array:

@@ -109,6 +109,11 @@ class TrajectoryEstimator:
         coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
         return [self._estimates(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
 
+    def work_off(self) -> None:
+        """Do a part of what is to be done before the next window, if anything."""
+        if self._tracker is not None:
+            self._tracker.work_off()
+
     def _take(self, windows: list[Samples], origin: Array) -> list[_Taken]:
         """Return what windows add to the chain; what is said of each has to wait for its turn."""
         length, count = self._settings.window, self._nodes_a_window
@@ -131,9 +136,7 @@ class TrajectoryEstimator:
         estimate = self._estimate(tracker, taken, time, origin + round(time * 1e9))
         return estimate.after_thrust(window.impulse[-1])
 
-    def _collect(
-        self, number: int, nodes: Nodes | None, noise_now: WindowNoise
-    ) -> tuple[Window | None, Window | None]:
+    def _collect(self, number: int, nodes: Nodes | None, noise_now: WindowNoise) -> tuple[Window | None, Window | None]:
         """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
         linked = nodes is not None and bool(self._sequence) and number == self._number + 1
         if nodes is None or not linked or (self._sequence[-1].empty[-1] and nodes.empty[0]):
@@ -196,7 +199,8 @@ class TrajectoryEstimator:
 
     def _estimate(self, tracker: Tracker, taken: _Taken, time: float, stamp: int) -> Estimate:
         if not tracker.started and taken.moved:
-            warning = f'collecting the first {self._settings.start} windows'
+            done = 'looking for a start in' if tracker.searching else 'collecting'
+            warning = f'{done} the first {self._settings.start} windows'
             return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
         if not tracker.started:
             warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'

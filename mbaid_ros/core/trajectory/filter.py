@@ -173,7 +173,7 @@ def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
     gather, spread = coordinates.gather, coordinates.spread
     # The whole state's transition is that of the pose error beside 1: 1 + turn (transition - (1, 0)) spread.
     turn = gather[:, _POSE]
-    change = windows.transition - np.eye(*windows.transition.shape[-2:])
+    change = windows.transition - np.eye(6, len(spread))
     transition = np.eye(len(gather)) + turn @ (change @ spread)
     drift, process = (turn @ windows.drift[..., None])[..., 0], turn @ windows.process
     steps = []

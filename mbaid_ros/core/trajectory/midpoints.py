@@ -57,9 +57,7 @@ class Midpoints:
     def flat(self) -> Midpoints:
         """The intervals of several windows, one after the other along one axis."""
         intervals = self.turn[..., 0].shape
-        return Midpoints(
-            *(values.reshape(-1, *values.shape[len(intervals) :]) for values in vars(self).values())
-        )
+        return Midpoints(*(values.reshape(-1, *values.shape[len(intervals) :]) for values in vars(self).values()))
 
 
 def midpoints(nodes: Nodes, spacing: float) -> Midpoints:

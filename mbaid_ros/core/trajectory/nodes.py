@@ -76,7 +76,9 @@ def average(window: Samples, start: float, spacing: float, count: int, origin: A
     return averages([window], np.array([start]), spacing, count, origin)[0]
 
 
-def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> list[Nodes | None]:
+def averages(
+    windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array
+) -> list[Nodes | None]:
     """Return the nodes of W windows, None for one in which two nodes in a row have no sample.
 
     Parameters
@@ -105,8 +107,8 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     time = mean(samples.time)
     middle = samples.base_rotation[np.minimum(first + sizes // 2, len(samples) - 1)]
     turns = log(samples.base_rotation @ np.swapaxes(middle[number], 1, 2))
-    moving = (samples.joint_position, samples.base_position - origin)
-    moving += (samples.base_linear_velocity, samples.base_angular_velocity, _about(samples.impulse, origin))
+    moving = [samples.joint_position, samples.base_position - origin]
+    moving += [samples.base_linear_velocity, samples.base_angular_velocity, _about(samples.impulse, origin)]
     joints = samples.joint_position.shape[1]
     means = mean(np.concatenate(moving, axis=1))
     nodes = Nodes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,24 +11,23 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point
-from mbaid_ros.core.trajectory.filter import Coordinates, Walk
+from mbaid_ros.core.trajectory.filter import Coordinates, Step, Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
 from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, far_better, follow, levelled
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _PASSES = 12
 _SETTLED = 0.1  # standard deviations
+# The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest.
+_GUESSED_MASSES, _GUESSED_RADIUS = (0.1, 0.3, 1.0), 0.25
 _SAME = 1.0  # standard deviations, below which a guess has led to a result that is known
-# The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
-# third lies between the first two, and is of use where these lead apart.
-_GUESSED_MASSES, _GUESSED_RADIUS = (0.1, 1.0, 0.3), 0.25
 _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start counts
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _MASS = BODY.start - PARAMETERS.start
 _PART = 10  # windows passed over at a time
-_LINEARISED = 2  # work of linearising a window, where that of one step of the filter is 1
+_LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
 
 @dataclass(frozen=True)
@@ -53,13 +52,15 @@ class _Result:
 
     Attributes
     ----------
-    point : where to linearise
-    track : the hypothesis that was followed, in the last pass
+    point : the solution of the last pass
+    passed : what that pass was over
+    track : the hypothesis that was followed in it
     deviation : standard deviations of the parameters
     settled : whether that pass moved them by next to nothing
     """
 
     point: Point
+    passed: _Pass
     track: Track
     deviation: Array
     settled: bool
@@ -90,8 +91,16 @@ class _Result:
         return as_good and not self.near(other.point, _APART)
 
 
-# What is done bit by bit: it yields how much work each bit was, in steps of the filter.
-Search = Generator[int, None, Found]
+@dataclass(frozen=True)
+class _Pass:
+    """Windows in order with their steps, all linearised at one point."""
+
+    point: Point
+    steps: list[tuple[Window, Step]]
+
+
+# What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
+Search = Iterator[int | Found]
 
 
 @dataclass(frozen=True)
@@ -111,44 +120,55 @@ class Start:
     linearised: Linearised
     walks: tuple[Walk, ...]
 
-    def search(self, windows: Sequence[Window], point: Point | None) -> Search:
+    def search(self, windows: list[Window], point: Point | None) -> Search:
         """Linearise windows ever nearer to what they say, from a point; from the guesses where that leads nowhere.
 
         Parameters
         ----------
-        windows : in order
+        windows : in order; those that are added while the search goes on are only followed
         point : found earlier; None where there is none
         """
-        first = self.walks[0]
-        parts = [windows[k : k + _PART] for k in range(0, len(windows), _PART)]
-        stacks = [stacked(part) for part in parts]
-        results: list[_Result] = []
-        if point is not None and not _massless(point.parameters):
-            results.append((yield from self._repeat(stacks, point, first)))
-        if not results or not results[0].sound:
-            results += yield from self._from_guesses(stacks)
+        first, *others = self.walks
+        count = len(windows)
+        stacks = [stacked(windows[k : min(k + _PART, count)]) for k in range(0, count, _PART)]
+        results = yield from self._from([] if point is None else [point], stacks)
+        if not any(result.sound for result in results):
+            results += yield from self._from(self._guesses(), stacks)
         result = max(results, key=lambda each: each.merit)
         settled = result.certain and not any(result.rivals(other) for other in results)
-        tracks = yield from self._pass(stacks, result.point, self.walks)
-        leading = best(tracks)
-        if leading.walk is first:
-            return Found(tracks, result.point, settled)
-        # At another hypothesis's own solution it must still be the better one; else its lead was the linearisation's.
-        other = yield from self._repeat(stacks, result.point, leading.walk)
-        if other.certain and far_better(other.track, result.track):
-            tracks = yield from self._pass(stacks, other.point, self.walks)
-            return Found(tracks, other.point, settled=True)
-        return Found(levelled(tracks), result.point, settled)
+        passed, tracks = result.passed, [result.track]
+        for walk in others:
+            track = yield from self._follow(passed, self._fresh(walk))
+            tracks.append(track)
+        leading = best(tracks).walk
+        if leading is not first:
+            # At its own solution another hypothesis must still be the better one; else its lead was the
+            # linearisation's.
+            other = yield from self._repeat(stacks, result.point, leading)
+            if other.certain and far_better(other.track, result.track):
+                passed, settled = other.passed, True
+                for place, walk in enumerate(self.walks):
+                    tracks[place] = yield from self._follow(passed, self._fresh(walk))
+            else:
+                tracks = levelled(tracks)
+        while count < len(windows):
+            more = windows[count : count + _PART]
+            passed = yield from self._pass([stacked(more)], passed.point)
+            count += len(more)
+            for place, track in enumerate(tracks):
+                tracks[place] = yield from self._follow(passed, track)
+        yield Found(tuple(tracks), passed.point, settled)
 
-    def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
-        """Return what the guesses lead to, without the later ones once two have come to the same point."""
+    def _from(self, points: Sequence[Point], stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
+        """Return what points lead to, each result once."""
         results: list[_Result] = []
-        for guess in self._guesses():
+        for point in points:
+            if _massless(point.parameters):
+                continue
             known = [result for result in results if result.certain]
-            result = yield from self._repeat(stacks, guess, self.walks[0], known)
-            if result in known:
-                break
-            results.append(result)
+            result = yield from self._repeat(stacks, point, self.walks[0], known)
+            if result not in known:
+                results.append(result)
         return results
 
     def _repeat(
@@ -156,7 +176,8 @@ class Start:
     ) -> Generator[int, None, _Result]:
         """Pass over the windows until they move the point no more, at most a dozen times, or to a known result."""
         for _ in range(_PASSES):
-            (track,) = yield from self._pass(stacks, point, (walk,))
+            passed = yield from self._pass(stacks, point)
+            track = yield from self._follow(passed, self._fresh(walk))
             mean, every_deviation = self.variables.moments(track.belief)
             deviation = every_deviation[PARAMETERS]
             step = mean[PARAMETERS] - point.parameters
@@ -167,23 +188,28 @@ class Start:
                 if result.near(point, _SAME):
                     return result
             if np.all(np.abs(step) < _SETTLED * deviation):
-                return _Result(point, track, deviation, settled=True)
-        return _Result(point, track, deviation, settled=False)
+                return _Result(point, passed, track, deviation, settled=True)
+        return _Result(point, passed, track, deviation, settled=False)
 
-    def _pass(
-        self, stacks: list[list[Stack]], point: Point, walks: tuple[Walk, ...]
-    ) -> Generator[int, None, tuple[Track, ...]]:
-        """Follow hypotheses over all windows, linearised at one point."""
-        tracks = [Track(walk, self.variables.open(force=walk.force != 'none')) for walk in walks]
+    def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
+        """Linearise all windows at one point."""
+        steps: list[tuple[Window, Step]] = []
         for part in stacks:
-            steps = self.linearised.steps(part, point)
-            yield _LINEARISED * len(steps)
-            for place, track in enumerate(tracks):
-                for window, step in steps:
-                    track = follow(track, window, step, self.variables)  # noqa: PLW2901
-                tracks[place] = track
-                yield len(steps)
-        return tuple(tracks)
+            more = self.linearised.steps(part, point)
+            yield _LINEARISED * len(more)
+            steps += more
+        return _Pass(point, steps)
+
+    def _fresh(self, walk: Walk) -> Track:
+        """Return a hypothesis before the first window."""
+        return Track(walk, self.variables.open(force=walk.force != 'none'))
+
+    def _follow(self, passed: _Pass, track: Track) -> Generator[int, None, Track]:
+        """Follow a hypothesis over windows."""
+        for window, step in passed.steps:
+            track = follow(track, window, step, self.variables)
+            yield 1
+        return track
 
     def _guesses(self) -> list[Point]:
         """Return the parameters of balls of some parts of the known mass, without momentum."""

@@ -19,7 +19,9 @@ from mbaid_ros.core.trajectory.windows import Window
 LARGEST_SURPRISE = 1.5
 _GROWTH = 1.5  # of a young run, until all of it is linearised again
 _RETRY = 2  # windows after which a start that has not settled is tried again
-_WORK = 100  # steps of the filter that a window's share of a search comes to, more or less
+# Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
+_SHARE, _FIRST_SHARE = 300, 1200
+_PART = 300  # of these, done at a time
 _HELD = 1.0  # standard deviations the estimate may be away from where windows are linearised
 
 
@@ -56,6 +58,7 @@ class Tracker:
         self._start = Start(kernel, variables, self._linearised, walks)
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
+        self._owed = 0  # steps of the filter that the search has to take before the next window
         self._tracks: tuple[Track, ...] = ()
         self._latest: tuple[Track, ...] = ()  # with the window that is still open
         self._search: Search | None = None  # that is under way
@@ -68,6 +71,11 @@ class Tracker:
     def started(self) -> bool:
         """Whether there is a state."""
         return bool(self._latest)
+
+    @property
+    def searching(self) -> bool:
+        """Whether a search is under way."""
+        return self._search is not None
 
     @property
     def best(self) -> Track:
@@ -91,6 +99,8 @@ class Tracker:
         still_open : the window after it, without its later neighbours
         moved : whether a joint has moved so far; before, no start is looked for
         """
+        while self._owed > 0:
+            self.work_off()
         if ready is not None and self._young is not None:
             self._young.append(ready)
             if self._search is None:
@@ -101,39 +111,40 @@ class Tracker:
         if ready is not None and self._tracks:
             self._tracks = self._step(self._tracks, ready)
         if self._search is not None:
-            self._go_on(self._search)
+            self._owed = _SHARE if self.settled else _FIRST_SHARE
         self._latest = self._tracks
         if still_open is not None and self._tracks:
             self._latest = self._step((best(self._tracks),), still_open)
+
+    def work_off(self) -> None:
+        """Do a part of what the search has to do before the next window, if anything."""
+        done = 0
+        while self._search is not None and done < min(self._owed, _PART):
+            work = next(self._search)
+            if isinstance(work, Found):
+                self._take_over(work)
+            else:
+                done += work
+        self._owed = max(self._owed - done, 0) if self._search is not None else 0
 
     def _begin(self, young: list[Window], *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
         if moved and len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(tuple(young), Point.of(self._mean()) if self.settled else None)
+            self._search = self._start.search(young, Point.of(self._mean()) if self.settled else None)
         elif len(young) > self._kept:
             self._young = young[len(young) // 2 :]
-
-    def _go_on(self, search: Search) -> None:
-        """Search on, as far as one window's share of the work goes, and take over what has been found."""
-        work = 0
-        while work < _WORK:
-            try:
-                work += next(search)
-            except StopIteration as end:
-                self._take_over(end.value)
-                return
 
     def _take_over(self, found: Found) -> None:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         self._search, young = None, self._young or []
-        self._point, self._tracks, self.settled = found.point, found.tracks, found.settled
-        belief = best(self._tracks).belief
-        for window in young[self._searched :]:
-            self._tracks = self._step(self._tracks, window)
+        anew = not self.settled
+        self._tracks, self._point, self.settled = found.tracks, found.point, found.settled
         self._next_pass = self._after(self._searched)
-        if self._next_pass <= self._kept:
+        # A start is confirmed once before it counts, however late it was found.
+        if self._next_pass <= self._kept or (anew and self.settled):
             return
+        belief = best(self._tracks).belief
         if self.settled and belief.surprise < LARGEST_SURPRISE * belief.measured:
             self._young = None
         else:

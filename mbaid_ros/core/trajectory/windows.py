@@ -1,4 +1,4 @@
-"""Windows of nodes, with the neighbours that their formulas need, and stacks of windows that are worked through at once.
+"""Windows of nodes, with the neighbours that their formulas need, and stacks of windows worked through at once.
 
 What a window leads to does not depend on the stack it is in, to the last bit: products are made one window at a time,
 sums run along the nodes.
