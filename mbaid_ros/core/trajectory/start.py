@@ -18,8 +18,9 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _PASSES = 12
 _SETTLED = 0.1  # standard deviations
-# The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest.
-_GUESSED_MASSES, _GUESSED_RADIUS = (0.1, 0.3, 1.0), 0.25
+# The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
+# size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
+_GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
 _SAME = 1.0  # standard deviations, below which a guess has led to a result that is known
 _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start counts
 _APART = 3.0  # standard deviations, from which two starts have come to different points
@@ -214,7 +215,8 @@ class Start:
     def _guesses(self) -> list[Point]:
         """Return the parameters of balls of some parts of the known mass, without momentum."""
         known = self.kernel.known
-        length = float(np.sum(np.linalg.norm(self.kernel.model.positions, axis=1)))
+        lengths = np.linalg.norm(self.kernel.model.positions, axis=1)
+        length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for part in _GUESSED_MASSES:
             mass = part * float(np.sum(known[:, 0]))
