@@ -9,17 +9,17 @@ by side along a second axis, which the shapes below leave out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log
-from mbaid_ros.core.trajectory.nodes import Integers, Nodes
+from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.trajectory.nodes import Nodes
 
 
 @dataclass(frozen=True)
-class Midpoints:
+class Midpoints(Stacked):
     """The motion midway between J nodes (J - 1 intervals), and what was measured from one node to the next.
 
     Attributes
@@ -39,19 +39,6 @@ class Midpoints:
     turn: Array
     step: Array
     impulse: Array
-
-    def __len__(self) -> int:
-        """Return the number of intervals."""
-        return len(self.turn)
-
-    def __getitem__(self, index: slice | Integers) -> Midpoints:
-        """Return some of the intervals."""
-        return Midpoints(*(values[index] for values in vars(self).values()))
-
-    @staticmethod
-    def concatenate(parts: Sequence[Midpoints]) -> Midpoints:
-        """Return the parts' intervals, joined in order."""
-        return Midpoints(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
     @property
     def flat(self) -> Midpoints:

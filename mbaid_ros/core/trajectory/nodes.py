@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, log
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.stacked import Stacked
 
 Integers = npt.NDArray[np.int64]
 
@@ -25,7 +26,7 @@ _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) /
 
 
 @dataclass(frozen=True)
-class Nodes:
+class Nodes(Stacked):
     """J consecutive nodes, equally spaced; all NaN where one has no sample.
 
     Attributes
@@ -47,23 +48,10 @@ class Nodes:
     offset: Array
     impulse: Array
 
-    def __len__(self) -> int:
-        """Return the number of nodes."""
-        return len(self.spread)
-
     @property
     def empty(self) -> Flags:
         """Which nodes have no sample, (J,)."""
         return np.isnan(self.spread)
-
-    def __getitem__(self, index: slice) -> Nodes:
-        """Return a slice of the nodes."""
-        return Nodes(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    @staticmethod
-    def concatenate(parts: list[Nodes]) -> Nodes:
-        """Return the parts' nodes, joined in order."""
-        return Nodes(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Nodes)))
 
     @staticmethod
     def stack(parts: list[Nodes]) -> Nodes:

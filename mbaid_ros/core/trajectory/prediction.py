@@ -16,11 +16,12 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
+from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.midpoints import Midpoints
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Stacked):
     """The predicted twist (v, w) of the base at N instants, odometry axes.
 
     Attributes
@@ -33,10 +34,6 @@ class Prediction:
     twist: Array
     by_parameters: Array
     by_pose_error: Array
-
-    def __getitem__(self, index: slice) -> Prediction:
-        """Return some of the instants."""
-        return Prediction(*(values[index] for values in vars(self).values()))
 
     def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
         """Return parts of the instants, each laid out along several axes instead of one."""
