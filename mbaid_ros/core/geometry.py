@@ -16,6 +16,9 @@ _COLUMNS = np.array([0, 1, 2, 1, 2, 2])
 # Cyclic neighbours of the three axes, and the number of elements up to which a batch is short.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _SHORT = 1500
+_IDENTITY = np.eye(3)
+_TINY = 1e-300  # instead of 0 in a denominator
+_COSINE_OF_LARGE = -0.4  # of an angle of two radians
 
 
 def skew(vector: Array) -> Array:
@@ -100,16 +103,19 @@ def exp(rotation_vector: Array) -> Array:
     -------
     (..., 3, 3) array
     """
-    angle = np.sqrt(np.sum(rotation_vector**2, axis=-1))
-    sine = np.sinc(angle / np.pi)
-    versine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    half = np.maximum(0.5 * np.sqrt(np.sum(rotation_vector**2, axis=-1))[..., None, None], _TINY)
+    # With s = sin(a / 2) / (a / 2): sin(a) / a = s cos(a / 2), (1 - cos(a)) / a^2 = s^2 / 2.
+    sine = np.sin(half) / half
     generator = skew(rotation_vector)
     square = np.matmul(generator, generator)
-    return np.eye(3) + sine[..., None, None] * generator + versine[..., None, None] * square
+    return _IDENTITY + sine * np.cos(half) * generator + 0.5 * sine**2 * square
 
 
 def log(rotation: Array) -> Array:
-    """Return the rotation vector of a rotation matrix, by way of its quaternion (well conditioned at every angle).
+    """Return the rotation vector of a rotation matrix, well conditioned at every angle.
+
+    Up to two radians from the antisymmetric part, which is its axis times the angle's sine; beyond, where that fades,
+    by way of the quaternion.
 
     Parameters
     ----------
@@ -119,14 +125,26 @@ def log(rotation: Array) -> Array:
     -------
     (..., 3) array, rad, of length at most pi
     """
+    axial = 0.5 * (rotation[..., _LAST, _NEXT] - rotation[..., _NEXT, _LAST])
+    sine = np.sqrt(np.sum(axial**2, axis=-1))
+    cosine = 0.5 * (rotation[..., 0, 0] + rotation[..., 1, 1] + rotation[..., 2, 2] - 1.0)
+    # At angle zero the ratio angle / sine tends to 1.
+    ratio = np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, _TINY), 1.0)
+    vector = np.asarray(ratio[..., None] * axial)
+    large = cosine < _COSINE_OF_LARGE
+    if np.any(large):
+        vector[large] = _log_of_large(rotation[large])
+    return vector
+
+
+def _log_of_large(rotation: Array) -> Array:
+    """Return the rotation vectors of (N, 3, 3) turns by large angles."""
     quaternion = quaternion_from_rotation(rotation)
     quaternion = np.where(quaternion[..., 3:] < 0.0, -quaternion, quaternion)
     imaginary = quaternion[..., :3]
     length = np.sqrt(np.sum(imaginary**2, axis=-1))
     angle = 2.0 * np.arctan2(length, quaternion[..., 3])
-    # At angle zero the ratio angle / sin(angle / 2) tends to 2.
-    ratio = np.where(length > 1e-12, angle / np.maximum(length, 1e-300), 2.0)
-    return ratio[..., None] * imaginary
+    return (angle / length)[..., None] * imaginary
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -43,6 +43,18 @@ class Estimator(Protocol):
         windows : list of Samples
         origin : ns, stamp at time 0
         """
+        ...
+
+
+@runtime_checkable
+class Deferring(Protocol):
+    """A method that puts work off which no estimate has to wait for: the next `update` does what is left of it.
+
+    When it is done makes no difference to the numbers.
+    """
+
+    def work_off(self) -> None:
+        """Do a part of it, if there is any."""
         ...
 
 
@@ -104,6 +116,9 @@ class Identifier:
         self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
         closed = self._prepared(self._windows.push(samples))
         if not closed:
+            # Between windows there is time.
+            if isinstance(self._estimator, Deferring):
+                self._estimator.work_off()
             return []
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates

@@ -19,7 +19,7 @@ from benchmarks.data import Case, kernel
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.nodes import Midpoints
+from mbaid_ros.core.trajectory.midpoints import Midpoints
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 
 _STRIDE = 4  # samples from node to node

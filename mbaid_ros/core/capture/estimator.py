@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.identifier import Deferring, Estimator
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -155,6 +155,11 @@ class CaptureEstimator:
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
         return [*made, *map(self._with_doubts, found)]
+
+    def work_off(self) -> None:
+        """Let the method do a part of what it has put off, if it puts anything off."""
+        if isinstance(self._after, Deferring):
+            self._after.work_off()
 
     def capture(self, body: Array | None) -> Capture | None:
         """Return what the capture tells, None while there was none.

@@ -40,21 +40,8 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
     kernel : MomentumKernel
     states : BodyStates of N samples
     """
-    kinematics = kernel.kinematics
-    ancestors = kinematics.ancestors  # (bodies, joints)
+    members, owner, twists = _moving(kernel, states)
     joint_twist = states.configuration.joint_twist
-    joints = joint_twist.shape[1]
-    # Composite bodies: everything that joint j moves, and (last) the whole robot.
-    members = np.concatenate((ancestors.T, np.ones((1, joints + 1))))
-    # q_j turns its subtree, but the carrier's velocity is held: S_j x* h - I (S_j x V_j), V_j of the child.
-    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
-    unit = _base_twists(states.configuration.rotation[:, 0])
-    twists = np.concatenate((carried, joint_twist, unit), axis=1)  # (N, 2 n + 6, 6)
-    owner = np.concatenate((np.arange(joints), np.arange(joints), np.full(6, joints)))
-
-    composite = members @ states.known
-    momenta = members @ momentum(states.known, states.body_twist)  # of what the joints move, and of the whole
-    known = _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
     parts = []
     for link in kernel.unknown:
         moves = members[:, link.body]  # 1 where the joint moves the link
@@ -62,7 +49,34 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
         part = regressor(rotation[:, None], position[:, None], twists) * moves[owner, None, None]
         own = np.swapaxes(states.regressor_of(link), 1, 2)[:, :, None] * moves[:, None]  # (N, 10, n + 1, 6)
         parts.append(_assembled(joint_twist, np.moveaxis(part, -1, 1), own))
-    return Sensitivity(known, np.concatenate(parts, axis=-1))
+    return Sensitivity(sensitivity_of_known(kernel, states), np.concatenate(parts, axis=-1))
+
+
+def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
+    """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
+    members, owner, twists = _moving(kernel, states)
+    composite = members @ states.known
+    momenta = members @ momentum(states.known, states.body_twist)  # of what the joints move, and of the whole
+    joint_twist = states.configuration.joint_twist
+    return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
+
+
+def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
+    """Return which bodies each joint moves, and (last) the base, (n + 1, n + 1); whose twists follow; these twists.
+
+    The (N, 2 n + 6, 6) twists are those of the joints' children that their turning changes, the joints' own and the
+    base's unit twists.
+    """
+    ancestors = kernel.kinematics.ancestors  # (bodies, joints)
+    joint_twist = states.configuration.joint_twist
+    joints = joint_twist.shape[1]
+    # Composite bodies: everything that joint j moves, and (last) the whole robot.
+    members = np.concatenate((ancestors.T, np.ones((1, joints + 1))))
+    # q_j turns its subtree, but the carrier's velocity is held: S_j x* h - I (S_j x V_j), V_j of the child.
+    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
+    unit = _base_twists(states.configuration.rotation[:, 0])
+    owner = np.concatenate((np.arange(joints), np.arange(joints), np.full(6, joints)))
+    return members, owner, np.concatenate((carried, joint_twist, unit), axis=1)
 
 
 def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:

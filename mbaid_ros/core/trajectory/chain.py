@@ -17,8 +17,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.nodes import Midpoints, Window, WindowNoise
+from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
+from mbaid_ros.core.trajectory.nodes import Integers
 from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
+from mbaid_ros.core.trajectory.windows import Stack, Window
 
 LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
 PARAMETERS = slice(6, -7)  # all that enters the prediction
@@ -51,13 +53,15 @@ class Point:
 class WindowModel:
     """A window, linear in the state x at its first node: measurements, and the way to the next window.
 
+    Models of several windows share one, with the windows along a first axis that the shapes below leave out.
+
     Attributes
     ----------
     pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
-    length : s
+    length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     """
 
@@ -70,169 +74,198 @@ class WindowModel:
     transition: Array
     drift: Array
     process: Array
-    length: float
+    length: Array
     rotation: Array
     position: Array
+
+    def __getitem__(self, index: int | Integers) -> WindowModel:
+        """Return the model of one of several windows, or of some."""
+        return WindowModel(*(part[index] for part in vars(self).values()))
+
+    @staticmethod
+    def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
+        """Return the models of several windows, joined in order."""
+        return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def window_model(kernel: MomentumKernel, window: Window, point: Point, uncertain: Sequence[int] = ()) -> WindowModel:
     """Return one window's model (see `window_models`)."""
-    return window_models(kernel, [window], point, uncertain)[0]
+    return window_models(kernel, [Stack((window,), (0,))], point, uncertain)[0]
 
 
 def window_models(
-    kernel: MomentumKernel, windows: Sequence[Window], point: Point, uncertain: Sequence[int] = ()
-) -> list[WindowModel]:
-    """Return the models of some windows, linearised at the same point.
+    kernel: MomentumKernel, stacks: Sequence[Stack], point: Point, uncertain: Sequence[int] = ()
+) -> WindowModel:
+    """Return the models of windows, linearised at the same point, in their order before they were stacked.
+
+    Below, arrays have a window's m intervals (or m + 1 nodes) first, and the B windows of a stack second.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    windows : their motion is predicted in one call
+    stacks : of windows of one shape each; their motion is predicted in one call
     point : windows that follow each other share its delay: a chain is as late as its joints
     uncertain : indices of the uncertain bodies
     """
-    parameters = point.parameters
-    motions = [window.motion(point.delay) for window in windows]
-    middle = Midpoints.concatenate(motions)
-    prediction = predict(kernel, middle, parameters, uncertain)
-    ends = np.cumsum([len(motion) for motion in motions])
-    parts = [slice(int(end) - len(motion), int(end)) for motion, end in zip(motions, ends, strict=True)]
+    motions = [stack.motion(point.delay) for stack in stacks]
+    whole = predict(kernel, Midpoints.concatenate([motion.flat for motion, _ in motions]), point.parameters, uncertain)
+    predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
     # The joints' noise is followed at a window's first, middle and last interval.
-    places = [part.start + window.places for window, part in zip(windows, parts, strict=True)]
-    chosen = np.concatenate(places)
-    exact = with_errors(kernel, parameters[16:], uncertain)
-    by_joints = joint_gains(exact, middle[chosen], prediction.twist[chosen], parameters[6:16])
-    by_rate, by_position = (gain[:, _ANGULAR_FIRST].reshape(len(windows), 3, 6, -1) for gain in by_joints)
-    return [
-        _model(window, motions[k][window.inside], prediction[part], (by_rate[k], by_position[k]), point)
-        for k, (window, part) in enumerate(zip(windows, parts, strict=True))
+    places = [inside.start + np.array([0, _count(inside) // 2, _count(inside) - 1]) for _, inside in motions]
+    gains = joint_gains(
+        with_errors(kernel, point.parameters[16:], uncertain),
+        Midpoints.concatenate([motion[place].flat for (motion, _), place in zip(motions, places, strict=True)]),
+        np.concatenate([each.twist[place].reshape(-1, 6) for each, place in zip(predictions, places, strict=True)]),
+        point.parameters[6:16],
+    )
+    ends = np.cumsum([3 * len(stack.windows) for stack in stacks])[:-1]
+    divided = zip(*(np.split(gain[:, _ANGULAR_FIRST], ends) for gain in gains), strict=True)
+    models = [
+        _models(stack, motion, prediction, gain, point)
+        for stack, motion, prediction, gain in zip(stacks, motions, predictions, divided, strict=True)
     ]
+    if len(stacks) == 1:
+        return models[0]
+    return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
 
 
-def _model(
-    window: Window, middle: Midpoints, predicted: Prediction, gains: tuple[Array, Array], point: Point
+def _count(inside: slice) -> int:
+    return int(inside.stop - inside.start)
+
+
+def _models(
+    stack: Stack, motion: tuple[Midpoints, slice], predicted: Prediction, gains: tuple[Array, Array], point: Point
 ) -> WindowModel:
-    """Return one window's model from its motion, prediction and gains (3, 6, n) of joint rates and positions."""
-    parameters = point.parameters
-    slope = np.gradient(predicted.twist, window.spacing, axis=0)
-    integral = _integral(predicted.twist, slope, window.spacing)[window.inside]
-    slope = slope[window.inside]
-    prediction = predicted[window.inside]
-    errors = _compose(*_chain_steps(prediction, integral, middle, window.spacing))
+    """Return a stack's models from motion, prediction and gains (3 B, 6, n) of joint rates and positions."""
+    around, inside = motion
+    parameters, spacing, count = point.parameters, stack.windows[0].spacing, _count(inside)
+    around_slope = gradient(predicted.twist) / spacing
+    integral = _integral(predicted.twist, around_slope, spacing)[inside]
+    middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
+    errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
-    by_rate, by_position = gains
+    by_rate, by_position = (gain.reshape(3, -1, *gain.shape[1:]) for gain in gains)
     # What joint noise leaves behind at position level: the turn of its own gain A, and what F makes of A dq.
-    length, centre = len(middle) * window.spacing, len(middle) // 2
-    turning = (by_rate[2] - by_rate[0]) / (length - window.spacing)
-    remainder = by_position[1] + _error_slope(prediction)[centre] @ by_rate[1] - turning
-    deviation = window.noise.joint_position * length / np.sqrt(window.noise.samples)
+    length = count * spacing
+    turning = (by_rate[2] - by_rate[0]) / (length - spacing)
+    remainder = by_position[1] + _error_slope(prediction)[count // 2] @ by_rate[1] - turning
+    deviation = np.sqrt(stack.joint_variance / stack.samples) * length
+    # An error dq of the joints moves the predicted pose by A dq; it does not accumulate.
+    of_joints = stack.joint_variance / stack.samples * (by_rate[1] @ np.swapaxes(by_rate[1], -1, -2))
     return WindowModel(
-        *_from_delay(point.delay, *_pose_measurement(errors, prediction.twist, by_rate[1], window.noise)),
-        *_from_delay(
-            point.delay, *_twist_measurement(errors, prediction, middle, by_rate[1], window, (parameters, slope))
-        ),
+        *_from_delay(point.delay, *_pose_measurement(errors, prediction.twist)),
+        stack.pose_covariance / stack.samples + of_joints,
+        *_from_delay(point.delay, *_twist_measurement(errors, prediction, middle, slope, parameters)),
+        _twist_covariance(stack, middle, of_joints),
         transition=_state_rows(errors[-1]),
-        drift=errors[-1][:, -1],
+        drift=errors[-1][..., -1],
         process=deviation * remainder,
-        length=length,
+        length=np.full(len(stack.windows), length),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
     )
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:
-    """Return (J, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
-    bend = np.concatenate((np.zeros((1, 6)), np.diff(twist, n=2, axis=0), np.zeros((1, 6))))
+    """Return the (m, B, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
+    change = twist[1:] - twist[:-1]
+    bend = np.zeros_like(twist)
+    bend[1:-1] = change[1:] - change[:-1]
     bend[0], bend[-1] = bend[1], bend[-2]
     integral = spacing * (twist + bend / 24.0)
-    integral[:, 3:] += spacing**3 / 12.0 * cross(slope[:, 3:], twist[:, 3:])
+    integral[..., 3:] += spacing**3 / 12.0 * cross(slope[..., 3:], twist[..., 3:])
     return integral
 
 
 def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
     """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
-    gain = np.empty((len(middle), 6, prediction.by_parameters.shape[-1] + 1))
-    gain[..., :-1] = spacing * prediction.by_parameters[:, _ANGULAR_FIRST]
-    surplus = integral[:, 3:] - middle.turn
-    gain[:, :3, -1] = surplus
-    gain[:, 3:, -1] = integral[:, :3] - middle.step
+    right = np.empty((*middle.turn.shape[:-1], 6, 6 + prediction.by_parameters.shape[-1] + 1))
+    right[..., 6:-1] = spacing * prediction.by_parameters[..., _ANGULAR_FIRST, :]
+    right[..., :3, -1] = integral[..., 3:] - middle.turn
+    right[..., 3:, -1] = integral[..., :3] - middle.step
     # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
     half = 0.5 * spacing * _error_slope(prediction)
-    solved = np.linalg.solve(np.eye(6) - half, np.concatenate((np.eye(6) + half, gain), axis=-1))
+    right[..., :6] = np.eye(6) + half
+    solved = np.linalg.solve(np.eye(6) - half, right)
     return solved[..., :6], solved[..., 6:]
 
 
 def _error_slope(prediction: Prediction) -> Array:
-    """Return F, the (J, 6, 6) rate of change of xi by xi."""
-    slope = prediction.by_pose_error[:, _ANGULAR_FIRST]
-    slope[:, 3:, :3] -= skew(prediction.twist[:, :3])  # the predicted velocity turns with the true base
+    """Return F, the (m, B, 6, 6) rate of change of xi by xi."""
+    slope = prediction.by_pose_error[..., _ANGULAR_FIRST, :]
+    slope[..., 3:, :3] -= skew(prediction.twist[..., :3])  # the predicted velocity turns with the true base
     return slope
 
 
 def _compose(transition: Array, gain: Array) -> Array:
-    """Return xi at every node, (m + 1, 6, 6 + u + 1): linear in (xi at the first node, parameters, 1)."""
-    count = len(transition)
-    errors = np.zeros((count + 1, 6, 6 + gain.shape[-1]))
-    errors[0, :, :6] = np.eye(6)
+    """Return xi at every node, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first node, parameters, 1)."""
+    count, windows = transition.shape[:2]
+    errors = np.zeros((count + 1, windows, 6, 6 + gain.shape[-1]))
+    errors[0, ..., :6] = np.eye(6)
     for index in range(count):
-        errors[index + 1] = transition[index] @ errors[index]
-        errors[index + 1, :, 6:] += gain[index]
+        np.matmul(transition[index], errors[index], out=errors[index + 1])
+        errors[index + 1, ..., 6:] += gain[index]
     return errors
 
 
 def _state_rows(errors: Array) -> Array:
     """Return the rows of the state of a composition: the column of the constant goes, force and delay come."""
-    rows = np.zeros((6, errors.shape[-1] + 6))
-    rows[:, : PARAMETERS.stop] = errors[:, :-1]
+    rows = np.zeros((*errors.shape[:-1], errors.shape[-1] + 6))
+    rows[..., : PARAMETERS.stop] = errors[..., :-1]
     return rows
 
 
-def _from_delay(delay: float, value: Array, rows: Array, covariance: Array) -> tuple[Array, Array, Array]:
+def _from_delay(delay: float, value: Array, rows: Array) -> tuple[Array, Array]:
     """Return a measurement, linear in how much later than `delay` the joints are, in absolute terms."""
-    return value + rows[:, DELAY] * delay, rows, covariance
+    return value + rows[..., DELAY] * delay, rows
 
 
-def _pose_measurement(errors: Array, twist: Array, by_rate: Array, noise: WindowNoise) -> tuple[Array, Array, Array]:
+def _pose_measurement(errors: Array, twist: Array) -> tuple[Array, Array]:
     """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late."""
-    mean = np.mean(errors[:-1], axis=0)
+    mean = _total(errors[:-1]) / (len(errors) - 1)
     rows = _state_rows(mean)
-    rows[:, DELAY] = np.mean(twist, axis=0)[_ANGULAR_FIRST]
-    # An error dq of the joints moves the predicted pose by A dq; it does not accumulate.
-    covariance = noise.pose / noise.samples + noise.joint_position**2 / noise.samples * by_rate @ by_rate.T
-    return -mean[:, -1], rows, covariance
+    rows[..., DELAY] = _total(twist)[..., _ANGULAR_FIRST] / len(twist)
+    return -mean[..., -1], rows
 
 
 def _twist_measurement(
-    errors: Array,
-    prediction: Prediction,
-    middle: Midpoints,
-    by_rate: Array,
-    window: Window,
-    point: tuple[Array, Array],
-) -> tuple[Array, Array, Array]:
+    errors: Array, prediction: Prediction, middle: Midpoints, slope: Array, parameters: Array
+) -> tuple[Array, Array]:
     """V_measured - V_predicted = F xi + G (parameters - linearisation) + tau (V' - w x V) + noise, weighted.
 
-    `point` holds the parameters of the linearisation and the slope V' there.
+    `parameters` are those of the linearisation, `slope` is V' there.
     """
-    count, noise = len(middle), window.noise
-    parameters, slope = point
-    place = (np.arange(count) + 0.5) / count * 2.0 - 1.0
-    weight = (1.0 - place**2) / np.sum(1.0 - place**2)
-    gain = prediction.by_parameters[:, _ANGULAR_FIRST]
-    model: Array = prediction.by_pose_error[:, _ANGULAR_FIRST] @ (0.5 * (errors[1:] + errors[:-1]))
+    weight = _weights(len(middle))[:, None, None]
+    gain = prediction.by_parameters[..., _ANGULAR_FIRST, :]
+    model: Array = prediction.by_pose_error[..., _ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
-    model[..., -1] += prediction.twist[:, _ANGULAR_FIRST] - gain @ parameters
-    model = np.tensordot(weight, model, axes=1)
-    value = weight @ middle.base_twist[:, _ANGULAR_FIRST] - model[:, -1]
-    axes = np.zeros((6, 6))
-    axes[:3, :3] = axes[3:, 3:] = middle.base_rotation[count // 2]
-    white = float(np.sum(weight**2)) * count / noise.samples
-    telescoped = float(np.sum(np.diff(np.pad(weight, 1)) ** 2)) * count / noise.samples / window.spacing**2
-    covariance = white * axes @ noise.twist @ axes.T + noise.joint_position**2 * telescoped * by_rate @ by_rate.T
-    rows = _state_rows(model)
+    model[..., -1] += prediction.twist[..., _ANGULAR_FIRST] - gain @ parameters
+    mean = _total(weight[..., None] * model)
+    rows = _state_rows(mean)
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
-    turning = np.concatenate((slope[:, 3:], slope[:, :3] - cross(prediction.twist[:, 3:], prediction.twist[:, :3])), 1)
-    rows[:, DELAY] = weight @ turning
-    return value, rows, covariance
+    linear = slope[..., :3] - cross(prediction.twist[..., 3:], prediction.twist[..., :3])
+    rows[..., DELAY] = _total(weight * np.concatenate((slope[..., 3:], linear), axis=-1))
+    return _total(weight * middle.base_twist[..., _ANGULAR_FIRST]) - mean[..., -1], rows
+
+
+def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Array:
+    """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes."""
+    count, weight = len(middle), _weights(len(middle))
+    axes = np.zeros_like(of_joints)
+    axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
+    white = count * np.sum(weight**2) / stack.samples
+    telescoped = count * np.sum(np.diff(np.pad(weight, 1)) ** 2) / stack.windows[0].spacing ** 2
+    return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
+
+
+def _total(values: Array) -> Array:
+    """Return the sum along the intervals, one after the other: numpy chooses another order for other layouts."""
+    return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
+
+
+def _weights(count: int) -> Array:
+    """Return the (m,) weights of a window's twists: a parabola that vanishes at its ends."""
+    place = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    parabola = 1.0 - place**2
+    return np.asarray(parabola / np.sum(parabola))

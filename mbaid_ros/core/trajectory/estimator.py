@@ -18,9 +18,10 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, bridged
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, averages, bridged
 from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Tracker
 from mbaid_ros.core.trajectory.tracks import Track
+from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 
 _NODE = 0.05  # s, wanted spacing of nodes
 _FEWEST_NODES = 5
@@ -29,6 +30,9 @@ _MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
 _NOTHING = 1e-6  # chance of a force that is none to be told of
+# From (linear, angular) to (angular, linear), and (body, momentum) of the state.
+_SWAP = np.array([3, 4, 5, 0, 1, 2])
+_ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
@@ -54,6 +58,19 @@ class TrajectorySettings:
     time_offset_std: float
     adapt: bool
     constant: Literal['none', 'inertial', 'body'] = 'none'
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """What a window adds: the one before with all its neighbours, itself without the later ones, if they are linked.
+
+    `moved` tells whether a joint has moved by more than its noise by then, `origin` is the run's.
+    """
+
+    ready: Window | None
+    still_open: Window | None
+    moved: bool
+    origin: Array
 
 
 class TrajectoryEstimator:
@@ -85,26 +102,42 @@ class TrajectoryEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
-        return [self._window(window, origin) for window in windows]
-
-    def _window(self, window: Samples, origin: int) -> Estimate:
         if self._origin is None:
-            self._origin = window.base_position[0].copy()
-            self._nodes_a_window = nodes_a_window(window, self._settings.window)
+            self._origin = windows[0].base_position[0].copy()
+            self._nodes_a_window = nodes_a_window(windows[0], self._settings.window)
+        taken = self._take(windows, self._origin)
+        coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
+        return [self._estimates(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
+
+    def work_off(self) -> None:
+        """Do a part of what is to be done before the next window, if anything."""
+        if self._tracker is not None:
+            self._tracker.work_off()
+
+    def _take(self, windows: list[Samples], origin: Array) -> list[_Taken]:
+        """Return what windows add to the chain; what is said of each has to wait for its turn."""
+        length, count = self._settings.window, self._nodes_a_window
+        numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
+        nodes = averages(windows, np.array(numbers) * length, length / count, count, origin)
+        taken = []
+        for number, window, own in zip(numbers, windows, nodes, strict=True):
+            ready, still_open = self._collect(number, own, window_noise(window, self._settings.noise))
+            moved = bool(np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position))
+            taken.append(_Taken(ready, still_open, moved, origin))
+        return taken
+
+    def _estimates(self, window: Samples, taken: _Taken, coming: list[Window], origin: int) -> Estimate:
         self._plane.update(window)
         self._samples += len(window)
-        ready, still_open = self._collect(window, self._origin)
         tracker = self._tracking()
-        tracker.take(ready, still_open, moved=self._moved)
+        tracker.expect(coming)
+        tracker.take(taken.ready, taken.still_open, moved=taken.moved)
         time = float(window.time[-1])
-        estimate = self._estimate(tracker, self._origin, time, origin + round(time * 1e9))
+        estimate = self._estimate(tracker, taken, time, origin + round(time * 1e9))
         return estimate.after_thrust(window.impulse[-1])
 
-    def _collect(self, window: Samples, origin: Array) -> tuple[Window | None, Window | None]:
+    def _collect(self, number: int, nodes: Nodes | None, noise_now: WindowNoise) -> tuple[Window | None, Window | None]:
         """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
-        number = int(np.floor((window.time[0] + 1e-9) / self._settings.window))
-        count = self._nodes_a_window
-        nodes = average(window, number * self._settings.window, self._settings.window / count, count, origin)
         linked = nodes is not None and bool(self._sequence) and number == self._number + 1
         if nodes is None or not linked or (self._sequence[-1].empty[-1] and nodes.empty[0]):
             self._sequence = []  # a gap: what comes next is linked to the past by momentum and body alone
@@ -114,7 +147,7 @@ class TrajectoryEstimator:
         self._lowest = np.minimum(self._lowest, np.nanmin(nodes.joint_position, axis=0))
         self._highest = np.maximum(self._highest, np.nanmax(nodes.joint_position, axis=0))
         self._sequence = [*self._sequence[-2:], nodes]
-        noise, self._noise = self._noise, window_noise(window, self._settings.noise)
+        noise, self._noise = self._noise, noise_now
         ready = None
         if len(self._sequence) > 1 and noise is not None:
             ready = self._linked(self._sequence[:-2], self._sequence[-2], nodes[:AFTER], noise)
@@ -136,11 +169,6 @@ class TrajectoryEstimator:
             start=number * self._settings.window,
             fresh=not earlier,
         )
-
-    @property
-    def _moved(self) -> bool:
-        """Whether a joint has moved by more than its noise."""
-        return bool(np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position))
 
     def _tracking(self) -> Tracker:
         """Return the filter; a new one where the motion has turned out spatial."""
@@ -169,9 +197,10 @@ class TrajectoryEstimator:
             Walk('the odometry position drifts', position=self._settings.noise.base_position),
         )
 
-    def _estimate(self, tracker: Tracker, origin: Array, time: float, stamp: int) -> Estimate:
-        if not tracker.started and self._moved:
-            warning = f'collecting the first {self._settings.start} windows'
+    def _estimate(self, tracker: Tracker, taken: _Taken, time: float, stamp: int) -> Estimate:
+        if not tracker.started and taken.moved:
+            done = 'looking for a start in' if tracker.searching else 'collecting'
+            warning = f'{done} the first {self._settings.start} windows'
             return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
         if not tracker.started:
             warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'
@@ -181,21 +210,20 @@ class TrajectoryEstimator:
             return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
         track = tracker.best
         mean, covariance = tracker.state()
-        order = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
         # More surprise than the noise explains widens the intervals.
         surprise = track.belief.surprise / max(track.belief.measured, 1)
-        ordered = covariance[np.ix_(order, order)] * max(1.0, surprise)
+        ordered = covariance[_ORDER[:, None], _ORDER] * max(1.0, surprise)
         solution = Solution(
-            x=mean[order],
+            x=mean[_ORDER],
             covariance=ordered,
             cautious_covariance=ordered,
             cost=track.belief.surprise,
             redundancy=track.belief.measured,
-            origin=origin,
+            origin=taken.origin,
             plane=self._plane.plane(self._kernel.target),
         )
         estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], origin)
+        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], taken.origin)
         estimate = replace(estimate, events=(*_force(track, mean[FORCE], covariance[FORCE, FORCE]), *jumps))
         if self._settings.time_offset_std > 0.0:
             deviation = float(np.sqrt(covariance[DELAY, DELAY]))
@@ -259,10 +287,9 @@ def nodes_a_window(window: Samples, length: float) -> int:
 
 def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
     """Return the noise of a window's means; a twist's covariance as given, whether or not it is measured."""
-    swap = np.array([3, 4, 5, 0, 1, 2])
     return WindowNoise(
         samples=len(window),
         joint_position=noise.joint_position,
-        pose=np.mean(window.pose_covariance, axis=0)[np.ix_(swap, swap)],
-        twist=np.mean(window.twist_covariance, axis=0)[np.ix_(swap, swap)],
+        pose=np.mean(window.pose_covariance, axis=0)[_SWAP[:, None], _SWAP],
+        twist=np.mean(window.twist_covariance, axis=0)[_SWAP[:, None], _SWAP],
     )

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dgeqrf, dtrtrs
 
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
@@ -43,21 +43,31 @@ class Coordinates:
         """Of the state when nothing has been measured, (s,)."""
         return np.asarray(np.sum(self.open_factor**2, axis=1))
 
-    @property
+    @cached_property
     def spread(self) -> Array:
         """The (s, v) matrix from variables to state."""
         return self.basis * self.scale
 
-    @property
+    @cached_property
     def gather(self) -> Array:
         """The (v, s) matrix from state to variables."""
         return self.basis.T / self.scale[:, None]
 
     def state(self, belief: Belief) -> tuple[Array, Array]:
         """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
-        spread = self.spread
+        factor = self.spread @ belief.factor
+        return self.spread @ belief.mean, factor @ factor.T + self._outside
+
+    @cached_property
+    def _outside(self) -> Array:
+        """The (s, s) covariance of what the variables leave out."""
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
-        return spread @ belief.mean, spread @ belief.covariance @ spread.T + (outside * self.open_variance) @ outside.T
+        return np.asarray((outside * self.open_variance) @ outside.T)
+
+    def moments(self, belief: Belief) -> tuple[Array, Array]:
+        """Return the mean (s,) and the standard deviations (s,) in SI units."""
+        variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
+        return self.spread @ belief.mean, np.sqrt(variance)
 
     def open(self, *, force: bool = False) -> Belief:
         """Return the belief before the first measurement, with or without a force that may act."""
@@ -103,7 +113,7 @@ class Belief:
     Attributes
     ----------
     mean : (v,)
-    factor : (v, v) of the covariance, which is factor factor^T
+    factor : (v, c) of the covariance, which is factor factor^T; c is v after an update, and more after a step
     surprise, measured : sum of the normalised innovations squared, and how many there were
     last_surprise, last_measured : the same of the last update
     evidence : log-likelihood of all measurements, up to a constant
@@ -146,50 +156,70 @@ class Step:
 
 
 def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
-    """Return a window's step of the filter."""
-    parts = [(window.pose_value, window.pose_rows, window.pose_covariance)]
-    if np.all(np.isfinite(window.twist_value)):
-        parts.append((window.twist_value, window.twist_rows, window.twist_covariance))
-    select, spread, gather = coordinates.measured, coordinates.spread, coordinates.gather
-    values, rows, log_noise = [], [], 0.0
-    for value, state_rows, covariance in parts:
-        factor = np.linalg.cholesky(select @ covariance @ select.T)
-        values.append(np.linalg.solve(factor, select @ value))
-        rows.append(np.linalg.solve(factor, select @ state_rows @ spread))
-        log_noise += 2.0 * float(np.sum(np.log(np.diag(factor))))
-    whole = np.eye(len(coordinates.basis))
-    whole[_POSE] = window.transition
+    """Return one window's step of the filter (see `prepared`)."""
+    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
+    return prepared(several, coordinates)[0]
+
+
+def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
+    """Return the steps of the filter for B windows."""
+    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, coordinates)
+    moving = np.flatnonzero(np.all(np.isfinite(windows.twist_value), axis=-1))
+    own = windows[moving]
+    twist = _whitened(own.twist_value, own.twist_rows, own.twist_covariance, coordinates)
+    measured = [[tuple(part[index] for part in pose)] for index in range(len(windows.drift))]
+    for place, index in enumerate(moving):
+        measured[index].append(tuple(part[place] for part in twist))
+    gather, spread = coordinates.gather, coordinates.spread
+    # The whole state's transition is that of the pose error beside 1: 1 + turn (transition - (1, 0)) spread.
     turn = gather[:, _POSE]
-    return Step(
-        value=np.concatenate(values),
-        rows=np.concatenate(rows),
-        log_noise=log_noise,
-        transition=gather @ whole @ spread,
-        drift=turn @ window.drift,
-        process=turn @ window.process,
-        window=window,
-    )
+    change = windows.transition - np.eye(6, len(spread))
+    transition = np.eye(len(gather)) + turn @ (change @ spread)
+    drift, process = (turn @ windows.drift[..., None])[..., 0], turn @ windows.process
+    steps = []
+    for index, parts in enumerate(measured):
+        value, rows, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
+        step = Step(
+            value=value,
+            rows=rows,
+            log_noise=2.0 * float(np.sum(np.log(deviation))),
+            transition=transition[index],
+            drift=drift[index],
+            process=process[index],
+            window=windows[index],
+        )
+        steps.append(step)
+    return steps
+
+
+def _whitened(value: Array, rows: Array, covariance: Array, coordinates: Coordinates) -> tuple[Array, Array, Array]:
+    """Return (B, k) values and (B, k, v) rows in units of their noise, and the diagonal of its Cholesky factor."""
+    select = coordinates.measured
+    factor = np.linalg.cholesky(select @ covariance @ select.T)
+    both = np.concatenate((select @ rows @ coordinates.spread, select @ value[..., None]), axis=-1)
+    white = np.linalg.solve(factor, both)
+    return white[..., -1], white[..., :-1], np.diagonal(factor, axis1=-2, axis2=-1)
 
 
 def update(belief: Belief, step: Step) -> Belief:
     """Return the belief after a window's measurements."""
     rows, factor = step.rows, belief.factor
-    count = len(rows)
+    (count, size), columns = rows.shape, factor.shape[1]
     # The square of `stacked` holds the covariances of measurements and state, prior to the update; that of its
     # triangular factor the same, ordered so that the state's last block is what the measurements leave of it.
-    stacked = np.zeros((count + len(factor), count + len(factor)))
-    stacked[: len(factor), :count] = (rows @ factor).T
-    stacked[: len(factor), count:] = factor.T
-    stacked[len(factor) :, :count] = np.eye(count)
-    triangle = np.asarray(np.linalg.qr(stacked, mode='r'))
+    stacked = np.zeros((columns + count, count + size), order='F')
+    stacked[:columns, :count] = (rows @ factor).T
+    stacked[:columns, count:] = factor.T
+    stacked[columns:, :count] = np.eye(count)
+    # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
+    triangle = dgeqrf(stacked, overwrite_a=True)[0]
     root = triangle[:count, :count]
-    innovation = step.value - rows @ belief.mean
-    normalised = solve_triangular(root, innovation, trans='T', check_finite=False)
+    normalised, _ = dtrtrs(root, step.value - rows @ belief.mean, trans=1)
     surprise = float(normalised @ normalised)
     likelihood = surprise + step.log_noise + 2.0 * float(np.sum(np.log(np.abs(np.diag(root)))))
     return Belief(
         mean=belief.mean + triangle[:count, count:].T @ normalised,
-        factor=triangle[count:, count:].T,
+        factor=np.triu(triangle[count : count + size, count:]).T,
         surprise=belief.surprise + surprise,
         measured=belief.measured + count,
         last_surprise=surprise,
@@ -199,17 +229,16 @@ def update(belief: Belief, step: Step) -> Belief:
 
 
 def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
-    """Return the belief at the next window's first node."""
+    """Return the belief at the next window's first node; its factor is made square again by the next update."""
     transition, noise = step.transition, [step.process]
-    gather, length = coordinates.gather, step.window.length
+    gather, length = coordinates.gather, float(step.window.length)
     if walk.force != 'none':
         push = length * _push(step.window, walk)
         transition = transition + gather[:, _MOMENTUM] @ push @ coordinates.spread[FORCE]
     if walk.drifts:
-        rates = np.zeros(len(coordinates.basis))
-        rates[:3], rates[3:6], rates[_MOMENTUM] = walk.orientation, walk.position, walk.momentum
-        noise.append(gather * (rates * np.sqrt(length)))
-    factor = _compressed(np.concatenate((transition @ belief.factor, *noise), axis=1))
+        rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
+        noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
+    factor = np.concatenate((transition @ belief.factor, *noise), axis=1)
     return replace(belief, mean=transition @ belief.mean + step.drift, factor=factor)
 
 
@@ -233,7 +262,7 @@ def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
     mean, factor = belief.mean.copy(), belief.factor.copy()
     mean[:poses] = factor[:poses] = 0.0
     start = coordinates.open().factor[:, :poses]
-    return replace(belief, mean=mean, factor=_compressed(np.concatenate((start, factor), axis=1)))
+    return replace(belief, mean=mean, factor=np.concatenate((start, factor), axis=1))
 
 
 def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:
@@ -252,7 +281,7 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     change[_POSE, :6] = 0.5 * step.window.transition[:, _MOMENTUM] * sizes
     change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
     moved = coordinates.gather @ change
-    return replace(belief, factor=_compressed(np.concatenate((belief.factor, moved), axis=1)))
+    return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
 
 
 def _compressed(columns: Array) -> Array:

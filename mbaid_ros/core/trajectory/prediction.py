@@ -7,7 +7,7 @@ M and the momentum b of the joint motion at a resting base, both linear in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.robot.sensitivity import sensitivity
-from mbaid_ros.core.trajectory.nodes import Midpoints
+from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
+from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.trajectory.midpoints import Midpoints
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Stacked):
     """The predicted twist (v, w) of the base at N instants, odometry axes.
 
     Attributes
@@ -34,9 +35,14 @@ class Prediction:
     by_parameters: Array
     by_pose_error: Array
 
-    def __getitem__(self, index: slice) -> Prediction:
-        """Return some of the instants."""
-        return Prediction(*(getattr(self, field.name)[index] for field in fields(self)))
+    def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
+        """Return parts of the instants, each laid out along several axes instead of one."""
+        ends = np.cumsum([np.prod(shape) for shape in shapes])
+        parts = [self[int(end - np.prod(shape)) : int(end)] for shape, end in zip(shapes, ends, strict=True)]
+        return [
+            Prediction(*(values.reshape(*shape, *values.shape[1:]) for values in vars(part).values()))
+            for part, shape in zip(parts, shapes, strict=True)
+        ]
 
 
 def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Prediction:
@@ -104,10 +110,12 @@ def joint_gains(kernel: MomentumKernel, middle: Midpoints, twist: Array, body: A
     -------
     (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
     """
+    # A target of which all is known is a known body.
+    change = np.zeros_like(kernel.known)
+    change[kernel.target.body] = express(body, kernel.target.rotation, kernel.target.position)
+    kernel = kernel.corrected(change)
     states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, twist)
-    derivative = sensitivity(kernel, states)
     joints = kernel.model.joints
-    by_joints = (derivative.known + derivative.target @ body)[..., : 2 * joints]
-    locked = inertia_matrix(np.sum(states.known, axis=1) + express(body, states.rotation, states.position))
-    gains = -np.linalg.solve(locked, by_joints)
+    by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
+    gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
     return gains[..., joints:], gains[..., :joints]

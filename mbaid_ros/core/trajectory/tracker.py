@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.chain import PARAMETERS, Point, WindowModel, window_models
-from mbaid_ros.core.trajectory.filter import Coordinates, Walk, prepare
-from mbaid_ros.core.trajectory.nodes import Window
-from mbaid_ros.core.trajectory.start import Start
+from mbaid_ros.core.trajectory.chain import PARAMETERS, Point
+from mbaid_ros.core.trajectory.filter import Coordinates, Walk
+from mbaid_ros.core.trajectory.linearised import Linearised
+from mbaid_ros.core.trajectory.start import Found, Search, Start
 from mbaid_ros.core.trajectory.tracks import Track, best, follow
+from mbaid_ros.core.trajectory.windows import Window
 
 # Mean normalised innovation squared from which the model is wrong rather than the run unlucky.
 LARGEST_SURPRISE = 1.5
 _GROWTH = 1.5  # of a young run, until all of it is linearised again
 _RETRY = 2  # windows after which a start that has not settled is tried again
+# Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
+_SHARE, _FIRST_SHARE = 300, 1200
+_PART = 300  # of these, done at a time
+_HELD = 1.0  # standard deviations the estimate may be away from where windows are linearised
 
 
 class Tracker:
@@ -46,15 +53,17 @@ class Tracker:
         walks: tuple[Walk, ...],
         pace: tuple[int, int],
     ) -> None:
-        self._kernel = kernel
         self._variables = variables
-        self._uncertain = uncertain
-        self._start = Start(kernel, variables, uncertain, walks)
+        self._linearised = Linearised(kernel, variables, uncertain)
+        self._start = Start(kernel, variables, self._linearised, walks)
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
+        self._owed = 0  # steps of the filter that the search has to take before the next window
         self._tracks: tuple[Track, ...] = ()
         self._latest: tuple[Track, ...] = ()  # with the window that is still open
-        self._delay = 0.0  # s, at which the windows so far are linearised
+        self._search: Search | None = None  # that is under way
+        self._searched = 0  # windows of the young run that it passes over
+        self._point = Point(np.zeros(0))  # at which windows are linearised at present
         self.planar = len(variables.measured) < 6
         self.settled = False
 
@@ -62,6 +71,11 @@ class Tracker:
     def started(self) -> bool:
         """Whether there is a state."""
         return bool(self._latest)
+
+    @property
+    def searching(self) -> bool:
+        """Whether a search is under way."""
+        return self._search is not None
 
     @property
     def best(self) -> Track:
@@ -72,6 +86,10 @@ class Tracker:
         """Return mean (s,) and covariance (s, s) of the latest state under the best hypothesis."""
         return self._variables.state(self.best.belief)
 
+    def expect(self, windows: Sequence[Window]) -> None:
+        """Take the windows that are going to come, in the order of their turn."""
+        self._linearised.expect(windows)
+
     def take(self, ready: Window | None, still_open: Window | None, *, moved: bool) -> None:
         """Take the next window into the run, and what the one after it tells already into the latest state only.
 
@@ -81,38 +99,57 @@ class Tracker:
         still_open : the window after it, without its later neighbours
         moved : whether a joint has moved so far; before, no start is looked for
         """
+        while self._owed > 0:
+            self.work_off()
         if ready is not None and self._young is not None:
             self._young.append(ready)
-            if moved and len(self._young) >= self._next_pass:
-                self._settle(self._young)
-                ready = None
-            elif len(self._young) > self._kept:
-                self._young = self._young[len(self._young) // 2 :]
+            if self._search is None:
+                self._begin(self._young, moved=moved)
+        if self._tracks:
+            # Once for both windows: a point one window old is as good.
+            self._point = self._held()
+        if ready is not None and self._tracks:
+            self._tracks = self._step(self._tracks, ready)
+        if self._search is not None:
+            self._owed = _SHARE if self.settled else _FIRST_SHARE
         self._latest = self._tracks
-        if not self._tracks:
-            return
-        # One call for both windows: a point one window old is as good.
-        windows = [window for window in (ready, still_open) if window is not None]
-        models = window_models(self._kernel, windows, self._point(), self._uncertain) if windows else []
-        if ready is not None:
-            self._tracks = self._latest = self._step(self._tracks, ready, models[0])
-        if still_open is not None:
-            self._latest = self._step((best(self._tracks),), still_open, models[-1])
+        if still_open is not None and self._tracks:
+            self._latest = self._step((best(self._tracks),), still_open)
 
-    def _settle(self, young: list[Window]) -> None:
-        """Linearise all of the young run again; from some length on it is grown up, and no window ever is again."""
-        start = self._start.settle(young, Point.of(self._mean()) if self.settled else None)
-        self._tracks, point, self.settled = start
-        self._delay = point.delay
-        self._next_pass = self._after(len(young))
-        if self._next_pass <= self._kept:
+    def work_off(self) -> None:
+        """Do a part of what the search has to do before the next window, if anything."""
+        done = 0
+        while self._search is not None and done < min(self._owed, _PART):
+            work = next(self._search)
+            if isinstance(work, Found):
+                self._take_over(work)
+            else:
+                done += work
+        self._owed = max(self._owed - done, 0) if self._search is not None else 0
+
+    def _begin(self, young: list[Window], *, moved: bool) -> None:
+        """Begin to linearise all of the young run again if it is time to."""
+        if moved and len(young) >= self._next_pass:
+            self._searched = len(young)
+            self._search = self._start.search(young, Point.of(self._mean()) if self.settled else None)
+        elif len(young) > self._kept:
+            self._young = young[len(young) // 2 :]
+
+    def _take_over(self, found: Found) -> None:
+        """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
+        self._search, young = None, self._young or []
+        anew = not self.settled
+        self._tracks, self._point, self.settled = found.tracks, found.point, found.settled
+        self._next_pass = self._after(self._searched)
+        # A start is confirmed once before it counts, however late it was found.
+        if self._next_pass <= self._kept or (anew and self.settled):
             return
         belief = best(self._tracks).belief
         if self.settled and belief.surprise < LARGEST_SURPRISE * belief.measured:
             self._young = None
         else:
             # Unsound: begin anew with the later half.
-            self._young = young[len(young) // 2 :]
+            self._young = young[self._searched // 2 :]
             self._next_pass = self._after(len(self._young))
 
     def _after(self, windows: int) -> int:
@@ -122,10 +159,15 @@ class Tracker:
     def _mean(self) -> Array:
         return self._variables.state(best(self._tracks).belief)[0]
 
-    def _point(self) -> Point:
-        """Return where to linearise what follows: at the delay of the windows before, which it has to be linked to."""
-        return Point(self._mean()[PARAMETERS], self._delay)
+    def _held(self) -> Point:
+        """Return the point at which windows are linearised, while the estimate stays near it; else, a new one."""
+        mean, deviation = self._variables.moments(best(self._tracks).belief)
+        away = np.abs(mean[PARAMETERS] - self._point.parameters)
+        if np.all(away <= _HELD * deviation[PARAMETERS]):
+            return self._point
+        # What follows has to be linked to the windows before: at their delay.
+        return Point(mean[PARAMETERS], self._point.delay)
 
-    def _step(self, tracks: tuple[Track, ...], window: Window, model: WindowModel) -> tuple[Track, ...]:
-        step = prepare(model, self._variables)
+    def _step(self, tracks: tuple[Track, ...], window: Window) -> tuple[Track, ...]:
+        step = self._linearised.step(window, self._point)
         return tuple(follow(track, window, step, self._variables) for track in tracks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -11,7 +12,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
 from mbaid_ros.core.trajectory.filter import Belief, Coordinates, Step, Walk, advance, jolted, unlinked, update
-from mbaid_ros.core.trajectory.nodes import Window
+from mbaid_ros.core.trajectory.windows import Window
 
 # How much better (log-likelihood) the data must be explained by another hypothesis than by the first.
 MARGIN = 10.0
@@ -69,7 +70,7 @@ def follow(track: Track, window: Window, step: Step, variables: Coordinates) -> 
     return Track(track.walk, belief, jumps, just_jumped=jumped)
 
 
-def best(tracks: tuple[Track, ...]) -> Track:
+def best(tracks: Sequence[Track]) -> Track:
     """Return the first track, unless another one explains the data far better."""
     first = tracks[0]
     other = max(tracks, key=lambda track: track.belief.evidence)
@@ -86,12 +87,10 @@ def far_better(other: Track, first: Track) -> bool:
     return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
 
 
-def levelled(tracks: tuple[Track, ...]) -> tuple[Track, ...]:
+def levelled(tracks: Sequence[Track]) -> list[Track]:
     """Return the tracks without any lead over the first."""
     most = tracks[0].belief.evidence
-    return tuple(
-        replace(track, belief=replace(track.belief, evidence=min(track.belief.evidence, most))) for track in tracks
-    )
+    return [replace(track, belief=replace(track.belief, evidence=min(track.belief.evidence, most))) for track in tracks]
 
 
 def _surprised(belief: Belief) -> bool:

@@ -15,8 +15,10 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, Point, WindowModel, window_model
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, Window, WindowNoise, average, midpoints
+from mbaid_ros.core.trajectory.midpoints import midpoints
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, average
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 from observed import MID, drifting, kernel, observe
 
 LENGTH = 0.5  # s, of the window

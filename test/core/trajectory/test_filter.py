@@ -45,7 +45,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         transition=turn,
         drift=rng.normal(size=6),
         process=np.sqrt(process) * rng.normal(size=(6, 8)),
-        length=0.5,
+        length=np.array(0.5),
         rotation=np.eye(3),
         position=rng.normal(size=3),
     )

@@ -9,7 +9,8 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.nodes import Nodes, average, bridged, midpoints
+from mbaid_ros.core.trajectory.midpoints import midpoints
+from mbaid_ros.core.trajectory.nodes import Nodes, average, bridged
 
 COUNT = 12
 MIDDLE = 1.3  # s

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.nodes import Midpoints
+from mbaid_ros.core.trajectory.midpoints import Midpoints
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from observed import LOW, drifting, kernel, observe
 from random_robots import random_state, random_urdf

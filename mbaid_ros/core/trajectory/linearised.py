@@ -1,0 +1,69 @@
+"""Windows linearised in stacks, ahead of their turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.chain import Point, window_models
+from mbaid_ros.core.trajectory.filter import Coordinates, Step, prepared
+from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
+
+_MOST = 64  # windows linearised at once
+
+
+class Linearised:
+    """Steps of the filter for windows, each made when it is asked for, or earlier together with another.
+
+    One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
+    linearised together at the point at which the first one is asked for. That is in vain where the point moves before
+    their turn: there are no more than the point has served so far.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    variables : Coordinates
+    uncertain : indices of the known bodies whose errors are among the variables
+    """
+
+    def __init__(self, kernel: MomentumKernel, variables: Coordinates, uncertain: tuple[int, ...]) -> None:
+        self._kernel = kernel
+        self._variables = variables
+        self._uncertain = uncertain
+        self._coming: Sequence[Window] = ()
+        self._turn: dict[Window, int] = {}
+        self._made: dict[Window, Step] = {}
+        self._point: Point | None = None
+        self._served = 0
+
+    def expect(self, windows: Sequence[Window]) -> None:
+        """Take the windows that are going to be asked for, in the order of their turn."""
+        if windows is not self._coming:
+            self._coming = windows
+            self._turn = {window: turn for turn, window in enumerate(windows)}
+            self._made.clear()
+
+    def step(self, window: Window, point: Point) -> Step:
+        """Return a window's step, linearised at a point."""
+        if point is not self._point:
+            self._point, self._served = point, 0
+            self._made.clear()
+        if window not in self._made:
+            together = self._next(window)
+            self._made.update(self.steps(stacked(together), point))
+        self._served += 1
+        return self._made.pop(window)
+
+    def steps(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, Step]]:
+        """Return stacked windows in their order before they were stacked, each with its step."""
+        models = window_models(self._kernel, stacks, point, self._uncertain)
+        placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
+        windows = [placed[place] for place in sorted(placed)]
+        return list(zip(windows, prepared(models, self._variables), strict=True))
+
+    def _next(self, window: Window) -> Sequence[Window]:
+        """Return a window and those that come after it, as many as the point is likely to serve."""
+        turn = self._turn.get(window)
+        if turn is None:
+            return [window]
+        return self._coming[turn : turn + min(2 + self._served, _MOST)]

@@ -1,0 +1,135 @@
+"""The motion midway between nodes, to fourth order.
+
+The mean of two nodes is not the value midway: the correction comes from the neighbours' differences. Joint rates are
+differences of the same nodes as the joint angles, so that joint noise telescopes when rates are integrated.
+
+All arrays begin with the axis of the J nodes. Where nodes of several windows are worked through at once, these lie side
+by side along a second axis, which the shapes below leave out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, exp, log
+from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.trajectory.nodes import Nodes
+
+
+@dataclass(frozen=True)
+class Midpoints(Stacked):
+    """The motion midway between J nodes (J - 1 intervals), and what was measured from one node to the next.
+
+    Attributes
+    ----------
+    joint_position, joint_velocity : (J - 1, n)
+    base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    turn : (J - 1, 3) rad, rotation vector from each node to the next, odometry axes
+    step : (J - 1, 3) m, displacement from each node to the next
+    impulse : (J - 1, 6) as of the nodes, the mean of both
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    base_rotation: Array
+    base_position: Array
+    base_twist: Array
+    turn: Array
+    step: Array
+    impulse: Array
+
+    @property
+    def flat(self) -> Midpoints:
+        """The intervals of several windows, one after the other along one axis."""
+        intervals = self.turn[..., 0].shape
+        return Midpoints(*(values.reshape(-1, *values.shape[len(intervals) :]) for values in vars(self).values()))
+
+
+def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
+    """Return the motion midway between nodes.
+
+    Values at the node centres are the means less the offset times the slope and half the spread times the second
+    difference; midway values take a sixteenth, rates a twenty-fourth of the neighbours' differences off. At the ends
+    the neighbour's correction serves.
+    """
+    joints = nodes.joint_position.shape[-1]
+    moving = _centre(np.concatenate((nodes.joint_position, nodes.base_position, nodes.base_twist), axis=-1), nodes)
+    midway = _midway(moving)
+    rotation = _centre_rotation(nodes)
+    turn = _turns(rotation)
+    bend = _padded(turn[2:] - turn[:-2])
+    # With the angular velocity w: half the turn has an eighth of its commutator D^3 / 12 w' x w, not a half.
+    half = 0.5 * turn - bend / 16.0 - cross(bend, turn) / 64.0
+    difference = moving[1:] - moving[:-1]
+    turning = difference[..., :joints]
+    return Midpoints(
+        joint_position=midway[..., :joints],
+        joint_velocity=(turning - _second_difference(turning) / 24.0) / spacing,
+        base_rotation=exp(half) @ rotation[:-1],
+        base_position=midway[..., joints : joints + 3],
+        base_twist=midway[..., joints + 3 :],
+        turn=turn,
+        step=difference[..., joints : joints + 3],
+        # It may jump, which the corrections are not for.
+        impulse=0.5 * (nodes.impulse[1:] + nodes.impulse[:-1]),
+    )
+
+
+def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
+    """Return the joints' motion `late` s after the midpoints, to third order, with the base's at the midpoints."""
+    rate = middle.joint_velocity
+    second = gradient(rate) / spacing
+    third = gradient(second) / spacing
+    return replace(
+        middle,
+        joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
+        joint_velocity=rate + late * (second + late / 2.0 * third),
+    )
+
+
+def gradient(values: Array) -> Array:
+    """Return the slope per step along the first axis: half the difference of the neighbours, at the ends the step."""
+    slope = np.empty_like(values)
+    slope[1:-1] = 0.5 * (values[2:] - values[:-2])
+    slope[0], slope[-1] = values[1] - values[0], values[-1] - values[-2]
+    return slope
+
+
+def _turns(rotation: Array) -> Array:
+    return log(rotation[1:] @ np.swapaxes(rotation[:-1], -1, -2))
+
+
+def _centre(values: Array, nodes: Nodes) -> Array:
+    """Return the values at the nodes' centres. Twice: the first slopes are of means that are off themselves."""
+    offset, square = nodes.offset[..., None], (nodes.spread + nodes.offset**2)[..., None]
+    centred = values - offset * gradient(values)
+    return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+
+
+def _centre_rotation(nodes: Nodes) -> Array:
+    """Return the orientations at the nodes' centres, in the same way."""
+    offset, square = nodes.offset[..., None], (nodes.spread + nodes.offset**2)[..., None]
+    turn = _turns(nodes.base_rotation)
+    turn = _turns(exp(-offset * _slope(turn)) @ nodes.base_rotation)
+    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ nodes.base_rotation
+
+
+def _slope(turn: Array) -> Array:
+    """Return the turn a node's spacing at each node, from those between nodes."""
+    return np.concatenate((turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]))
+
+
+def _midway(values: Array) -> Array:
+    step = values[1:] - values[:-1]
+    return 0.5 * (values[1:] + values[:-1]) - _padded(step[2:] - step[:-2]) / 16.0
+
+
+def _second_difference(values: Array) -> Array:
+    step = values[1:] - values[:-1]
+    return _padded(step[1:] - step[:-1])
+
+
+def _padded(inner: Array) -> Array:
+    return np.concatenate((inner[:1], inner, inner[-1:]))

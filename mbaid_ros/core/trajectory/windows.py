@@ -1,0 +1,119 @@
+"""Windows of nodes, with the neighbours that their formulas need, and stacks of windows worked through at once.
+
+What a window leads to does not depend on the stack it is in, to the last bit: products are made one window at a time,
+sums run along the nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.midpoints import Midpoints, midpoints, with_joints_later
+from mbaid_ros.core.trajectory.nodes import Nodes
+
+
+@dataclass(frozen=True)
+class WindowNoise:
+    """Noise of the means of a window's measurements.
+
+    Attributes
+    ----------
+    samples : number in the window
+    joint_position : one standard deviation of one sample, rad or m
+    pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
+    twist : (6, 6) of one sample, (angular, linear), base axes
+    """
+
+    samples: int
+    joint_position: float
+    pose: Array
+    twist: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A window's nodes, with the neighbours that its formulas need.
+
+    Attributes
+    ----------
+    nodes : Nodes
+    inside : the window's own intervals among theirs; each begins at a node of the window
+    spacing : s, between nodes
+    noise : WindowNoise
+    start : s since the first sample of the run
+    fresh : whether a gap (or the start) comes before it
+    """
+
+    nodes: Nodes
+    inside: slice
+    spacing: float
+    noise: WindowNoise
+    start: float
+    fresh: bool
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """What windows of one stack have in common: the number of nodes, and which intervals are their own."""
+        return len(self.nodes), self.inside.start, self.inside.stop
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Windows of one shape, side by side.
+
+    Attributes
+    ----------
+    windows : B of them
+    places : where they are in the list that was stacked
+    """
+
+    windows: tuple[Window, ...]
+    places: tuple[int, ...]
+
+    @cached_property
+    def middle(self) -> Midpoints:
+        """The motion midway between all nodes, (J - 1, B, ...): it does not depend on where it is linearised."""
+        return midpoints(Nodes.stack([window.nodes for window in self.windows]), self.windows[0].spacing)
+
+    def motion(self, late: float) -> tuple[Midpoints, slice]:
+        """Return the motion with joints that were measured `late` s before their stamps, and the windows' own part.
+
+        Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
+        """
+        first, last, _ = self.windows[0].inside.indices(len(self.middle))
+        begin = max(first - 1, 0)
+        middle = self.middle if late == 0.0 else with_joints_later(self.middle, late, self.windows[0].spacing)
+        return middle[begin : last + 1], slice(first - begin, last - begin)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of samples in each window, (B, 1, 1)."""
+        return np.array([float(window.noise.samples) for window in self.windows])[:, None, None]
+
+    @cached_property
+    def joint_variance(self) -> Array:
+        """Of the joint positions' noise in one sample, (B, 1, 1) rad^2 or m^2."""
+        return np.array([window.noise.joint_position**2 for window in self.windows])[:, None, None]
+
+    @cached_property
+    def pose_covariance(self) -> Array:
+        """As in WindowNoise, (B, 6, 6)."""
+        return np.stack([window.noise.pose for window in self.windows])
+
+    @cached_property
+    def twist_covariance(self) -> Array:
+        """As in WindowNoise, (B, 6, 6)."""
+        return np.stack([window.noise.twist for window in self.windows])
+
+
+def stacked(windows: Sequence[Window]) -> list[Stack]:
+    """Return windows in stacks of one shape each."""
+    alike: dict[tuple[int, int, int], list[int]] = {}
+    for place, window in enumerate(windows):
+        alike.setdefault(window.shape, []).append(place)
+    return [Stack(tuple(windows[place] for place in places), tuple(places)) for places in alike.values()]
