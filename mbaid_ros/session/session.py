@@ -75,6 +75,7 @@ class Session:
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
+        self._half = round(0.5e9 * config.window)
         self.reset()
 
     def reset(self) -> None:
@@ -241,6 +242,7 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
+        self._halfway: int | None = None  # end of the latest window whose middle has been worked in
         make = partial(self._make, config)
         self._capture = capture_of(config, self._kernel, make)
         self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
@@ -267,7 +269,8 @@ class Session:
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.
 
-        The parts leave little to do between the last message of a window and its estimate, however high the rates.
+        The parts leave little to do between the last message of a window and its estimate, however high the rates; and
+        however low, there is one in the middle, in which the method does what it has put off.
         """
         joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
         if len(joints.messages) + len(odometry.messages) >= PART:
@@ -275,6 +278,9 @@ class Session:
         end = self._identifier.end_of_window
         if end is None:
             return bool(joints.messages and odometry.messages)
+        if self._halfway != end and stamp >= end - self._half and joints.messages and odometry.messages:
+            self._halfway = end
+            return True
         if stamp < end or joints.newest is None or odometry.newest is None:
             return False
         # A window is complete with the first joints after it and odometry that is no earlier than these.
