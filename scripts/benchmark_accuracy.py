@@ -22,7 +22,7 @@ from benchmarks.trajectory_bound import trajectory_bound
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 
-_SEEDS, _QUICK_SEEDS = {'servicer7': 400, 'ets7': 100, 'table1': 100}, 8
+_SEEDS, _QUICK_SEEDS = {'servicer7': 600, 'ets7': 100, 'table1': 100}, 8
 _OTHER_SEEDS = 50  # of what is not a plain case
 _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (10.0, 20.0, 60.0)
