@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -18,9 +17,10 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
 
 import defects  # noqa: E402 - from the tests, which are no package
+from benchmarks.pages import replace_marked  # noqa: E402
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates  # noqa: E402
 from mbaid_ros.core.geometry import Array, unvec  # noqa: E402
 from mbaid_ros.core.results.estimate import Estimate  # noqa: E402
@@ -28,7 +28,7 @@ from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.session import intake_warnings  # noqa: E402
 from simulated import robot  # noqa: E402
 
-PAGE = ROOT / 'docs' / 'robustness.md'
+PAGE, WRITER = ROOT / 'docs' / 'robustness.md', 'scripts/robustness.py'
 ROBOT, SECONDS = 'servicer7', 60.0
 SEEDS = {'difference': 150, 'trajectory': 50}  # of the table of many runs
 METHODS = tuple(SEEDS)
@@ -194,16 +194,6 @@ def runs_table(seeds: dict[str, int], processes: int) -> str:
     return '\n'.join(rows)
 
 
-def write(name: str, table: str) -> None:
-    """Put a table between its marks in the page."""
-    marks = f'<!-- {name}: written by scripts/robustness.py -->\n', f'<!-- end of {name} -->'
-    text = PAGE.read_text(encoding='utf-8')
-    pattern = re.escape(marks[0]) + '.*?' + re.escape(marks[1])
-    PAGE.write_text(
-        re.sub(pattern, lambda _: f'{marks[0]}{table}\n{marks[1]}', text, flags=re.DOTALL), encoding='utf-8'
-    )
-
-
 def main() -> None:
     """Write both tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
@@ -211,8 +201,8 @@ def main() -> None:
     parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
     arguments = parser.parse_args()
     seeds = dict.fromkeys(SEEDS, arguments.seeds) if arguments.seeds else SEEDS
-    write('runs', runs_table(seeds, arguments.processes))
-    write('defects', defects_table())
+    replace_marked(PAGE, 'runs', WRITER, runs_table(seeds, arguments.processes))
+    replace_marked(PAGE, 'defects', WRITER, defects_table())
 
 
 if __name__ == '__main__':

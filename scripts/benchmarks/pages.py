@@ -16,6 +16,22 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool =
     return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
 
 
+def replace_marked(page: Path, name: str, writer: str, text: str) -> None:
+    """Put a text between the marks that a page has for what a script writes.
+
+    Raises
+    ------
+    ValueError
+        The page has no such marks.
+    """
+    head, tail = f'<!-- {name}: written by {writer} -->\n', f'\n<!-- end of {name} -->'
+    before, there, rest = page.read_text(encoding='utf-8').partition(head)
+    _, closed, after = rest.partition(tail)
+    if not there or not closed:
+        raise ValueError(f"{page} has no place for '{name}'")
+    page.write_text(before + head + text + tail + after, encoding='utf-8')
+
+
 def number(value: float, digits: int = 2) -> str:
     """Return a number for a table: a dash for NaN, no decimals from 100 on."""
     if not np.isfinite(value):
