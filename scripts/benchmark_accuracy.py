@@ -105,7 +105,7 @@ def _still(
     for case in [case for case in outcomes if _frames(case) and _frames(case)[0] in outcomes]:
         frame = outcomes[_frames(case)[0]]
         still[case] = {
-            method: summarise(outcome.first(len(frame[method].parameters)), truths[case.robot], bounds[case])
+            method: summarise(outcome[: len(frame[method].parameters)], truths[case.robot], bounds[case])
             for method, outcome in outcomes[case].items()
         }
     return still

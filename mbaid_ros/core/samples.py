@@ -89,7 +89,7 @@ class Samples(Stacked):
 
 
 @dataclass(frozen=True)
-class JointStream:
+class JointStream(Stacked):
     """Joint measurements as they arrived.
 
     Attributes
@@ -104,7 +104,7 @@ class JointStream:
 
 
 @dataclass(frozen=True)
-class BaseStream:
+class BaseStream(Stacked):
     """Base measurements as they arrived.
 
     Attributes

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from mbaid_ros.cdr import JointStateLayout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.joint_merge import Joints
-from mbaid_ros.core.intake.reorder import take
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.messages.refusals import (
     JOINT_MISSING,
@@ -145,4 +144,4 @@ def _finite_joints(runs: Sequence[_Run], dropped: Counter[str]) -> JointStream:
     dropped[NOT_REAL] += int(np.sum(finite & ~real))
     with np.errstate(invalid='ignore'):
         stream.velocity[~(np.abs(stream.velocity) < _LARGEST_VELOCITY)] = np.nan
-    return stream if np.all(real) else take(stream, finite & real)
+    return stream if np.all(real) else stream[finite & real]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from functools import lru_cache, reduce
+from functools import lru_cache
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -15,7 +15,6 @@ from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.covariances import usable_covariance
-from mbaid_ros.core.intake.reorder import join, take
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.messages.refusals import BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
 from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
@@ -182,8 +181,8 @@ def _of_base(stream: BaseStream, frames: Mapping[AttachedFrame, npt.NDArray[np.i
     parts = [(frame, place[which[good[which]]]) for frame, which in frames.items() if np.any(good[which])]
     if len(parts) == 1:
         return _converted(stream, parts[0][0])
-    joined = [_converted(take(stream, places), frame) for frame, places in parts]
-    return take(reduce(join, joined), np.argsort(np.concatenate([places for _, places in parts])))
+    joined = [_converted(stream[places], frame) for frame, places in parts]
+    return BaseStream.concatenate(joined)[np.argsort(np.concatenate([places for _, places in parts]))]
 
 
 def _converted(stream: BaseStream, frame: AttachedFrame) -> BaseStream:

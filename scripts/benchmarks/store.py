@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.stacked import Stacked
 
 _KEPT_EVERY = 10  # runs
 
@@ -20,12 +21,8 @@ Work = TypeVar('Work')
 
 
 @dataclass(frozen=True)
-class Runs:
+class Runs(Stacked):
     """What runs said: each field of a subclass is an array with the runs as its leading axis."""
-
-    def __len__(self) -> int:
-        """Return the number of runs."""
-        return len(next(iter(vars(self).values())))
 
     @classmethod
     def of(cls: type[Outcome], array: Callable[[str], Array]) -> Outcome:
@@ -37,15 +34,6 @@ class Runs:
     def stack(cls: type[Outcome], runs: Sequence[object]) -> Outcome:
         """Return several runs, each of which has the fields without the leading axis."""
         return cls.of(lambda name: np.array([getattr(run, name) for run in runs]))
-
-    @classmethod
-    def concatenate(cls: type[Outcome], parts: Sequence[Outcome]) -> Outcome:
-        """Return the runs of all parts."""
-        return cls.of(lambda name: np.concatenate([getattr(part, name) for part in parts]))
-
-    def first(self: Outcome, runs: int) -> Outcome:
-        """Return the first of the runs."""
-        return self.of(lambda name: getattr(self, name)[:runs])
 
 
 def completed(
@@ -79,7 +67,7 @@ def completed(
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
             np.savez(file, **vars(kind.concatenate(parts)))
-    return kind.concatenate(parts).first(len(work))
+    return kind.concatenate(parts)[: len(work)]
 
 
 def _counted(runs: Iterable[object], bar: Any) -> Iterator[object]:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.reorder import Reorder, join, take
+from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.synchroniser import LARGEST_BACKLOG
 from mbaid_ros.core.samples import JointStream, Stamps
 
@@ -112,7 +112,7 @@ class JointMerge:
         complete = self._whole.push(whole) if whole is not None else None
         if merged is None or complete is None:
             return merged if complete is None else complete
-        return join(merged, complete)
+        return JointStream.concatenate((merged, complete))
 
     def _all(self) -> list[_Part]:
         return [self._whole, *self._parts.values()]
@@ -129,11 +129,11 @@ class JointMerge:
         ordered = part.push(stream)
         if ordered is None:
             return
-        part.waiting = ordered if part.waiting is None else join(part.waiting, ordered)
+        part.waiting = ordered if part.waiting is None else ordered.concatenate((part.waiting, ordered))
         excess = len(part.waiting.stamp) - LARGEST_BACKLOG
         if excess > 0:
             self._own[NO_PARTNER] += excess
-            part.waiting = take(part.waiting, slice(excess, None))
+            part.waiting = part.waiting[excess:]
 
     def _merge(self) -> JointStream | None:
         """Return the measurements at the first part's stamps around which every other part has some."""
@@ -146,14 +146,14 @@ class JointMerge:
             if stream is None or not len(stream.stamp):
                 return None
             ready = min(ready, int(np.searchsorted(leader.waiting.stamp, stream.stamp[-1], side='right')))
-        lead, leader.waiting = take(leader.waiting, slice(ready)), take(leader.waiting, slice(ready, None))
+        lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
         chosen = lead.stamp[self._usable(lead.stamp, [stream.stamp for stream in streams if stream is not None])]
-        merged = self._interpolated(take(lead, np.isin(lead.stamp, chosen)), leader, others) if len(chosen) else None
+        merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
         for part in others:
             if part.waiting is not None:
                 pending = leader.waiting.stamp[0] if len(leader.waiting.stamp) else part.waiting.stamp[-1]
                 first = max(int(np.searchsorted(part.waiting.stamp, pending, side='right')) - 1, 0)
-                part.waiting = take(part.waiting, slice(first, None))
+                part.waiting = part.waiting[first:]
         return merged
 
     def _usable(self, stamps: Stamps, others: list[Stamps]) -> npt.NDArray[np.bool_]:

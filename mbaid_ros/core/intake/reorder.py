@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import Counter
-from dataclasses import fields
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 LATE = 'stamp before one that was already used'
@@ -51,11 +49,11 @@ class Reorder(Generic[Stream]):
         if self.hold == 0 and self._in_order(stream.stamp):
             self._newest = self._released = int(stream.stamp[-1])
             return stream
-        joined = stream if self._waiting is None else join(self._waiting, stream)
+        joined = stream if self._waiting is None else stream.concatenate((self._waiting, stream))
         held = len(joined.stamp) - len(stream.stamp)
         released, waiting = self._sort(joined.stamp.tolist(), held)
-        self._waiting = take(joined, np.array(waiting, dtype=np.intp))
-        return take(joined, np.array(released, dtype=np.intp)) if released else None
+        self._waiting = joined[np.array(waiting, dtype=np.intp)]
+        return joined[np.array(released, dtype=np.intp)] if released else None
 
     def _in_order(self, stamp: Stamps) -> bool:
         after = self._released is None or stamp[0] > self._released
@@ -90,13 +88,3 @@ class Reorder(Generic[Stream]):
         if late <= self._limit:
             self.hold = max(self.hold, min(round(_MARGIN * late), self._limit))
         return False
-
-
-def take(stream: Stream, index: slice | Flags | Stamps) -> Stream:
-    """Return the measurements of a slice, mask or list."""
-    return type(stream)(*(getattr(stream, item.name)[index] for item in fields(stream)))
-
-
-def join(first: Stream, second: Stream) -> Stream:
-    """Return two streams, one after the other."""
-    return type(first)(*(np.concatenate((getattr(first, f.name), getattr(second, f.name))) for f in fields(first)))

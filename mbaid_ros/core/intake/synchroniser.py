@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import fields
 from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, rotate_back
+from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other
@@ -58,12 +57,12 @@ class Synchroniser:
         ready = int(np.searchsorted(waiting, known[-1], side='right'))
         early = int(np.searchsorted(waiting, known[0], side='left'))
         self.dropped[NO_ODOMETRY] += early
-        samples = self._interpolate(_cut(self._joints, slice(early, ready)), self._base) if ready > early else None
-        self._joints = _cut(self._joints, slice(max(early, ready), None))
+        samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
+        self._joints = self._joints[max(early, ready) :]
         # The last odometry before the next joints is one end of their interval, the one before tells its length.
         pending = self._joints.stamp[0] if len(self._joints.stamp) else self._newest[JointStream] + 1
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
-        self._base = _cut(self._base, slice(first, None))
+        self._base = self._base[first:]
         return samples
 
     def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
@@ -75,13 +74,13 @@ class Synchroniser:
         self._newest[type(new)] = max(int(before[-1]), int(new.stamp[-1]))
         if not np.all(fresh):
             self.dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
-            new = _cut(new, fresh)
+            new = new[fresh]
         if buffer is not None:
-            new = type(new)(*(np.concatenate((getattr(buffer, f.name), getattr(new, f.name))) for f in fields(new)))
+            new = new.concatenate((buffer, new))
         excess = len(new.stamp) - LARGEST_BACKLOG
         if excess > 0:
             self.dropped[NO_ODOMETRY] += excess
-            new = _cut(new, slice(excess, None))
+            new = new[excess:]
         return new
 
     def _interpolate(self, joints: JointStream, base: BaseStream) -> Samples | None:
@@ -98,7 +97,7 @@ class Synchroniser:
         shared = np.asarray(
             np.where(spacing > 0, np.maximum(interval / np.maximum(spacing, 1), 1.0), 1.0)[usable], dtype=float
         )
-        joints, left, right = _cut(joints, usable), left[usable], right[usable]
+        joints, left, right = joints[usable], left[usable], right[usable]
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
@@ -155,7 +154,3 @@ def _blended(covariance: Array, ends: tuple[Stamps, Stamps], fraction: Array, we
     start += end
     start *= weight[:, None, None]
     return start
-
-
-def _cut(stream: Stream, index: slice | Flags) -> Stream:
-    return type(stream)(*(getattr(stream, field.name)[index] for field in fields(stream)))
