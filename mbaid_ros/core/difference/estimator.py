@@ -98,6 +98,7 @@ class DifferenceEstimator:
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows, delays = self._equations(windows, start)
+        # What may act is added up from window to window, for all at once: anew where a run has begun anew.
         run, estimates = None, []
         around: Iterator[Surroundings] = iter(())
         for k, (window, row, delay) in enumerate(zip(windows, rows.each(), delays[:, None], strict=True)):
