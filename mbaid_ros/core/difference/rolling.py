@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
@@ -27,6 +28,8 @@ from mbaid_ros.core.symmetric import solve_symmetric
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
 _HALVINGS = 5
+# Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
+_ENOUGH, _UNLIKELY = 50, 1e-3
 # Root of the fall of the cost by a step, up to which the parabola is taken for the likelihood.
 _SMALL_STEP, _CLOSE = 1e-3, 0.5
 # Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
@@ -95,10 +98,7 @@ class RollingLikelihood:
     def solve(self) -> Linearisation:
         """Solve again and return the likelihood's quadratic form at the solution `x`."""
         if not self._sure:
-            # A negative mass can fit better while little is known, and the way back leads through infinity.
-            blocks, known = self._kept.blocks, self._folded.information + self._prior
-            starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
-            self._kept.linearise(min(starts, key=lambda x: (x[0] <= 0.0, self._whole(eiv.cost(blocks, x), x))))
+            self._kept.linearise(self._start(self._kept.blocks))
         linear = self._maximise(_ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
         own = self._kept.noise_information
@@ -185,6 +185,17 @@ class RollingLikelihood:
         self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
         self._kept.replace(blocks, self.x)
         self._signal = self._signal[np.ix_(keep, keep)]
+
+    def _start(self, blocks: Blocks) -> Array:
+        """Return where to search from: where the last search ended, unless that fails to explain the data so far."""
+        cost = self._whole(eiv.cost(blocks, self.x), self.x)
+        redundancy = blocks.offset.size + self._folded.equations - len(self.x)
+        if self.x[0] > 0.0 and redundancy >= _ENOUGH and cost < chi_square.limit(_UNLIKELY, redundancy):
+            return self.x
+        known = self._folded.information + self._prior
+        starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
+        # A negative mass can fit better while little is known, and the way back leads through infinity.
+        return min(starts, key=lambda x: (x[0] <= 0.0, self._whole(eiv.cost(blocks, x), x)))
 
     def _fold(self) -> None:
         oldest = self._kept.pop()
