@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 S = TypeVar('S', bound='Stacked')
-Index = slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
+Index = int | slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
 
 
 class Stacked:
@@ -24,7 +24,7 @@ class Stacked:
         return len(getattr(self, fields(self)[0].name))
 
     def __getitem__(self: S, index: Index) -> S:
-        """Return some of the entries: a slice, or those that a mask or indices choose."""
+        """Return some of the entries: a slice, or those that a mask or indices choose; one, without the axis."""
         return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def each(self: S) -> Iterator[S]:

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from mbaid_ros.core.geometry import Array, Flags, cross, log
+from mbaid_ros.core.geometry import Array, cross, log
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.stacked import Stacked
 
 # Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
 _DEGREE = 4
@@ -25,7 +26,7 @@ Places = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Stacked):
     """A polynomial fitted to N instants, for any number of signals; of many windows at once with leading axes.
 
     Attributes
@@ -41,10 +42,6 @@ class Fit:
     solve: Array
     mean_gain: Array
     tilt: Array
-
-    def __getitem__(self, index: int | Flags) -> Fit:
-        """Return the fits of some of the windows."""
-        return Fit(self.values[index], self.slopes[index], self.solve[index], self.mean_gain[index], self.tilt[index])
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
         """Return values and derivatives of (..., N, k) signals."""
