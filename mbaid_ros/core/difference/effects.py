@@ -97,23 +97,21 @@ def with_joints_later(samples: Samples, counts: Counts, delay: float) -> Samples
     counts : (K,) how many each has; a single sample does not tell where its joints go, and stays
     delay : s
     """
-    centre, span = mean_of_each(samples.time, counts), np.maximum.reduceat(samples.time, np.cumsum(counts) - counts)
-    half = np.where(counts > 1, span - centre, 1.0)
-    time, scale = (samples.time - np.repeat(centre, counts)) / np.repeat(half, counts), np.repeat(half, counts)[:, None]
-    powers = np.vander(time, _DEGREE + 1, increasing=True)
+    centre, last = mean_of_each(samples.time, counts), samples.time[np.cumsum(counts) - 1]
+    scale = np.repeat(np.where(counts > 1, last - centre, 1.0), counts)
+    time = (samples.time - np.repeat(centre, counts)) / scale
+    now, later = (np.vander(instants, _DEGREE + 2, increasing=True) for instants in (time, time + delay / scale))
+    powers, gained = now[:, :-1], later - now
     square = sum_of_each(powers[:, :, None] * powers[:, None], counts)
     moments = sum_of_each(powers[:, :, None] * samples.joint_velocity[:, None], counts)
     # Fewer than four samples leave the smallest polynomial.
     fitted = np.linalg.pinv(square, rcond=_RESOLUTION, hermitian=True) @ moments
     rates = np.repeat(fitted * (counts > 1)[:, None, None], counts, axis=0)  # (N, 4, n)
-    later = np.vander(time + delay / scale[:, 0], _DEGREE + 2, increasing=True)
-    now = np.vander(time, _DEGREE + 2, increasing=True)
-    order = np.arange(1, _DEGREE + 2)
-    turned = scale * (((later - now)[:, 1:] / order)[:, None] @ rates)[:, 0]
+    turned = ((scale[:, None] * gained[:, 1:] / np.arange(1, _DEGREE + 2))[:, None] @ rates)[:, 0]
     return replace(
         samples,
         joint_position=samples.joint_position + turned,
-        joint_velocity=samples.joint_velocity + ((later - now)[:, None, :-1] @ rates)[:, 0],
+        joint_velocity=samples.joint_velocity + (gained[:, None, :-1] @ rates)[:, 0],
     )
 
 
