@@ -39,17 +39,17 @@ class Coupling:
         return Coupling(np.zeros((unknowns, effects)), np.zeros((effects, effects)), np.zeros(effects))
 
     @staticmethod
-    def of(white: White, columns: Array, x: Array) -> Coupling:
+    def of(white: White, effects: Array, x: Array) -> Coupling:
         """Return the sums over blocks whose residuals were taken at x.
 
         Parameters
         ----------
         white : K blocks
-        columns : (K, r, e) E
+        effects : (K, r, e) E, in units of the blocks' noise like them
         x : (u,)
         """
         equations = white.residual.size
-        weighed = (white.whitener @ columns).reshape(equations, columns.shape[-1])
+        weighed = effects.reshape(equations, effects.shape[-1])
         cross = white.rows.reshape(equations, -1).T @ weighed
         return Coupling(cross, weighed.T @ weighed, weighed.T @ white.residual.reshape(-1) - cross.T @ x)
 

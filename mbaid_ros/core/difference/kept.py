@@ -45,6 +45,11 @@ class KeptWindows:
         return Blocks.concatenate(self._blocks)
 
     @property
+    def newest(self) -> Blocks:
+        """The equations of the latest one."""
+        return self._blocks[-1]
+
+    @property
     def columns(self) -> Array:
         """How their equations depend on the effects, (K, r, e)."""
         return np.concatenate(self._columns)
@@ -100,10 +105,9 @@ class KeptWindows:
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
         del self._blocks[first:last], self._columns[first:last]
-        if first == 0:
-            self._white, self._own = self._white[last:], self._own[last:]
-        else:
-            self._white, self._own = self._white[:first], self._own[:first]
+        # What has been looked at are the first windows: behind a gap, it will be looked at again.
+        left = slice(last, None) if first == 0 else slice(first)
+        self._white, self._own = self._white[left], self._own[left]
 
     def replace(self, blocks: Sequence[Blocks], x: Array) -> None:
         """Go over to equations in other unknowns, with x in these."""

@@ -107,19 +107,19 @@ class RollingLikelihood:
         self.information = linear.information
         return replace(linear, information=linear.information + self._folded.noise_information)
 
-    @property
-    def columns(self) -> Array:
-        """How the equations that are solved again depend on the effects, (K, r, e)."""
-        return self._kept.columns
+    def whitened(self) -> tuple[White, Array, Coupling]:
+        """Return the windows that are solved again, at the solution, and how they, and all, depend on the effects.
 
-    def whitened(self) -> tuple[White, Coupling]:
-        """Return the windows that are solved again, at the solution, and how all windows depend on the effects."""
+        The former, (K, r, e), in units of their noise.
+        """
         white = self._kept.at(self.x)
-        return white, self.coupling + Coupling.of(white, self.columns, self.x)
+        effects = white.whitener @ self._kept.columns
+        return white, effects, self.coupling + Coupling.of(white, effects, self.x)
 
-    def certain(self, block: Blocks) -> bool:
-        """Return whether the uncertainty of the solution hardly matters for the noise of equations like a block's."""
-        return self._sure or eiv.uncertain_share(block, *self._plausible()) < _LARGEST_SHARE
+    @property
+    def certain(self) -> bool:
+        """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
+        return self._sure or eiv.uncertain_share(self._kept.newest, *self._plausible()) < _LARGEST_SHARE
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1 of those that are solved again."""
@@ -215,11 +215,12 @@ class RollingLikelihood:
         if self._sure:
             linear = eiv.normal_equations(oldest.white)
             self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
-            self.coupling += Coupling.of(oldest.white, oldest.columns, oldest.x)
+            self.coupling += Coupling.of(oldest.white, oldest.white.whitener @ oldest.columns, oldest.x)
         else:
             zero = np.zeros(len(self.x))
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)
-            self.coupling += Coupling.of(eiv.whitened_at_zero(block, plausible, spread), oldest.columns, zero)
+            white = eiv.whitened_at_zero(block, plausible, spread)
+            self.coupling += Coupling.of(white, white.whitener @ oldest.columns, zero)
 
     def _plausible(self) -> tuple[Array, Array]:
         """Return the solution and a factor of its covariance, both held within the typical sizes.

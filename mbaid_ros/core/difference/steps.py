@@ -113,7 +113,7 @@ class SteppedLikelihood:
             linear = self._close() or linear
         view = self._look(linear)
         enough = linear.equations - len(self.likelihood.x) >= _ENOUGH
-        self.ready = enough and self.likelihood.certain(self._padded(block, columns, delay)[0])
+        self.ready = enough and self.likelihood.certain
         if self.ready and self._look_back(view):
             linear = self.likelihood.solve()
             view = self._look(linear)
@@ -142,14 +142,13 @@ class SteppedLikelihood:
 
     def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
-        white, coupling = likelihood.whitened()
+        white, effects, coupling = likelihood.whitened()
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
-        effects = white.whitener @ likelihood.columns[..., places]
         own = np.diag(coupling.own)[places] * size**2
         left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
         self.surplus = float(np.sum(np.maximum(left, 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
-        return View(white, effects, coupling, nuisance, linear.cost, expected)
+        return View(white, effects[..., places], coupling, nuisance, linear.cost, expected)
 
     def _padded(self, block: Blocks, columns: Array, delay: float) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects.

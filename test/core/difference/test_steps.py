@@ -159,7 +159,7 @@ def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
         best = eiv.cost(wider, np.linalg.solve(more, right))
         assert fall[place] == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
     columns = np.random.default_rng(8).normal(size=(20, EQUATIONS, 2))
-    coupling = Coupling.of(white, columns, x)
+    coupling = Coupling.of(white, white.whitener @ columns, x)
     more, right = weighted(blocks.widened(columns), np.zeros(6), compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
     found = monitor.effect(coupling, x, (slice(0, 2), np.eye(2)), np.zeros(0, dtype=np.int64), nuisance)
