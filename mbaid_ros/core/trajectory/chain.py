@@ -15,19 +15,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, exp, skew
+from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
 LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
 PARAMETERS = slice(6, -7)  # all that enters the prediction
 FORCE = slice(-7, -1)
 DELAY = -1
-# Rows of a twist (v, w) in the order (angular, linear) of the pose error.
-_ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
+_CLEAR = 4.0  # standard deviations, from which a delay is one
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,13 @@ class Point:
     delay: float = 0.0
 
     @staticmethod
-    def of(state: Array) -> Point:
-        """Return the point of a state (s,)."""
-        return Point(state[PARAMETERS], float(state[DELAY]))
+    def of(state: Array, deviation: Array) -> Point:
+        """Return the point of a state (s,), at a delay that is one by these standard deviations (s,), or at none.
+
+        Joints are moved in time at the price of more noise in them.
+        """
+        late = abs(state[DELAY]) > _CLEAR * deviation[DELAY]
+        return Point(state[PARAMETERS], float(state[DELAY]) if late else 0.0)
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,9 @@ class WindowModel:
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
+    joints, joints_by_parameters : (6, n), (6, u - 6, n) the part of the pose's noise that the joints' makes
+        (`JointNoise`)
+    joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     """
@@ -74,6 +81,9 @@ class WindowModel:
     transition: Array
     drift: Array
     process: Array
+    joints: Array
+    joints_by_parameters: Array
+    joints_in_twist: Array
     length: Array
     rotation: Array
     position: Array
@@ -110,58 +120,41 @@ def window_models(
     motions = [stack.motion(point.delay) for stack in stacks]
     whole = predict(kernel, Midpoints.concatenate([motion.flat for motion, _ in motions]), point.parameters, uncertain)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    # The joints' noise is followed at a window's first, middle and last interval.
-    places = [inside.start + np.array([0, _count(inside) // 2, _count(inside) - 1]) for _, inside in motions]
-    gains = joint_gains(
-        with_errors(kernel, point.parameters[16:], uncertain),
-        Midpoints.concatenate([motion[place].flat for (motion, _), place in zip(motions, places, strict=True)]),
-        np.concatenate([each.twist[place].reshape(-1, 6) for each, place in zip(predictions, places, strict=True)]),
-        point.parameters[6:16],
-    )
-    ends = np.cumsum([3 * len(stack.windows) for stack in stacks])[:-1]
-    divided = zip(*(np.split(gain[:, _ANGULAR_FIRST], ends) for gain in gains), strict=True)
+    noises = joint_noise(kernel, stacks, motions, predictions, point.parameters, uncertain)
     models = [
-        _models(stack, motion, prediction, gain, point)
-        for stack, motion, prediction, gain in zip(stacks, motions, predictions, divided, strict=True)
+        _models(stack, motion, prediction, point, noise)
+        for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
     ]
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
 
 
-def _count(inside: slice) -> int:
-    return int(inside.stop - inside.start)
-
-
 def _models(
-    stack: Stack, motion: tuple[Midpoints, slice], predicted: Prediction, gains: tuple[Array, Array], point: Point
+    stack: Stack, motion: tuple[Midpoints, slice], predicted: Prediction, point: Point, noise: JointNoise
 ) -> WindowModel:
-    """Return a stack's models from motion, prediction and gains (3 B, 6, n) of joint rates and positions."""
+    """Return a stack's models from its motion, the prediction and what the joints' noise does."""
     around, inside = motion
-    parameters, spacing, count = point.parameters, stack.windows[0].spacing, _count(inside)
+    parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
     integral = _integral(predicted.twist, around_slope, spacing)[inside]
     middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
     errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
-    by_rate, by_position = (gain.reshape(3, -1, *gain.shape[1:]) for gain in gains)
-    # What joint noise leaves behind at position level: the turn of its own gain A, and what F makes of A dq.
-    length = count * spacing
-    turning = (by_rate[2] - by_rate[0]) / (length - spacing)
-    remainder = by_position[1] + _error_slope(prediction)[count // 2] @ by_rate[1] - turning
-    deviation = np.sqrt(stack.joint_variance / stack.samples) * length
-    # An error dq of the joints moves the predicted pose by A dq; it does not accumulate.
-    of_joints = stack.joint_variance / stack.samples * (by_rate[1] @ np.swapaxes(by_rate[1], -1, -2))
+    of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     return WindowModel(
-        *_from_delay(point.delay, *_pose_measurement(errors, prediction.twist)),
+        *_from_delay(point.delay, *_pose_measurement(errors, _at_nodes(predicted.twist, inside))),
         stack.pose_covariance / stack.samples + of_joints,
         *_from_delay(point.delay, *_twist_measurement(errors, prediction, middle, slope, parameters)),
         _twist_covariance(stack, middle, of_joints),
         transition=_state_rows(errors[-1]),
         drift=errors[-1][..., -1],
-        process=deviation * remainder,
-        length=np.full(len(stack.windows), length),
+        process=noise.process,
+        joints=noise.pose,
+        joints_by_parameters=noise.by_parameters,
+        joints_in_twist=np.full(len(stack.windows), _telescoped(len(middle), spacing)),
+        length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
     )
@@ -181,21 +174,14 @@ def _integral(twist: Array, slope: Array, spacing: float) -> Array:
 def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
     """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
     right = np.empty((*middle.turn.shape[:-1], 6, 6 + prediction.by_parameters.shape[-1] + 1))
-    right[..., 6:-1] = spacing * prediction.by_parameters[..., _ANGULAR_FIRST, :]
+    right[..., 6:-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
     right[..., :3, -1] = integral[..., 3:] - middle.turn
     right[..., 3:, -1] = integral[..., :3] - middle.step
     # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
-    half = 0.5 * spacing * _error_slope(prediction)
+    half = 0.5 * spacing * prediction.error_slope
     right[..., :6] = np.eye(6) + half
     solved = np.linalg.solve(np.eye(6) - half, right)
     return solved[..., :6], solved[..., 6:]
-
-
-def _error_slope(prediction: Prediction) -> Array:
-    """Return F, the (m, B, 6, 6) rate of change of xi by xi."""
-    slope = prediction.by_pose_error[..., _ANGULAR_FIRST, :]
-    slope[..., 3:, :3] -= skew(prediction.twist[..., :3])  # the predicted velocity turns with the true base
-    return slope
 
 
 def _compose(transition: Array, gain: Array) -> Array:
@@ -221,11 +207,21 @@ def _from_delay(delay: float, value: Array, rows: Array) -> tuple[Array, Array]:
     return value + rows[..., DELAY] * delay, rows
 
 
+def _at_nodes(values: Array, inside: slice) -> Array:
+    """Return what is known midway, at the first nodes of the intervals inside; without one before, that midway."""
+    before = values[max(inside.start - 1, 0) : inside.start or 1]
+    return 0.5 * (np.concatenate((before, values[inside.start : inside.stop - 1])) + values[inside])
+
+
 def _pose_measurement(errors: Array, twist: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late."""
+    """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late.
+
+    V is that at the nodes themselves. Its noise is the joints', as that of xi is, and cancels in the product of both
+    where it comes alike from before and after; half an interval later it would tell of a delay by that half.
+    """
     mean = _total(errors[:-1]) / (len(errors) - 1)
     rows = _state_rows(mean)
-    rows[..., DELAY] = _total(twist)[..., _ANGULAR_FIRST] / len(twist)
+    rows[..., DELAY] = _total(twist)[..., ANGULAR_FIRST] / len(twist)
     return -mean[..., -1], rows
 
 
@@ -237,16 +233,16 @@ def _twist_measurement(
     `parameters` are those of the linearisation, `slope` is V' there.
     """
     weight = _weights(len(middle))[:, None, None]
-    gain = prediction.by_parameters[..., _ANGULAR_FIRST, :]
-    model: Array = prediction.by_pose_error[..., _ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
+    gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
+    model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
-    model[..., -1] += prediction.twist[..., _ANGULAR_FIRST] - gain @ parameters
+    model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ parameters
     mean = _total(weight[..., None] * model)
     rows = _state_rows(mean)
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(prediction.twist[..., 3:], prediction.twist[..., :3])
     rows[..., DELAY] = _total(weight * np.concatenate((slope[..., 3:], linear), axis=-1))
-    return _total(weight * middle.base_twist[..., _ANGULAR_FIRST]) - mean[..., -1], rows
+    return _total(weight * middle.base_twist[..., ANGULAR_FIRST]) - mean[..., -1], rows
 
 
 def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Array:
@@ -255,8 +251,13 @@ def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Arra
     axes = np.zeros_like(of_joints)
     axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
     white = count * np.sum(weight**2) / stack.samples
-    telescoped = count * np.sum(np.diff(np.pad(weight, 1)) ** 2) / stack.windows[0].spacing ** 2
+    telescoped = _telescoped(count, stack.windows[0].spacing)
     return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
+
+
+def _telescoped(count: int, spacing: float) -> float:
+    """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
+    return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
 
 
 def _total(values: Array) -> Array:

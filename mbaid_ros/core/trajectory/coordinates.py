@@ -9,8 +9,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.trajectory.belief import Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
-from mbaid_ros.core.trajectory.filter import Coordinates
 
 _ANGLE, _LENGTH, _DELAY = 1e-3, 1e-2, 1e-2  # rad, m, s: typical sizes of pose errors and of a time offset
 # Standard deviations of the first pose's error, and of momentum and body in typical sizes: no prior, in effect.

@@ -8,73 +8,18 @@ covariances, and a factor's square is never negative.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dtrtrs
 
 from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.trajectory.belief import Belief, Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
+from mbaid_ros.core.trajectory.steps import Step
 
 _POSE = slice(0, 6)
 _MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
-
-
-@dataclass(frozen=True)
-class Coordinates:
-    """The variables of the filter: state = basis (scale * variables).
-
-    Attributes
-    ----------
-    basis : (s, v) orthonormal columns; fewer than s for a planar motion
-    scale : (v,) typical size of each variable
-    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
-    open_factor : (s, f) of the covariance of the state when nothing has been measured
-    """
-
-    basis: Array
-    scale: Array
-    measured: Array
-    open_factor: Array
-
-    @cached_property
-    def open_variance(self) -> Array:
-        """Of the state when nothing has been measured, (s,)."""
-        return np.asarray(np.sum(self.open_factor**2, axis=1))
-
-    @cached_property
-    def spread(self) -> Array:
-        """The (s, v) matrix from variables to state."""
-        return self.basis * self.scale
-
-    @cached_property
-    def gather(self) -> Array:
-        """The (v, s) matrix from state to variables."""
-        return self.basis.T / self.scale[:, None]
-
-    def state(self, belief: Belief) -> tuple[Array, Array]:
-        """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
-        factor = self.spread @ belief.factor
-        return self.spread @ belief.mean, factor @ factor.T + self._outside
-
-    @cached_property
-    def _outside(self) -> Array:
-        """The (s, s) covariance of what the variables leave out."""
-        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
-        return np.asarray((outside * self.open_variance) @ outside.T)
-
-    def moments(self, belief: Belief) -> tuple[Array, Array]:
-        """Return the mean (s,) and the standard deviations (s,) in SI units."""
-        variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
-        return self.spread @ belief.mean, np.sqrt(variance)
-
-    def open(self, *, force: bool = False) -> Belief:
-        """Return the belief before the first measurement, with or without a force that may act."""
-        factor = self.open_factor.copy()
-        if not force:
-            factor[FORCE] = 0.0
-        return Belief(np.zeros(len(self.scale)), _compressed(self.gather @ factor))
 
 
 @dataclass(frozen=True)
@@ -106,101 +51,6 @@ class Walk:
         return any((self.momentum, self.position, self.orientation))
 
 
-@dataclass(frozen=True)
-class Belief:
-    """Mean and covariance of the state, in scaled variables, and how well the measurements have agreed with it.
-
-    Attributes
-    ----------
-    mean : (v,)
-    factor : (v, c) of the covariance, which is factor factor^T; c is v after an update, and more after a step
-    surprise, measured : sum of the normalised innovations squared, and how many there were
-    last_surprise, last_measured : the same of the last update
-    evidence : log-likelihood of all measurements, up to a constant
-    """
-
-    mean: Array
-    factor: Array
-    surprise: float = 0.0
-    measured: int = 0
-    last_surprise: float = 0.0
-    last_measured: int = 0
-    evidence: float = 0.0
-
-    @property
-    def covariance(self) -> Array:
-        """The (v, v) covariance."""
-        return np.asarray(self.factor @ self.factor.T)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A window in the filter's variables, measurements in units of their noise.
-
-    Attributes
-    ----------
-    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
-    log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (v, v), (v,), (v, n): to the next window's first node, without force; a factor of the
-        covariance of what joint noise adds on the way
-    window : what it was made of
-    """
-
-    value: Array
-    rows: Array
-    log_noise: float
-    transition: Array
-    drift: Array
-    process: Array
-    window: WindowModel
-
-
-def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
-    """Return one window's step of the filter (see `prepared`)."""
-    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, coordinates)[0]
-
-
-def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
-    """Return the steps of the filter for B windows."""
-    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, coordinates)
-    moving = np.flatnonzero(np.all(np.isfinite(windows.twist_value), axis=-1))
-    own = windows[moving]
-    twist = _whitened(own.twist_value, own.twist_rows, own.twist_covariance, coordinates)
-    measured = [[tuple(part[index] for part in pose)] for index in range(len(windows.drift))]
-    for place, index in enumerate(moving):
-        measured[index].append(tuple(part[place] for part in twist))
-    gather, spread = coordinates.gather, coordinates.spread
-    # The whole state's transition is that of the pose error beside 1: 1 + turn (transition - (1, 0)) spread.
-    turn = gather[:, _POSE]
-    change = windows.transition - np.eye(6, len(spread))
-    transition = np.eye(len(gather)) + turn @ (change @ spread)
-    drift, process = (turn @ windows.drift[..., None])[..., 0], turn @ windows.process
-    steps = []
-    for index, parts in enumerate(measured):
-        value, rows, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
-        step = Step(
-            value=value,
-            rows=rows,
-            log_noise=2.0 * float(np.sum(np.log(deviation))),
-            transition=transition[index],
-            drift=drift[index],
-            process=process[index],
-            window=windows[index],
-        )
-        steps.append(step)
-    return steps
-
-
-def _whitened(value: Array, rows: Array, covariance: Array, coordinates: Coordinates) -> tuple[Array, Array, Array]:
-    """Return (B, k) values and (B, k, v) rows in units of their noise, and the diagonal of its Cholesky factor."""
-    select = coordinates.measured
-    factor = np.linalg.cholesky(select @ covariance @ select.T)
-    both = np.concatenate((select @ rows @ coordinates.spread, select @ value[..., None]), axis=-1)
-    white = np.linalg.solve(factor, both)
-    return white[..., -1], white[..., :-1], np.diagonal(factor, axis1=-2, axis2=-1)
-
-
 def update(belief: Belief, step: Step) -> Belief:
     """Return the belief after a window's measurements."""
     rows, factor = step.rows, belief.factor
@@ -214,12 +64,16 @@ def update(belief: Belief, step: Step) -> Belief:
     # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
     triangle = dgeqrf(stacked, overwrite_a=True)[0]
     root = triangle[:count, :count]
-    normalised, _ = dtrtrs(root, step.value - rows @ belief.mean, trans=1)
+    expected = rows @ np.column_stack((belief.mean, belief.shift))
+    both, _ = dtrtrs(root, np.column_stack((step.value, np.zeros(count))) - expected, trans=1)
+    change, normalised = triangle[:count, count:].T @ both, both[:, 0]
     surprise = float(normalised @ normalised)
     likelihood = surprise + step.log_noise + 2.0 * float(np.sum(np.log(np.abs(np.diag(root)))))
+    left = np.triu(triangle[count : count + size, count:]).T
     return Belief(
-        mean=belief.mean + triangle[:count, count:].T @ normalised,
-        factor=np.triu(triangle[count : count + size, count:]).T,
+        mean=belief.mean + change[:, 0],
+        factor=left,
+        shift=belief.shift + change[:, 1] + left @ (left.T @ step.shared),
         surprise=belief.surprise + surprise,
         measured=belief.measured + count,
         last_surprise=surprise,
@@ -239,7 +93,7 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
         rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
         noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
     factor = np.concatenate((transition @ belief.factor, *noise), axis=1)
-    return replace(belief, mean=transition @ belief.mean + step.drift, factor=factor)
+    return replace(belief, mean=transition @ belief.mean + step.drift, factor=factor, shift=transition @ belief.shift)
 
 
 def _push(window: WindowModel, walk: Walk) -> Array:
@@ -259,10 +113,10 @@ def _push(window: WindowModel, walk: Walk) -> Array:
 def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
     """Return the belief with a pose error about which nothing is known: the chain was broken."""
     poses = len(coordinates.measured)
-    mean, factor = belief.mean.copy(), belief.factor.copy()
-    mean[:poses] = factor[:poses] = 0.0
+    mean, factor, shift = belief.mean.copy(), belief.factor.copy(), belief.shift.copy()
+    mean[:poses] = factor[:poses] = shift[:poses] = 0.0
     start = coordinates.open().factor[:, :poses]
-    return replace(belief, mean=mean, factor=np.concatenate((start, factor), axis=1))
+    return replace(belief, mean=mean, shift=shift, factor=np.concatenate((start, factor), axis=1))
 
 
 def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:
@@ -282,8 +136,3 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
     moved = coordinates.gather @ change
     return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
-
-
-def _compressed(columns: Array) -> Array:
-    """Return a square factor of the covariance columns columns^T."""
-    return np.asarray(np.linalg.qr(columns.T, mode='r')).T

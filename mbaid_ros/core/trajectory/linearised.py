@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.belief import Coordinates
 from mbaid_ros.core.trajectory.chain import Point, window_models
-from mbaid_ros.core.trajectory.filter import Coordinates, Step, prepared
+from mbaid_ros.core.trajectory.steps import Step, prepared
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _MOST = 64  # windows linearised at once

@@ -7,7 +7,7 @@ M and the momentum b of the joint motion at a resting base, both linear in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.midpoints import Midpoints
+
+# Rows of a twist (v, w) in the order (angular, linear) of a pose error.
+ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,13 @@ class Prediction(Stacked):
     twist: Array
     by_parameters: Array
     by_pose_error: Array
+
+    @property
+    def error_slope(self) -> Array:
+        """Return F, the (..., 6, 6) rate of change of a pose error (theta, rho) by itself."""
+        slope = self.by_pose_error[..., ANGULAR_FIRST, :]
+        slope[..., 3:, :3] -= skew(self.twist[..., :3])  # the predicted velocity turns with the true base
+        return slope
 
     def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
         """Return parts of the instants, each laid out along several axes instead of one."""
@@ -119,3 +129,24 @@ def joint_gains(kernel: MomentumKernel, middle: Midpoints, twist: Array, body: A
     by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
     gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
     return gains[..., joints:], gains[..., :joints]
+
+
+def unit_rates(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Array:
+    """Return how the derivative of the twist by the joint rates depends on the bodies.
+
+    That derivative is the twist that each joint makes alone, at unit rate, where there is no momentum.
+
+    Parameters
+    ----------
+    kernel, middle, parameters, uncertain : as of `predict`
+
+    Returns
+    -------
+    (N, 6, u - 6, n) by the parameters but the momentum
+    """
+    joints, count = kernel.model.joints, len(middle)
+    each = middle[np.repeat(np.arange(count), joints)]
+    alone = replace(each, joint_velocity=np.tile(np.eye(joints), (count, 1)), impulse=np.zeros_like(each.impulse))
+    bodies = np.concatenate((np.zeros(6), parameters[6:]))
+    slope = predict(kernel, alone, bodies, uncertain).by_parameters[..., 6:]
+    return np.moveaxis(slope.reshape(count, joints, 6, len(bodies) - 6), 1, -1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,11 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.belief import Coordinates
 from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point
-from mbaid_ros.core.trajectory.filter import Coordinates, Step, Walk
+from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
+from mbaid_ros.core.trajectory.steps import Step
 from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, far_better, follow, levelled
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
@@ -21,12 +23,12 @@ _SETTLED = 0.1  # standard deviations
 # The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
 # size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
 _GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
-_SAME = 1.0  # standard deviations, below which a guess has led to a result that is known
 _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start counts
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _MASS = BODY.start - PARAMETERS.start
+_PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
 _PART = 10  # windows passed over at a time
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
@@ -58,6 +60,7 @@ class _Result:
     track : the hypothesis that was followed in it
     deviation : standard deviations of the parameters
     settled : whether that pass moved them by next to nothing
+    held : whether its mass was held
     """
 
     point: Point
@@ -65,6 +68,7 @@ class _Result:
     track: Track
     deviation: Array
     settled: bool
+    held: bool
 
     @property
     def sound(self) -> bool:
@@ -78,9 +82,9 @@ class _Result:
         return self.settled and bool(self.deviation[_MASS] < _CERTAIN * self.point.parameters[_MASS])
 
     @property
-    def merit(self) -> tuple[bool, float]:
+    def merit(self) -> tuple[bool, bool, float]:
         """What results are compared by."""
-        return self.settled, self.track.belief.evidence
+        return not self.held, self.settled, self.track.belief.evidence
 
     def near(self, point: Point, deviations: float) -> bool:
         """Tell whether a point is less than some standard deviations away in all parameters."""
@@ -129,29 +133,16 @@ class Start:
         windows : in order; those that are added while the search goes on are only followed
         point : found earlier; None where there is none
         """
-        first, *others = self.walks
         count = len(windows)
         stacks = [stacked(windows[k : min(k + _PART, count)]) for k in range(0, count, _PART)]
-        results = yield from self._from([] if point is None else [point], stacks)
+        results: list[_Result] = []
+        if point is not None and not _massless(point.parameters):
+            results.append((yield from self._repeat(stacks, point, self.walks[0])))
         if not any(result.sound for result in results):
-            results += yield from self._from(self._guesses(), stacks)
+            results += yield from self._from_guesses(stacks)
         result = max(results, key=lambda each: each.merit)
-        settled = result.certain and not any(result.rivals(other) for other in results)
-        passed, tracks = result.passed, [result.track]
-        for walk in others:
-            track = yield from self._follow(passed, self._fresh(walk))
-            tracks.append(track)
-        leading = best(tracks).walk
-        if leading is not first:
-            # At its own solution another hypothesis must still be the better one; else its lead was the
-            # linearisation's.
-            other = yield from self._repeat(stacks, result.point, leading)
-            if other.certain and far_better(other.track, result.track):
-                passed, settled = other.passed, True
-                for place, walk in enumerate(self.walks):
-                    tracks[place] = yield from self._follow(passed, self._fresh(walk))
-            else:
-                tracks = levelled(tracks)
+        passed, tracks, settled = yield from self._hypotheses(stacks, result)
+        settled = settled or (result.certain and not any(result.rivals(other) for other in results))
         while count < len(windows):
             more = windows[count : count + _PART]
             passed = yield from self._pass([stacked(more)], passed.point)
@@ -160,37 +151,63 @@ class Start:
                 tracks[place] = yield from self._follow(passed, track)
         yield Found(tuple(tracks), passed.point, settled)
 
-    def _from(self, points: Sequence[Point], stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
-        """Return what points lead to, each result once."""
-        results: list[_Result] = []
-        for point in points:
-            if _massless(point.parameters):
-                continue
-            known = [result for result in results if result.certain]
-            result = yield from self._repeat(stacks, point, self.walks[0], known)
-            if result not in known:
-                results.append(result)
-        return results
+    def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
+        """Return what the windows lead to with the guessed masses, and from the best of these with any mass.
+
+        Where noise is in the rows as much as motion is, one point may stay, with narrow intervals, although bodies of
+        quite another mass explain the windows as well: those tell.
+        """
+        held: list[_Result] = []
+        for guess in self._guesses():
+            result = yield from self._repeat(stacks, guess, self.walks[0], held=True)
+            held.append(result)
+        free: list[_Result] = []
+        for start in sorted(held, key=lambda each: each.merit, reverse=True):
+            result = yield from self._repeat(stacks, start.point, self.walks[0])
+            free.append(result)
+            if result.certain:
+                break
+        return free + held
+
+    def _hypotheses(
+        self, stacks: list[list[Stack]], result: _Result
+    ) -> Generator[int, None, tuple[_Pass, list[Track], bool]]:
+        """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
+
+        At its own solution another hypothesis must still be the better one; else its lead was the linearisation's.
+        """
+        first, *others = self.walks
+        passed, tracks = result.passed, [result.track]
+        for walk in others:
+            track = yield from self._follow(passed, self._fresh(walk))
+            tracks.append(track)
+        leading = best(tracks).walk
+        if leading is first:
+            return passed, tracks, False
+        other = yield from self._repeat(stacks, result.point, leading)
+        if not (other.certain and self._plain(other) and far_better(other.track, result.track)):
+            return passed, levelled(tracks), False
+        for place, walk in enumerate(self.walks):
+            tracks[place] = yield from self._follow(other.passed, self._fresh(walk))
+        return other.passed, tracks, True
 
     def _repeat(
-        self, stacks: list[list[Stack]], point: Point, walk: Walk, known: Sequence[_Result] = ()
+        self, stacks: list[list[Stack]], point: Point, walk: Walk, *, held: bool = False
     ) -> Generator[int, None, _Result]:
-        """Pass over the windows until they move the point no more, at most a dozen times, or to a known result."""
+        """Pass over the windows until they move the point no more, at most a dozen times; near its mass, if held."""
+        mass = float(point.parameters[_MASS]) if held else None
         for _ in range(_PASSES):
             passed = yield from self._pass(stacks, point)
-            track = yield from self._follow(passed, self._fresh(walk))
+            track = yield from self._follow(passed, self._fresh(walk, mass))
             mean, every_deviation = self.variables.moments(track.belief)
             deviation = every_deviation[PARAMETERS]
             step = mean[PARAMETERS] - point.parameters
             while _massless(point.parameters + step):
                 step = 0.5 * step
-            point = replace(Point.of(mean), parameters=point.parameters + step)
-            for result in known:
-                if result.near(point, _SAME):
-                    return result
+            point = replace(Point.of(mean, every_deviation), parameters=point.parameters + step)
             if np.all(np.abs(step) < _SETTLED * deviation):
-                return _Result(point, passed, track, deviation, settled=True)
-        return _Result(point, passed, track, deviation, settled=False)
+                return _Result(point, passed, track, deviation, settled=True, held=held)
+        return _Result(point, passed, track, deviation, settled=False, held=held)
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
@@ -201,9 +218,14 @@ class Start:
             steps += more
         return _Pass(point, steps)
 
-    def _fresh(self, walk: Walk) -> Track:
-        """Return a hypothesis before the first window."""
-        return Track(walk, self.variables.open(force=walk.force != 'none'))
+    def _plain(self, result: _Result) -> bool:
+        """Tell whether the noise of the rows hardly matters: else, by how much less is left says little."""
+        shift = np.abs(self.variables.spread @ result.track.belief.shift)[PARAMETERS]
+        return bool(np.all(shift <= _PLAIN * result.deviation))
+
+    def _fresh(self, walk: Walk, mass: float | None = None) -> Track:
+        """Return a hypothesis before the first window, of any mass or near one."""
+        return Track(walk, self.variables.open(force=walk.force != 'none', mass=mass))
 
     def _follow(self, passed: _Pass, track: Track) -> Generator[int, None, Track]:
         """Follow a hypothesis over windows."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.trajectory.belief import Coordinates
 from mbaid_ros.core.trajectory.chain import PARAMETERS, Point
-from mbaid_ros.core.trajectory.filter import Coordinates, Walk
+from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
 from mbaid_ros.core.trajectory.start import Found, Search, Start
 from mbaid_ros.core.trajectory.tracks import Track, best, follow
@@ -131,7 +132,7 @@ class Tracker:
         """Begin to linearise all of the young run again if it is time to."""
         if moved and len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(young, Point.of(self._mean()) if self.settled else None)
+            self._search = self._start.search(young, Point.of(*self._moments()) if self.settled else None)
         elif len(young) > self._kept:
             self._young = young[len(young) // 2 :]
 
@@ -156,12 +157,12 @@ class Tracker:
         """Return at how many windows to pass over all of them again."""
         return int(np.ceil(_GROWTH * windows)) if self.settled else windows + _RETRY
 
-    def _mean(self) -> Array:
-        return self._variables.state(best(self._tracks).belief)[0]
+    def _moments(self) -> tuple[Array, Array]:
+        return self._variables.moments(best(self._tracks).belief)
 
     def _held(self) -> Point:
         """Return the point at which windows are linearised, while the estimate stays near it; else, a new one."""
-        mean, deviation = self._variables.moments(best(self._tracks).belief)
+        mean, deviation = self._moments()
         away = np.abs(mean[PARAMETERS] - self._point.parameters)
         if np.all(away <= _HELD * deviation[PARAMETERS]):
             return self._point

@@ -10,8 +10,10 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.belief import Belief, Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
-from mbaid_ros.core.trajectory.filter import Belief, Coordinates, Step, Walk, advance, jolted, unlinked, update
+from mbaid_ros.core.trajectory.filter import Walk, advance, jolted, unlinked, update
+from mbaid_ros.core.trajectory.steps import Step
 from mbaid_ros.core.trajectory.windows import Window
 
 # How much better (log-likelihood) the data must be explained by another hypothesis than by the first.

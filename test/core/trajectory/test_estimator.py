@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.run import Truth
-from observed import LOW, MID, kernel, observe, windows
+from observed import HIGH, LOW, MID, kernel, observe, windows
 
 TURN = np.array([0.01, -0.02, 0.03])  # rad/s
 PLANAR = [True, True, True, False, False, False, False, False, False, True]
@@ -56,8 +56,9 @@ def test_a_cold_start(case: str, servicer: Truth, satellite: Truth) -> None:
 
 def test_exact_data_give_the_exact_body(robot: MomentumKernel, servicer: Truth) -> None:
     last = follow(robot, until(observe(servicer, MID), 15.0), MID)[-1]
-    # Worth a hundredth of a standard deviation at most: the fourth-order formulas, and the smooth prior.
-    assert np.all(np.abs(errors(last, robot)) < 0.01 * last.std)
+    # Worth some hundredths of a standard deviation at most: the fourth-order formulas, the smooth prior, and that the
+    # noise which the estimator is told of, and makes up for in the rows, is not there.
+    assert np.all(np.abs(errors(last, robot)) < 0.05 * last.std)
     assert last.parameters[:4] == pytest.approx(physical(robot.target.parameters)[:4], rel=2e-5)
     assert last.residual < 0.01
     assert last.time_offset == pytest.approx(0.0, abs=1e-6)
@@ -75,6 +76,23 @@ def test_a_planar_robot_shows_four_parameters(plane: Truth, seed: int | None) ->
     assert np.all(np.abs(errors(last, robot)) < (0.01 if seed is None else 4.0) * known)
     assert normalised(last, robot) < chi2.isf(1e-3, 4)
     assert 'planar motion' in last.warnings[0]
+
+
+def test_rows_full_of_noise(plane: Truth) -> None:
+    """Where joints move little more in a window than their noise, least squares prefers bodies that noise moves less.
+
+    By two standard deviations here; and before, quite other bodies fit as well, from which no start may go on.
+    """
+    robot = kernel('table1')
+    surprises = []
+    for seed in range(1, 5):
+        told = [each for each in follow(robot, observe(plane, HIGH, seed), HIGH, adapt=True) if each.std[0] > 0.0]
+        assert told
+        for estimate in told:
+            assert normalised(estimate, robot) < chi2.isf(1e-4, 4)
+        surprises.append(normalised(told[-1], robot))
+        assert abs(told[-1].time_offset) < 4.0 * told[-1].time_offset_std
+    assert covered(surprises, 4)
 
 
 def test_a_mass_that_turns_negative_does_not_halt_the_start(plane: Truth) -> None:

@@ -9,17 +9,10 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
-from mbaid_ros.core.trajectory.filter import (
-    Belief,
-    Coordinates,
-    Walk,
-    advance,
-    jolted,
-    prepare,
-    unlinked,
-    update,
-)
+from mbaid_ros.core.trajectory.belief import Belief, Coordinates
+from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
+from mbaid_ros.core.trajectory.filter import Walk, advance, jolted, unlinked, update
+from mbaid_ros.core.trajectory.steps import prepare
 
 STATE = 29
 STILL = Walk('nothing drifts')
@@ -45,18 +38,23 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         transition=turn,
         drift=rng.normal(size=6),
         process=np.sqrt(process) * rng.normal(size=(6, 8)),
+        joints=rng.normal(size=(6, 3)),
+        joints_by_parameters=rng.normal(size=(6, 10, 3)),
+        joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
         rotation=np.eye(3),
         position=rng.normal(size=3),
     )
 
 
-def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, Array, float]:
+def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, Array, float, Array]:
     """Return the least-squares state at the last window's end, its covariance, and the log-likelihood of all values.
 
-    All values as one linear function of the first state, without process noise.
+    All values as one linear function of the first state, without process noise. And last by what the joints' noise
+    moves that state on average, as it is in the rows too.
     """
     rows, values, noise = [], [], []
+    score: Array = np.zeros(STATE)
     whole: Array = np.eye(STATE)
     constant: Array = np.zeros(STATE)
     for model in models:
@@ -67,6 +65,11 @@ def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, A
             rows.append(part @ whole)
             values.append(value - part @ constant)
             noise.append(covariance)
+        for covariance, size in ((model.pose_covariance, 1.0), (model.twist_covariance, model.joints_in_twist)):
+            # E[(d rows)^T covariance^-1 (d value)] of an error e of the joints, with unit covariance: d value is
+            # joints e, d rows is the same of their derivative.
+            weighed = np.linalg.solve(covariance, model.joints)
+            score[BODY] += size * np.einsum('aun,an->u', model.joints_by_parameters, weighed)
         step = np.eye(STATE)
         step[:6] = model.transition
         whole, constant = step @ whole, step @ constant
@@ -81,7 +84,8 @@ def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, A
     gain = np.linalg.solve(total, matrix * prior).T
     mean, covariance = gain @ value, np.diag(prior) - gain @ (matrix * prior)
     likelihood = float(multivariate_normal(np.zeros(len(value)), total).logpdf(value))
-    return whole @ mean + constant, whole @ covariance @ whole.T, likelihood + 0.5 * len(value) * np.log(2.0 * np.pi)
+    likelihood += 0.5 * len(value) * np.log(2.0 * np.pi)
+    return whole @ mean + constant, whole @ covariance @ whole.T, likelihood, whole @ covariance @ score
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -93,14 +97,15 @@ def test_the_filter_is_least_squares(seed: int) -> None:
     for model in models:
         step = prepare(model, coordinates)
         belief = advance(update(belief, step), step, coordinates, STILL)
-    mean, covariance, likelihood = batch(models, coordinates)
+    mean, covariance, likelihood, shift = batch(models, coordinates)
     spread = coordinates.spread
     assert spread @ belief.mean == pytest.approx(mean, rel=1e-8, abs=1e-8)
     assert spread @ belief.covariance @ spread.T == pytest.approx(covariance, rel=1e-8, abs=1e-8)
     assert belief.evidence == pytest.approx(likelihood, rel=1e-9)
     assert belief.measured == 48
+    assert spread @ belief.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
     state = coordinates.state(belief)
-    assert state[0] == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    assert state[0] == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
 
 
 def test_an_unmeasured_twist_is_left_out() -> None:
@@ -118,7 +123,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     step = prepare(model, coordinates)
     state = rng.normal(size=STATE)
-    belief = Belief(coordinates.gather @ state, np.eye(STATE))
+    belief = Belief(coordinates.gather @ state, np.eye(STATE), np.zeros(STATE))
     force, torque = state[FORCE][:3], state[FORCE][3:]
     turned = model.rotation @ force
     acting = {

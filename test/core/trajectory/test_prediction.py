@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.prediction import joint_gains, predict, unit_rates, with_errors
 from observed import LOW, drifting, kernel, observe
 from random_robots import random_state, random_urdf
 
@@ -141,6 +141,20 @@ def test_derivatives_by_joints(seed: int) -> None:
     expected = central_difference(twist, np.zeros(2 * count), STEP)
     close(by_position, expected[..., :count])
     close(by_rate, expected[..., count:])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_what_joint_rates_make_depends_on_the_bodies(seed: int) -> None:
+    case = Case(seed)
+    twist = case.twist(case.point)
+
+    def by_rate(bodies: Array) -> Array:
+        kernel = with_errors(case.kernel, bodies[10:], case.uncertain)
+        return joint_gains(kernel, case.middle, twist, bodies[:10])[0]
+
+    found = unit_rates(case.kernel, case.middle, case.point, case.uncertain)
+    expected = central_difference(by_rate, case.point[6:], STEP)  # (N, 6, n, u - 6)
+    close(found, np.swapaxes(expected, -1, -2))
 
 
 def test_a_turned_robot_has_a_turned_twist() -> None:

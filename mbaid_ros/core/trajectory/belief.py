@@ -1,0 +1,112 @@
+"""What is believed of the state, in scaled variables, with the covariance as a factor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.chain import BODY, FORCE
+
+_NEAR = 0.1  # standard deviation of a mass that is given, relative
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Mean and covariance of the state, in scaled variables, and how well the measurements have agreed with it.
+
+    Attributes
+    ----------
+    mean : (v,)
+    shift : (v,) to be added to the mean, which noise that rows and values share has moved the other way on average;
+        apart from it, for innovations are those of the mean
+    factor : (v, c) of the covariance, which is factor factor^T; c is v after an update, and more after a step
+    surprise, measured : sum of the normalised innovations squared, and how many there were
+    last_surprise, last_measured : the same of the last update
+    evidence : log-likelihood of all measurements, up to a constant
+    """
+
+    mean: Array
+    factor: Array
+    shift: Array
+    surprise: float = 0.0
+    measured: int = 0
+    last_surprise: float = 0.0
+    last_measured: int = 0
+    evidence: float = 0.0
+
+    @property
+    def covariance(self) -> Array:
+        """The (v, v) covariance."""
+        return np.asarray(self.factor @ self.factor.T)
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The variables of the filter: state = basis (scale * variables).
+
+    Attributes
+    ----------
+    basis : (s, v) orthonormal columns; fewer than s for a planar motion
+    scale : (v,) typical size of each variable
+    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
+    open_factor : (s, f) of the covariance of the state when nothing has been measured
+    """
+
+    basis: Array
+    scale: Array
+    measured: Array
+    open_factor: Array
+
+    @cached_property
+    def open_variance(self) -> Array:
+        """Of the state when nothing has been measured, (s,)."""
+        return np.asarray(np.sum(self.open_factor**2, axis=1))
+
+    @cached_property
+    def spread(self) -> Array:
+        """The (s, v) matrix from variables to state."""
+        return self.basis * self.scale
+
+    @cached_property
+    def gather(self) -> Array:
+        """The (v, s) matrix from state to variables."""
+        return self.basis.T / self.scale[:, None]
+
+    def state(self, belief: Belief) -> tuple[Array, Array]:
+        """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
+        factor = self.spread @ belief.factor
+        return self.spread @ (belief.mean + belief.shift), factor @ factor.T + self._outside
+
+    @cached_property
+    def _outside(self) -> Array:
+        """The (s, s) covariance of what the variables leave out."""
+        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
+        return np.asarray((outside * self.open_variance) @ outside.T)
+
+    def moments(self, belief: Belief) -> tuple[Array, Array]:
+        """Return the mean (s,) and the standard deviations (s,) in SI units."""
+        variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
+        return self.spread @ (belief.mean + belief.shift), np.sqrt(variance)
+
+    def open(self, *, force: bool = False, mass: float | None = None) -> Belief:
+        """Return the belief before the first measurement, with or without a force that may act, or a mass it is near.
+
+        The evidence is then that of bodies of about that mass among all.
+        """
+        factor, mean, evidence = self.open_factor.copy(), np.zeros(len(self.basis)), 0.0
+        if not force:
+            factor[FORCE] = 0.0
+        if mass is not None:
+            deviation = _NEAR * mass
+            evidence = float(np.log(deviation / factor[BODY.start, BODY.start]))
+            mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
+        none = np.zeros(len(self.scale))
+        return Belief(self.gather @ mean, _compressed(self.gather @ factor), none, evidence=evidence)
+
+
+def _compressed(columns: Array) -> Array:
+    """Return a square factor of the covariance columns columns^T."""
+    return np.asarray(np.linalg.qr(columns.T, mode='r')).T
