@@ -19,9 +19,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.data import DURATION, LEVELS, RATE, ROBOTS, endless_motion, kernel, momentum_of, sensed
+from benchmarks.data import DURATION, LEVELS, ROBOTS, endless_motion, kernel, momentum_of, sensed
 from benchmarks.methods import METHODS, Identification
-from benchmarks.pages import number, provenance, table
+from benchmarks.pages import number, provenance, put_section, table
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
 from mbaid_ros.core.robot.inertia import physical
@@ -32,12 +32,17 @@ _PART = 50  # samples handed over at a time
 _MINUTES = 60  # an hour
 _WANTED_RATIO = 1.2
 
-_PAGE = """\
+_HEAD = """\
 # A day without a break
 
-{hours:g} hours of data of `{robot}` ({level} noise, {rate:g} Hz, joints and odometry) through method `{method}`, half a
-second at a time, as the node takes them: {updates} updates. Time is processor time of one core, reading and
-synchronising included. {provenance}
+24 hours of data at 100 Hz, joints and odometry, half a second at a time, as the node takes them. Time is processor time
+of one core, reading and synchronising included. `make benchmark-day` measures it anew, for `trajectory` with
+`ARGS="--method trajectory"`.
+"""
+_SECTION = """\
+## Method `{method}`
+
+{hours:g} hours of `{robot}`, {level} noise: {updates} updates. {provenance}
 
 An update took {ratio:.2f} times as long in the last hour as in the first one; resident memory changed by
 {growth:.1f} MB after the first hour. {alarms} disturbances were reported, where there was none.
@@ -85,8 +90,8 @@ def main() -> int:
             print(_hourly([hour], truth).splitlines()[-1], flush=True)
     print(_final(hours[-1].estimate, truth))
     if arguments.output:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        (arguments.output / 'endurance.md').write_text(_page(arguments, hours, truth), encoding='utf-8')
+        order = [f'Method `{method}`' for method in METHODS]
+        put_section(arguments.output / 'endurance.md', _HEAD, _section(arguments, hours, truth), order)
     return 0 if _ratio(hours) <= _WANTED_RATIO else 1
 
 
@@ -173,14 +178,13 @@ def _final(estimate: Estimate, truth: Array) -> str:
     return table(['parameter', 'true value, SI', 'error', 'reported std'], rows)
 
 
-def _page(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> str:
+def _section(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> str:
     command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
     last = hours[-1]
-    return _PAGE.format(
+    return _SECTION.format(
         hours=arguments.hours,
         robot=arguments.robot,
         level=arguments.level,
-        rate=RATE,
         method=arguments.method,
         updates=sum(hour.updates for hour in hours),
         provenance=provenance(command),

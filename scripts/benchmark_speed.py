@@ -16,13 +16,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks import speed_core, speed_live, speed_replay
-from benchmarks.pages import number, provenance, table
+from benchmarks.pages import number, provenance, put_section, table
 from benchmarks.speed_replay import METHODS
 
 RATE = 1000.0  # Hz, of each topic of the live run
 _ROWS = 3_000  # samples whose rows are made at a time
 _SHORT = 10.0  # s, of the runs that say how the work grows
 
+_SECTIONS = ('Replay', 'Live node', 'Core', 'Start')
 _HEAD = """\
 # Speed
 
@@ -41,7 +42,7 @@ def main() -> None:
             text = f'{parts[part](arguments, Path(folder))}\n\n{_provenance(part, arguments)}\n'
             print(text, flush=True)
             if arguments.output:
-                _put(arguments.output / 'speed.md', text)
+                put_section(arguments.output / 'speed.md', _HEAD, text, _SECTIONS)
 
 
 def _provenance(part: str, arguments: argparse.Namespace) -> str:
@@ -53,15 +54,6 @@ def _provenance(part: str, arguments: argparse.Namespace) -> str:
     }
     command = f'scripts/{Path(__file__).name} --parts {part} {own[part]}--repeats {arguments.repeats} --output docs'
     return provenance(command, f'medians of {arguments.repeats}')
-
-
-def _put(page: Path, text: str) -> None:
-    """Write a section into the page, in the place of the one with its heading."""
-    sections = page.read_text(encoding='utf-8').split('\n## ')[1:] if page.is_file() else []
-    known = {section.partition('\n')[0]: section.rstrip('\n') for section in sections}
-    known[text.removeprefix('## ').partition('\n')[0]] = text.removeprefix('## ').rstrip('\n')
-    ordered = [known[heading] for heading in ('Replay', 'Live node', 'Core', 'Start') if heading in known]
-    page.write_text('\n'.join([_HEAD, *(f'## {section}\n' for section in ordered)]), encoding='utf-8')
 
 
 def _replays(arguments: argparse.Namespace, folder: Path) -> str:

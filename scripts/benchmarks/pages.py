@@ -32,6 +32,23 @@ def replace_marked(page: Path, name: str, writer: str, text: str) -> None:
     page.write_text(before + head + text + tail + after, encoding='utf-8')
 
 
+def put_section(page: Path, head: str, section: str, order: Sequence[str]) -> None:
+    """Write a section into a page that scripts write a part at a time: in the place of the one with its heading.
+
+    Parameters
+    ----------
+    page : Path
+    head : what comes before the sections, anew
+    section : Markdown that begins with its heading, ##
+    order : of the headings
+    """
+    sections = page.read_text(encoding='utf-8').split('\n## ')[1:] if page.is_file() else []
+    known = {text.partition('\n')[0]: text.rstrip('\n') for text in (*sections, section.removeprefix('## '))}
+    ordered = [known[heading] for heading in order if heading in known]
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text('\n'.join([head, *(f'## {text}\n' for text in ordered)]), encoding='utf-8')
+
+
 def number(value: float, digits: int = 2) -> str:
     """Return a number for a table: a dash for NaN, no decimals from 100 on."""
     if not np.isfinite(value):
