@@ -65,6 +65,8 @@ class EstimatorNode(Node):
         self._state = State()
         self._restarted = 0  # how often the session had started again when that was last told
         self._logged: set[str] = set()
+        self._report_due = False  # a report waits for the estimate of a window
+        self._awaited: int | None = None  # end of the window that one waited for
         self._calibrated = ''  # what was last told of the robot's own bodies
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         self._outlets = Outlets(self, with_debris=self._config.debris.report)
@@ -182,6 +184,11 @@ class EstimatorNode(Node):
             self._display.show(estimate, session.target_link)
         if session.restarted != self._restarted:
             self._follow_restart(session)
+        if estimates:
+            # All that can wait comes after the estimates.
+            session.work_off()
+            if self._report_due:
+                self._report()
 
     def _follow_restart(self, session: Session) -> None:
         """Withdraw what was published before the stamps jumped back."""
@@ -243,12 +250,22 @@ class EstimatorNode(Node):
     # Reports
 
     def _on_timer(self) -> None:
+        session = self._state.session
+        if session is not None:
+            if session.closing not in (None, self._awaited):
+                # The estimate that comes in a moment goes first; if it does not come, the next report waits no more.
+                self._awaited, self._report_due = session.closing, True
+                return
+            # Also what no window waits for: a stream without the other one must not pile up unread.
+            self._process(session)
+        self._report()
+
+    def _report(self) -> None:
+        self._report_due = False
         state = self._state
         for inlet in (*self._inlets.values(), self._thrust):
             inlet.refresh()
         if state.session is not None:
-            # Also what no window waits for: a stream without the other one must not pile up unread.
-            self._process(state.session)
             for complaint in complaints(state.session):
                 self._warn_once(complaint)
         self._say_what_is_missing()

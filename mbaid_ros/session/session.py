@@ -37,6 +37,7 @@ STOPPED = 'after the stop by a jump of the stamps'
 PART = 300  # messages worked through at once while a window is open: each time costs as much as reading a hundred
 
 _RESTARTS_KEPT = 20
+_SOON = 0.05  # of a window: so long before its end what has come is worked through
 
 
 class Session:
@@ -75,7 +76,7 @@ class Session:
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
-        self._half = round(0.5e9 * config.window)
+        self._half, self._soon = (round(1e9 * part * config.window) for part in (0.5, _SOON))
         self.reset()
 
     def reset(self) -> None:
@@ -150,6 +151,16 @@ class Session:
         if self.problem and not estimates:
             raise DataError(self.problem)
         return estimates
+
+    def work_off(self) -> None:
+        """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
+        self._identifier.work_off()
+
+    @property
+    def closing(self) -> int | None:
+        """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
+        end, newest = self._identifier.end_of_window, self.gates[JOINTS].newest
+        return end if end is not None and newest is not None and newest >= end - 2 * self._soon else None
 
     @property
     def used(self) -> int:
@@ -242,7 +253,7 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        self._halfway: int | None = None  # end of the latest window whose middle has been worked in
+        self._worked = (-1, 0)  # end of the window in which there was work to do, and how many of its two parts
         make = partial(self._make, config)
         self._capture = capture_of(config, self._kernel, make)
         self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
@@ -269,8 +280,8 @@ class Session:
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.
 
-        The parts leave little to do between the last message of a window and its estimate, however high the rates; and
-        however low, there is one in the middle, in which the method does what it has put off.
+        The parts leave little to do between the last message of a window and its estimate: there is one right before,
+        and one in the middle, however low the rates, in which the method does what it has put off.
         """
         joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
         if len(joints.messages) + len(odometry.messages) >= PART:
@@ -278,8 +289,9 @@ class Session:
         end = self._identifier.end_of_window
         if end is None:
             return bool(joints.messages and odometry.messages)
-        if self._halfway != end and stamp >= end - self._half and joints.messages and odometry.messages:
-            self._halfway = end
+        parts = (stamp >= end - self._half) + (end > stamp >= end - self._soon)
+        if parts and (end, parts) > self._worked and joints.messages and odometry.messages:
+            self._worked = (end, parts)
             return True
         if stamp < end or joints.newest is None or odometry.newest is None:
             return False
