@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, unvec
+from mbaid_ros.core.geometry import Array, rotate_back, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import Link, express
+from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.samples import Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
@@ -54,6 +54,27 @@ class _Motion:
     rate: Array
 
 
+@dataclass(frozen=True)
+class _Known:
+    """The standard parameters of the b known bodies in their axial frames.
+
+    Attributes
+    ----------
+    mass, first_moment, inertia : (b, 1, 1), (b, 3), (b, 3, 3) m, h and I_o: kg, kg m, kg m^2
+    """
+
+    mass: Array
+    first_moment: Array
+    inertia: Array
+
+    @classmethod
+    def of(cls, kernel: MomentumKernel) -> _Known:
+        """Return those of a kernel."""
+        axial, known = kernel.kinematics.axial, kernel.known
+        inertia = np.swapaxes(axial, 1, 2) @ unvec(known[:, 4:]) @ axial
+        return cls(known[:, 0, None, None], rotate_back(axial, known[:, 1:4]), inertia)
+
+
 def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
     """Return the momentum equations of N samples."""
     count = len(samples)
@@ -62,12 +83,12 @@ def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
         rows = momentum_rows(kernel, Samples.concatenate([samples, samples]))
         return MomentumRows(rows.known[:, :1], tuple(regressor[..., :1] for regressor in rows.regressors))
     rows = MomentumRows(np.empty((6, count)), tuple(np.zeros((6, 10, count)) for _ in kernel.unknown))
-    parameters = express(kernel.known, np.swapaxes(kernel.kinematics.axial, 1, 2), np.zeros(3))
-    parts = -(-count * len(parameters) // _PART)
+    known = _Known.of(kernel)
+    parts = -(-count * len(known.mass) // _PART)
     for number in range(parts):
         part = slice(count * number // parts, count * (number + 1) // parts)
         bodies = _motion(kernel, samples, part)
-        _put_momentum(rows.known[:, part], bodies, parameters)
+        _put_momentum(rows.known[:, part], bodies, known)
         for link, regressor in zip(kernel.unknown, rows.regressors, strict=True):
             _put_regressor(regressor[..., part], _motion_of(link, kernel, bodies))
     return rows
@@ -119,19 +140,18 @@ def _motion_of(link: Link, kernel: MomentumKernel, bodies: _Motion) -> _Motion:
     return _Motion(frame[:3], bodies.position[body] + lever, bodies.velocity[body] + _cross(rate, lever), rate)
 
 
-def _put_momentum(total: Array, bodies: _Motion, parameters: Array) -> None:
-    """Write the (6, N) momentum of all b bodies, which have (b, 10) parameters in their axial frames."""
-    mass, first_moment, inertia = parameters[:, 0, None, None], parameters[:, 1:4], unvec(parameters[:, 4:])
-    first = np.einsum('bj,bjin->bin', first_moment, bodies.axes)
-    spin = np.einsum('bij,bjn->bin', inertia, np.einsum('bjin,bin->bjn', bodies.axes, bodies.rate))
+def _put_momentum(total: Array, bodies: _Motion, known: _Known) -> None:
+    """Write the (6, N) momentum of all known bodies."""
+    first = np.einsum('bj,bjin->bin', known.first_moment, bodies.axes)
+    spin = np.einsum('bij,bjn->bin', known.inertia, np.einsum('bjin,bin->bjn', bodies.axes, bodies.rate))
     # P = m v + w x R h;  L = R h x v + R I_o R^T w about the body's origin, and r x P more about the base's
     linear = _cross(bodies.rate, first)
-    linear += mass * bodies.velocity
+    linear += known.mass * bodies.velocity
     angular = np.einsum('bjin,bjn->bin', bodies.axes, spin)
     angular += _cross(first, bodies.velocity)
     angular += _cross(bodies.position, linear)
     total[:3], total[3:] = linear[0], angular[0]
-    for body in range(1, len(parameters)):  # one by one: how numpy sums depends on the number of samples
+    for body in range(1, len(linear)):  # one by one: how numpy sums depends on the number of samples
         total[:3] += linear[body]
         total[3:] += angular[body]
 
