@@ -30,16 +30,13 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
+from mbaid_ros.session.pace import PART, Pace
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
 STOPPED = 'after the stop by a jump of the stamps'
-PART = 300  # messages worked through at once while a window is open: each time costs as much as reading a hundred
 
 _RESTARTS_KEPT = 20
-# Parts of a window before its end, at which what has come is worked through: all but the last leave time for what a
-# method has put off.
-_LEFT = (0.75, 0.5, 0.3, 0.05)
 
 
 class Session:
@@ -78,7 +75,6 @@ class Session:
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
-        self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self.reset()
 
     def reset(self) -> None:
@@ -162,7 +158,7 @@ class Session:
     def closing(self) -> int | None:
         """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
         end, newest = self._identifier.end_of_window, self.gates[JOINTS].newest
-        return end if end is not None and newest is not None and newest >= end - 2 * self._left[-1] else None
+        return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
 
     @property
     def used(self) -> int:
@@ -255,7 +251,7 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        self._worked = (-1, 0)  # end of the window that was last worked in, and how many of the times of `_LEFT` passed
+        self._pace = Pace(config.window)
         make = partial(self._make, config)
         self._capture = capture_of(config, self._kernel, make)
         self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
@@ -280,20 +276,14 @@ class Session:
         return self._is_time(name, stamp)
 
     def _is_time(self, name: str, stamp: int) -> bool:
-        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.
-
-        The parts leave little to do between the last message of a window and its estimate: there is one right before,
-        and some earlier, however low the rates, in which the method does what it has put off.
-        """
+        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
         joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
         if len(joints.messages) + len(odometry.messages) >= PART:
             return True
         end = self._identifier.end_of_window
         if end is None:
             return bool(joints.messages and odometry.messages)
-        parts = sum(stamp >= end - left for left in self._left) if stamp < end else 1
-        if parts and (end, parts) > self._worked and joints.messages and odometry.messages:
-            self._worked = (end, parts)
+        if joints.messages and odometry.messages and self._pace.is_due(stamp, end):
             return True
         if stamp < end or joints.newest is None or odometry.newest is None:
             return False
