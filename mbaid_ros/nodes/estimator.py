@@ -15,7 +15,6 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -28,12 +27,13 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
+from mbaid_ros.nodes.description import DescriptionInlet
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.outlets import TYPES, Outlets
 from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
+from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
@@ -97,20 +97,7 @@ class EstimatorNode(Node):
         # What is about links can only be checked with the robot.
         config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
         Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
-        late = SubscriptionEventCallbacks(
-            incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
-        )
-        self._descriptions = [
-            self.create_subscription(String, 'robot_description', self._on_description, LATCHED, event_callbacks=late)
-        ]
-        return str(self._descriptions[0].topic_name)
-
-    def _subscribe_to_unlatched(self) -> None:
-        """Take robot descriptions also from a publisher that does not latch them (``ros2 topic pub``)."""
-        if len(self._descriptions) == 1:
-            self._descriptions.append(
-                self.create_subscription(String, 'robot_description', self._on_description, qos(1))
-            )
+        return DescriptionInlet(self, self._on_description).topic
 
     def _on_description(self, message: String) -> None:
         state = self._state
