@@ -169,13 +169,12 @@ class EstimatorNode(Node):
                 capture = session.captured(estimate)
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
             self._display.show(estimate, session.target_link)
+        if estimates:
+            session.work_off()  # what can wait comes after the estimates
         if session.restarted != self._restarted:
             self._follow_restart(session)
-        if estimates:
-            # All that can wait comes after the estimates.
-            session.work_off()
-            if self._report_due:
-                self._report()
+        if estimates and self._report_due:
+            self._report()
 
     def _follow_restart(self, session: Session) -> None:
         """Withdraw what was published before the stamps jumped back."""

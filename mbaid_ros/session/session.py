@@ -34,6 +34,8 @@ from mbaid_ros.session.pace import PART, Pace
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
+# Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
+UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 STOPPED = 'after the stop by a jump of the stamps'
 
 _RESTARTS_KEPT = 20
@@ -152,7 +154,10 @@ class Session:
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
-        self._identifier.work_off()
+        try:
+            self._identifier.work_off()
+        except UNSOLVABLE as error:
+            self._start_again(f'the equations could not be solved ({error})')
 
     @property
     def closing(self) -> int | None:
@@ -330,8 +335,7 @@ class Session:
         self._refused += dropped_joints + dropped_base
         try:
             return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
-        except (np.linalg.LinAlgError, FloatingPointError) as error:
-            # Nothing that is known of leads here. A node in a robot's graph has to go on even so, and to say it.
+        except UNSOLVABLE as error:
             self._start_again(f'the equations could not be solved ({error})')
             return []
 
