@@ -7,7 +7,6 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -31,7 +30,7 @@ from mbaid_ros.nodes.description import DescriptionInlet
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
-from mbaid_ros.nodes.outlets import TYPES, Outlets
+from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
@@ -291,15 +290,6 @@ class EstimatorNode(Node):
         if key not in self._logged:
             self._logged.add(key)
             self._log.warning(text)
-
-
-def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:
-    """Return the last estimate of each window: the methods of the paper give one a sample, which nobody can follow.
-
-    Windows are told apart by the stamps of the samples alone, so how many come at once makes no difference.
-    """
-    windows = groupby(estimates, key=lambda estimate: int((estimate.time + 1e-9) / window))
-    return [list(several)[-1] for _, several in windows]
 
 
 def _main(argv: list[str]) -> int:
