@@ -16,6 +16,8 @@ from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 
+_LAST = 0.25  # part of a window, in which nothing is done that can wait
+
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
 
 JOINT_RATES_DERIVED = (
@@ -116,12 +118,17 @@ class Identifier:
         self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
         closed = self._prepared(self._windows.push(samples))
         if not closed:
-            # Between windows there is time.
-            if isinstance(self._estimator, Deferring):
-                self._estimator.work_off()
+            # There is time, unless the window is about to be complete: its estimate must not wait for this.
+            if number * self._window - samples.time[-1] > _LAST * self._window:
+                self.work_off()
             return []
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates
+
+    def work_off(self) -> None:
+        """Let the method do a part of what it has put off, if it does such a thing."""
+        if isinstance(self._estimator, Deferring):
+            self._estimator.work_off()
 
     def _prepared(self, windows: list[Samples]) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""

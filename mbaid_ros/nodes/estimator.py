@@ -7,7 +7,6 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -15,7 +14,6 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -28,12 +26,13 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
+from mbaid_ros.nodes.description import DescriptionInlet
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
-from mbaid_ros.nodes.outlets import TYPES, Outlets
+from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
+from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
@@ -65,6 +64,8 @@ class EstimatorNode(Node):
         self._state = State()
         self._restarted = 0  # how often the session had started again when that was last told
         self._logged: set[str] = set()
+        self._report_due = False  # a report waits for the estimate of a window
+        self._awaited: int | None = None  # end of the window that one waited for
         self._calibrated = ''  # what was last told of the robot's own bodies
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         self._outlets = Outlets(self, with_debris=self._config.debris.report)
@@ -95,20 +96,7 @@ class EstimatorNode(Node):
         # What is about links can only be checked with the robot.
         config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
         Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
-        late = SubscriptionEventCallbacks(
-            incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
-        )
-        self._descriptions = [
-            self.create_subscription(String, 'robot_description', self._on_description, LATCHED, event_callbacks=late)
-        ]
-        return str(self._descriptions[0].topic_name)
-
-    def _subscribe_to_unlatched(self) -> None:
-        """Take robot descriptions also from a publisher that does not latch them (``ros2 topic pub``)."""
-        if len(self._descriptions) == 1:
-            self._descriptions.append(
-                self.create_subscription(String, 'robot_description', self._on_description, qos(1))
-            )
+        return DescriptionInlet(self, self._on_description).topic
 
     def _on_description(self, message: String) -> None:
         state = self._state
@@ -180,8 +168,12 @@ class EstimatorNode(Node):
                 capture = session.captured(estimate)
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
             self._display.show(estimate, session.target_link)
+        if estimates:
+            session.work_off()  # what can wait comes after the estimates
         if session.restarted != self._restarted:
             self._follow_restart(session)
+        if estimates and self._report_due:
+            self._report()
 
     def _follow_restart(self, session: Session) -> None:
         """Withdraw what was published before the stamps jumped back."""
@@ -243,12 +235,22 @@ class EstimatorNode(Node):
     # Reports
 
     def _on_timer(self) -> None:
+        session = self._state.session
+        if session is not None:
+            if session.closing not in (None, self._awaited):
+                # The estimate that comes in a moment goes first; if it does not come, the next report waits no more.
+                self._awaited, self._report_due = session.closing, True
+                return
+            # Also what no window waits for: a stream without the other one must not pile up unread.
+            self._process(session)
+        self._report()
+
+    def _report(self) -> None:
+        self._report_due = False
         state = self._state
         for inlet in (*self._inlets.values(), self._thrust):
             inlet.refresh()
         if state.session is not None:
-            # Also what no window waits for: a stream without the other one must not pile up unread.
-            self._process(state.session)
             for complaint in complaints(state.session):
                 self._warn_once(complaint)
         self._say_what_is_missing()
@@ -288,15 +290,6 @@ class EstimatorNode(Node):
         if key not in self._logged:
             self._logged.add(key)
             self._log.warning(text)
-
-
-def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:
-    """Return the last estimate of each window: the methods of the paper give one a sample, which nobody can follow.
-
-    Windows are told apart by the stamps of the samples alone, so how many come at once makes no difference.
-    """
-    windows = groupby(estimates, key=lambda estimate: int((estimate.time + 1e-9) / window))
-    return [list(several)[-1] for _, several in windows]
 
 
 def _main(argv: list[str]) -> int:

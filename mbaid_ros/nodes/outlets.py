@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -99,3 +101,12 @@ def is_usable(estimate: Estimate) -> bool:
 def is_complete(estimate: Estimate) -> bool:
     """Tell whether all ten parameters of a link are known."""
     return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))
+
+
+def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:
+    """Return the last estimate of each window: the methods of the paper give one a sample, which nobody can follow.
+
+    Windows are told apart by the stamps of the samples alone, so how many come at once makes no difference.
+    """
+    windows = groupby(estimates, key=lambda estimate: int((estimate.time + 1e-9) / window))
+    return [list(several)[-1] for _, several in windows]

@@ -30,11 +30,13 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
+from mbaid_ros.session.pace import PART, Pace
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
+# Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
+UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 STOPPED = 'after the stop by a jump of the stamps'
-PART = 300  # messages worked through at once while a window is open: each time costs as much as reading a hundred
 
 _RESTARTS_KEPT = 20
 
@@ -75,7 +77,6 @@ class Session:
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
-        self._half = round(0.5e9 * config.window)
         self.reset()
 
     def reset(self) -> None:
@@ -150,6 +151,19 @@ class Session:
         if self.problem and not estimates:
             raise DataError(self.problem)
         return estimates
+
+    def work_off(self) -> None:
+        """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
+        try:
+            self._identifier.work_off()
+        except UNSOLVABLE as error:
+            self._start_again(f'the equations could not be solved ({error})')
+
+    @property
+    def closing(self) -> int | None:
+        """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
+        end, newest = self._identifier.end_of_window, self.gates[JOINTS].newest
+        return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
 
     @property
     def used(self) -> int:
@@ -242,7 +256,7 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
-        self._halfway: int | None = None  # end of the latest window whose middle has been worked in
+        self._pace = Pace(config.window)
         make = partial(self._make, config)
         self._capture = capture_of(config, self._kernel, make)
         self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
@@ -267,19 +281,14 @@ class Session:
         return self._is_time(name, stamp)
 
     def _is_time(self, name: str, stamp: int) -> bool:
-        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.
-
-        The parts leave little to do between the last message of a window and its estimate, however high the rates; and
-        however low, there is one in the middle, in which the method does what it has put off.
-        """
+        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
         joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
         if len(joints.messages) + len(odometry.messages) >= PART:
             return True
         end = self._identifier.end_of_window
         if end is None:
             return bool(joints.messages and odometry.messages)
-        if self._halfway != end and stamp >= end - self._half and joints.messages and odometry.messages:
-            self._halfway = end
+        if joints.messages and odometry.messages and self._pace.is_due(stamp, end):
             return True
         if stamp < end or joints.newest is None or odometry.newest is None:
             return False
@@ -326,8 +335,7 @@ class Session:
         self._refused += dropped_joints + dropped_base
         try:
             return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
-        except (np.linalg.LinAlgError, FloatingPointError) as error:
-            # Nothing that is known of leads here. A node in a robot's graph has to go on even so, and to say it.
+        except UNSOLVABLE as error:
             self._start_again(f'the equations could not be solved ({error})')
             return []
 

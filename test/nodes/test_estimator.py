@@ -21,8 +21,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.nodes.estimator import last_of_each_window
-from mbaid_ros.nodes.outlets import TYPES, is_complete, is_usable
+from mbaid_ros.nodes.outlets import TYPES, is_complete, is_usable, last_of_each_window
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session

@@ -8,6 +8,7 @@ one end of the window to the other it tilts far more than its mean tells, and by
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -79,7 +80,7 @@ def _fitted(time: Array, degree: int) -> tuple[Fit, Array]:
     place = (time - time[:, :1]) / half - 1.0
     values = legendre.legvander(place, degree)
     orthonormal, triangle = np.linalg.qr(values)
-    slopes = legendre.legvander(place, degree - 1) @ legendre.legder(np.eye(degree + 1)) / half[..., None]
+    slopes = values[..., :-1] @ _derivatives(degree) / half[..., None]
     solve = np.linalg.solve(triangle, np.swapaxes(orthonormal, -1, -2))
     off = (place - np.mean(place, axis=1, keepdims=True))[..., None]
     trend = off / np.sqrt(np.mean(off**2, axis=1, keepdims=True))  # independent errors have as large a trend as a mean
@@ -87,6 +88,12 @@ def _fitted(time: Array, degree: int) -> tuple[Fit, Array]:
         np.sum((np.mean(part, axis=1, keepdims=True) @ solve) ** 2, axis=(1, 2)) for part in (slopes, trend * slopes)
     )
     return Fit(values, slopes, solve, mean, tilt / mean), np.linalg.cond(triangle)
+
+
+@cache
+def _derivatives(degree: int) -> Array:
+    """Return the coefficients (d, d + 1) of the derivatives of the first d + 1 Legendre polynomials."""
+    return np.asarray(legendre.legder(np.eye(degree + 1)))
 
 
 def missing_rates(window: Samples) -> tuple[bool, bool]:

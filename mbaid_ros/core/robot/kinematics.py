@@ -37,7 +37,17 @@ class Configuration:
 
 
 class Kinematics:
-    """The vectorised kinematics of one robot."""
+    """The vectorised kinematics of one robot.
+
+    Attributes
+    ----------
+    axes : (n, 3) axis of each joint in its parent body's frame
+    ancestors : (n + 1, n) 1 where joint j moves body b, else 0
+    axial : (n + 1, 3, 3) an axial frame of each body, in the body's frame: one whose third axis is that of the joint
+        that moves the body, as Denavit and Hartenberg have it
+    placements : (n, 4, 3) the three axes of body j + 1's axial frame while joint j is at zero, and its origin (m), in
+        the axial frame of the parent body
+    """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
@@ -49,19 +59,14 @@ class Kinematics:
         self._constant = model.rotations @ (np.eye(3) + np.where(turns, square, 0.0))
         self._sine = np.where(turns, model.rotations @ generator, 0.0)
         self._cosine = np.where(turns, -model.rotations @ square, 0.0)
-        self.axes = rotate(model.rotations, model.axes)  # in the parent body's frame
-        # ancestors[b, j] is 1 where joint j moves body b.
+        self.axes = rotate(model.rotations, model.axes)
         self.ancestors = np.zeros((count + 1, count))
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
             self.ancestors[joint + 1, joint] = 1.0
-
-    def local(self, sine: Array, cosine: Array) -> Array:
-        """Return the (3, 3, n, N) rotations of the joints in their parents, for (n, N) sines and cosines of angles."""
-        constant, by_sine, by_cosine = (
-            np.moveaxis(part, 0, -1)[..., None] for part in (self._constant, self._sine, self._cosine)
-        )
-        return np.asarray(constant + by_sine * sine + by_cosine * cosine)
+        self.axial = np.concatenate((np.eye(3)[None], _with_third_axis(model.axes)))
+        at_zero = np.concatenate((model.rotations @ self.axial[1:], model.positions[..., None]), axis=2)
+        self.placements = np.swapaxes(at_zero, 1, 2) @ self.axial[list(model.parents)]
 
     def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
         """Return poses and joint twists.
@@ -111,3 +116,11 @@ class Kinematics:
         (N, n + 1, 6) array (u, w) at the base origin (paper, eq. 1)
         """
         return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])
+
+
+def _with_third_axis(axis: Array) -> Array:
+    """Return rotation matrices (n, 3, 3) whose third columns are the unit vectors (n, 3)."""
+    across = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+    first = across - np.sum(across * axis, axis=1, keepdims=True) * axis
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack((first, cross(axis, first), axis), axis=2)

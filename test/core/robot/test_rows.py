@@ -16,15 +16,15 @@ SEEDS = range(4)
 COUNT = 67
 
 
-def random_case(seed: int) -> tuple[MomentumKernel, Samples]:
+def random_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]:
     """Return a tree with two unknown links and errors of two known bodies, and states of it."""
     rng = np.random.default_rng(seed)
     model = load_model(random_urdf(rng, joints=int(rng.integers(4, 10))))
-    position, velocity, rotation, twist = random_state(rng, model.joints, COUNT)
-    none = np.zeros((COUNT, 6, 6))
-    place = rng.normal(size=(COUNT, 3))
+    position, velocity, rotation, twist = random_state(rng, model.joints, count)
+    none = np.zeros((count, 6, 6))
+    place = rng.normal(size=(count, 3))
     samples = Samples(
-        np.arange(COUNT) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
+        np.arange(count) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
     )
     return MomentumKernel(model, model.last_link, model.links[1].name).with_errors_of([0, 1]), samples
 
@@ -48,5 +48,13 @@ def test_a_batch_is_its_samples_to_the_last_bit(seed: int, size: int) -> None:
     kernel, samples = random_case(seed)
     together = arrays(momentum_rows(kernel, samples))
     parts = [arrays(momentum_rows(kernel, samples[k : k + size])) for k in range(0, COUNT, size)]
+    for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
+        assert np.array_equal(np.concatenate(cut, axis=-1), whole)
+
+
+def test_a_long_batch_is_its_parts_to_the_last_bit() -> None:
+    kernel, samples = random_case(0, 7001)
+    together = arrays(momentum_rows(kernel, samples))
+    parts = [arrays(momentum_rows(kernel, part)) for part in (samples[:7], samples[7:4000], samples[4000:])]
     for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
         assert np.array_equal(np.concatenate(cut, axis=-1), whole)
