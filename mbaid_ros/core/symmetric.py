@@ -33,7 +33,7 @@ def square_root(information: Array) -> Array:
 
 
 def is_positive(matrix: Array) -> bool:
-    """Return whether a symmetric (u, u) matrix is positive definite."""
+    """Return whether a symmetric (..., u, u) matrix, or each of several, is positive definite."""
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:

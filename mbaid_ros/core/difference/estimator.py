@@ -25,7 +25,7 @@ from mbaid_ros.core.difference.window_rows import joined, window_rows
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import NOISE_MARGIN, Reporting, Solution, inverse
+from mbaid_ros.core.results.reporting import NOISE_MARGIN, Instant, Reporting, Solution, inverse
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -73,6 +73,19 @@ class _Run:
     blame: Array = field(default_factory=lambda: np.zeros(1))  # share of all known bodies in the variance, and of each
 
 
+@dataclass(frozen=True)
+class _Disturbances:
+    """What has disturbed a run by an instant: events, warnings, (value, standard deviation) of a delay of the joints.
+
+    `too_many` tells whether there are more than the model can be right with.
+    """
+
+    events: tuple[Event, ...]
+    warnings: tuple[str, ...]
+    delay: tuple[float, float]
+    too_many: bool
+
+
 class DifferenceEstimator:
     """Identifies one link and the total momentum, whatever the momentum is."""
 
@@ -99,7 +112,7 @@ class DifferenceEstimator:
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows, delays = self._equations(windows, start)
         # What may act is added up from window to window, for all at once: anew where a run has begun anew.
-        run, estimates = None, []
+        run, found = None, []
         around: Iterator[Surroundings] = iter(())
         for k, (window, row, delay) in enumerate(zip(windows, rows.each(), delays[:, None], strict=True)):
             self._plane.update(window)
@@ -107,8 +120,13 @@ class DifferenceEstimator:
             if self._run is not run:
                 run = self._run
                 around = run.problem.surroundings(*joined(windows[k:])).each()
-            estimates.append(self._window(window, (row, delay, next(around)), run, origin))
-        return estimates
+            found.append(self._window(window, (row, delay, next(around)), run, origin))
+        solutions, instants, disturbances = zip(*found, strict=True)
+        estimates = self._reporting.estimates(self.method, solutions, instants)
+        return [
+            _judged(estimate.after_thrust(window.impulse[-1]), disturbed)
+            for window, estimate, disturbed in zip(windows, estimates, disturbances, strict=True)
+        ]
 
     def _equations(self, windows: list[Samples], start: Array) -> tuple[Blocks, Array]:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
@@ -119,7 +137,7 @@ class DifferenceEstimator:
 
     def _window(
         self, window: Samples, equations: tuple[Blocks, Array, Surroundings], run: _Run, origin: int
-    ) -> Estimate:
+    ) -> tuple[Solution, Instant, _Disturbances]:
         rows, delays, around = equations
         time = float(window.time[-1])
         late = float(np.nan_to_num(_delay(run)[0]))
@@ -130,22 +148,20 @@ class DifferenceEstimator:
         linear = run.likelihood.add(block, columns, (float(window.time[0]), time), late)
         self._samples += len(window)
         solution = self._solution(run, linear)
-        stamp = origin + round(time * 1e9)
-        estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        return self._judged(estimate.after_thrust(window.impulse[-1]), run)
+        instant = Instant(time, origin + round(time * 1e9), self._samples)
+        return solution, instant, self._disturbances(run)
 
-    def _judged(self, estimate: Estimate, run: _Run) -> Estimate:
-        """Return the estimate with what has disturbed its run."""
+    def _disturbances(self, run: _Run) -> _Disturbances:
+        """Return what has disturbed a run by now."""
         events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
-        warnings = [*estimate.warnings, *map(str, events[-_MOST_TOLD:])]
-        status = estimate.status
-        if run.likelihood.too_many:
-            status = status if status == 'not_identifiable' else 'inconsistent'
+        warnings = [str(event) for event in events[-_MOST_TOLD:]]
+        too_many = run.likelihood.too_many
+        if too_many:
             events = tuple(replace(event, cause=_ANYTHING) for event in events)
             warnings.append(f'the momentum seems to change all the time: {_ANYTHING}')
-        delay, deviation = _delay(run)
-        if deviation > 0.0:
-            warnings.append(f'JointState is stamped {1e3 * delay:.1f} ms late relative to Odometry; estimated along')
+        delay = _delay(run)
+        if delay[1] > 0.0:
+            warnings.append(f'JointState is stamped {1e3 * delay[0]:.1f} ms late relative to Odometry; estimated along')
         if run.blame[0] > 0.5:
             worst = int(np.argmax(run.blame[1:]))
             link = next(x.name for x in self._kernel.model.links if x.body == self._kernel.errors.bodies[worst])
@@ -153,14 +169,7 @@ class DifferenceEstimator:
                 f'{100.0 * run.blame[0]:.0f} % of the variance is due to the known bodies being uncertain, '
                 f'{100.0 * run.blame[1 + worst]:.0f} % to {link} alone'
             )
-        return replace(
-            estimate,
-            status=status,
-            events=events,
-            warnings=tuple(warnings),
-            time_offset=delay,
-            time_offset_std=deviation,
-        )
+        return _Disturbances(events, tuple(warnings), delay, too_many=too_many)
 
     def _solution(self, run: _Run, linear: Linearisation) -> Solution:
         problem, likelihood = run.problem, run.likelihood.likelihood
@@ -209,6 +218,18 @@ class DifferenceEstimator:
             rolling, problem.momentum, problem.open_prior, problem.uncertain, problem.watched
         )
         return _Run(start, problem, likelihood, time, restarted=self._run is not None)
+
+
+def _judged(estimate: Estimate, disturbed: _Disturbances) -> Estimate:
+    """Return the estimate with what has disturbed its run."""
+    return replace(
+        estimate,
+        status='inconsistent' if disturbed.too_many and estimate.status != 'not_identifiable' else estimate.status,
+        events=disturbed.events,
+        warnings=(*estimate.warnings, *disturbed.warnings),
+        time_offset=disturbed.delay[0],
+        time_offset_std=disturbed.delay[1],
+    )
 
 
 def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> Array:

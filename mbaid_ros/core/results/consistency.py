@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from mbaid_ros.core.geometry import Array, vec
+from mbaid_ros.core.geometry import Array, Flags, vec
 from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import is_positive
@@ -36,6 +36,13 @@ def is_physical(standard_parameters: Array) -> bool:
     if not np.all(np.isfinite(standard_parameters)):
         return False
     return is_positive(pseudo_inertia(standard_parameters))
+
+
+def are_physical(standard_parameters: Array) -> Flags:
+    """Return which of (N, 10) standard parameters belong to a real body."""
+    if np.all(np.isfinite(standard_parameters)) and is_positive(pseudo_inertia(standard_parameters)):
+        return np.ones(len(standard_parameters), dtype=bool)
+    return np.array([is_physical(each) for each in standard_parameters])
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:

@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Reporting, Solution, inverse
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverse
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
 
@@ -50,7 +50,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
 
 
 def report(made: Solution) -> Estimate:
-    return REPORTING.estimate('difference', made, time=3.0, stamp=4, samples=500)
+    return REPORTING.estimates('difference', [made], [Instant(time=3.0, stamp=4, samples=500)])[0]
 
 
 def test_what_is_well_determined_is_published_with_its_covariance() -> None:
