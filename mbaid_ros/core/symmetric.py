@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from mbaid_ros.core.geometry import Array
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
+_DOUBTFUL = 1e-9  # part of an unknown's information that the others leave of it, below which directions may be empty
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -30,6 +32,26 @@ def square_root(information: Array) -> Array:
     """Return R (u, k) with R^T information R = 1, over the k directions that have information to double precision."""
     values, vectors = _directions(information)
     return np.asarray(vectors / np.sqrt(values))
+
+
+def inverse_root(matrix: Array, least: float | Array = 0.0) -> Array | None:
+    """Return R (u, u) with R^T R the inverse of a symmetric matrix; None where it may be singular.
+
+    Parameters
+    ----------
+    matrix : (u, u)
+    least : what the elements of the diagonal have to exceed
+    """
+    diagonal = matrix.diagonal()
+    if not (diagonal > least).all():
+        return None
+    size = 1.0 / np.sqrt(diagonal)
+    # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
+    factor, failed = dpotrf(matrix * size * size[:, None], lower=True)
+    # The squares on its diagonal: what is left of each unit once the unknowns before it are known.
+    if failed or factor.diagonal().min() ** 2 < _DOUBTFUL:
+        return None
+    return np.asarray(dtrtri(factor, lower=True)[0] * size)
 
 
 def is_positive(matrix: Array) -> bool:

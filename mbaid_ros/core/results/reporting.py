@@ -27,6 +27,7 @@ from mbaid_ros.core.results.consistency import are_physical, project, project_pl
 from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Status
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
+from mbaid_ros.core.symmetric import inverse_root
 
 _LARGE_CORRECTION = 3.0  # standard deviations
 _ENOUGH = 50  # redundant equations, before the residual is judged
@@ -38,6 +39,7 @@ NOISE_MARGIN = 2.0
 # How much better the mass has to be known than others, for it and for what is a quotient with it to be believed. Its
 # deviation grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
 _OF_THE_MASS = 0.2
+_LEAST = 1e-12  # information in units of a reference, which stands for none
 
 
 @dataclass(frozen=True)
@@ -211,8 +213,11 @@ def inverse(reference: Array, matrix: Array) -> Array:
     reference's diagonal says.
     """
     size = 1.0 / np.sqrt(np.diag(reference))
+    root = inverse_root(matrix)
+    if root is not None and np.sum((root / size) ** 2) < 1.0 / _LEAST:  # then no direction has as much variance
+        return np.asarray(root.T @ root)
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
-    inverted = (vectors / np.maximum(values, 1e-12)) @ vectors.T
+    inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
 
 
