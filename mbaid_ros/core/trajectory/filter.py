@@ -8,7 +8,7 @@ covariances, and a factor's square is never negative.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -100,7 +100,7 @@ class Walk:
         """Whether anything acts or drifts at all."""
         return self.force != 'none' or self.drifts
 
-    @property
+    @cached_property
     def drifts(self) -> bool:
         """Whether there is a random walk."""
         return any((self.momentum, self.position, self.orientation))
@@ -210,16 +210,16 @@ def update(belief: Belief, step: Step) -> Belief:
     stacked = np.zeros((columns + count, count + size), order='F')
     stacked[:columns, :count] = (rows @ factor).T
     stacked[:columns, count:] = factor.T
-    stacked[columns:, :count] = np.eye(count)
+    stacked[columns:, :count] = _identity(count)
     # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
     triangle = dgeqrf(stacked, overwrite_a=True)[0]
     root = triangle[:count, :count]
     normalised, _ = dtrtrs(root, step.value - rows @ belief.mean, trans=1)
     surprise = float(normalised @ normalised)
-    likelihood = surprise + step.log_noise + 2.0 * float(np.sum(np.log(np.abs(np.diag(root)))))
+    likelihood = surprise + step.log_noise + 2.0 * float(np.log(np.abs(root.diagonal())).sum())
     return Belief(
         mean=belief.mean + triangle[:count, count:].T @ normalised,
-        factor=np.triu(triangle[count : count + size, count:]).T,
+        factor=triangle[count : count + size, count:].T * _lower(size),
         surprise=belief.surprise + surprise,
         measured=belief.measured + count,
         last_surprise=surprise,
@@ -234,7 +234,7 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
     gather, length = coordinates.gather, float(step.window.length)
     if walk.force != 'none':
         push = length * _push(step.window, walk)
-        transition = transition + gather[:, _MOMENTUM] @ push @ coordinates.spread[FORCE]
+        transition = transition + gather[:, _MOMENTUM] @ (push @ coordinates.spread[FORCE])
     if walk.drifts:
         rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
         noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
@@ -282,6 +282,17 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
     moved = coordinates.gather @ change
     return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
+
+
+@cache
+def _identity(size: int) -> Array:
+    return np.eye(size)
+
+
+@cache
+def _lower(size: int) -> Array:
+    """Return a lower triangle of ones: LAPACK leaves something else above that of a factor."""
+    return np.tri(size)
 
 
 def _compressed(columns: Array) -> Array:
