@@ -55,12 +55,8 @@ def inverse_root(matrix: Array, least: float | Array = 0.0) -> Array | None:
 
 
 def is_positive(matrix: Array) -> bool:
-    """Return whether a symmetric (..., u, u) matrix, or each of several, is positive definite."""
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    """Return whether a symmetric (u, u) matrix is positive definite."""
+    return not dpotrf(matrix)[1]
 
 
 def _directions(information: Array) -> tuple[Array, Array]:

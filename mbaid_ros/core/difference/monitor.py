@@ -68,7 +68,8 @@ def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> f
     noise = block.noise[0] + block.noise_rows[0] @ x
     effects = columns * nuisance.size - rows @ nuisance.spread
     expected = noise @ noise.T + rows @ nuisance.inverse @ rows.T + effects @ effects.T
-    return float(residual @ np.linalg.solve(expected, residual))
+    root = inverse_root(expected)
+    return float(residual @ np.linalg.solve(expected, residual) if root is None else np.sum((root @ residual) ** 2))
 
 
 def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: Nuisance) -> Array:

@@ -33,16 +33,14 @@ _PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye
 
 def is_physical(standard_parameters: Array) -> bool:
     """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
-    if not np.all(np.isfinite(standard_parameters)):
-        return False
-    return is_positive(pseudo_inertia(standard_parameters))
+    return bool(are_physical(standard_parameters[None])[0])
 
 
 def are_physical(standard_parameters: Array) -> Flags:
     """Return which of (N, 10) standard parameters belong to a real body."""
-    if np.all(np.isfinite(standard_parameters)) and is_positive(pseudo_inertia(standard_parameters)):
-        return np.ones(len(standard_parameters), dtype=bool)
-    return np.array([is_physical(each) for each in standard_parameters])
+    finite = np.all(np.isfinite(standard_parameters), axis=1)
+    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
+    return np.array([is_positive(each) for each in matrices])
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:
