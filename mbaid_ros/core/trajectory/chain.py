@@ -19,7 +19,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predict, with_errors
+from mbaid_ros.core.trajectory.prediction import Prediction, joint_gains, predicted
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
 LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
@@ -108,16 +108,17 @@ def window_models(
     uncertain : indices of the uncertain bodies
     """
     motions = [stack.motion(point.delay) for stack in stacks]
-    whole = predict(kernel, Midpoints.concatenate([motion.flat for motion, _ in motions]), point.parameters, uncertain)
-    predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
+    flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
+    whole, states = predicted(kernel, flat, point.parameters, uncertain)
+    shapes = [motion.turn.shape[:2] for motion, _ in motions]
+    predictions = whole.divided(shapes)
     # The joints' noise is followed at a window's first, middle and last interval.
-    places = [inside.start + np.array([0, _count(inside) // 2, _count(inside) - 1]) for _, inside in motions]
-    gains = joint_gains(
-        with_errors(kernel, point.parameters[16:], uncertain),
-        Midpoints.concatenate([motion[place].flat for (motion, _), place in zip(motions, places, strict=True)]),
-        np.concatenate([each.twist[place].reshape(-1, 6) for each, place in zip(predictions, places, strict=True)]),
-        point.parameters[6:16],
-    )
+    numbers = np.split(np.arange(len(flat)), np.cumsum([count * windows for count, windows in shapes])[:-1])
+    places = [
+        number.reshape(shape)[inside.start + np.array([0, _count(inside) // 2, _count(inside) - 1])].ravel()
+        for number, shape, (_, inside) in zip(numbers, shapes, motions, strict=True)
+    ]
+    gains = joint_gains(kernel, states[np.concatenate(places)])
     ends = np.cumsum([3 * len(stack.windows) for stack in stacks])[:-1]
     divided = zip(*(np.split(gain[:, _ANGULAR_FIRST], ends) for gain in gains), strict=True)
     models = [

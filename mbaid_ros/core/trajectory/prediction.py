@@ -7,12 +7,12 @@ M and the momentum b of the joint motion at a resting base, both linear in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
@@ -56,6 +56,13 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
         uncertain known bodies, 10 each
     uncertain : indices of those bodies
     """
+    return predicted(kernel, middle, parameters, uncertain)[0]
+
+
+def predicted(
+    kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()
+) -> tuple[Prediction, BodyStates]:
+    """Return the same with the states of a robot that moves so, all bodies of which are known."""
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     body = parameters[6:16]
     kernel = with_errors(kernel, parameters[16:], uncertain)
@@ -84,7 +91,11 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
     solved = np.linalg.solve(locked, right)
-    return Prediction(twist, solved[..., :count], solved[..., count:])
+    known = states.known.copy()
+    known[:, kernel.target.body] += target
+    return Prediction(twist, solved[..., :count], solved[..., count:]), replace(
+        states, body_twist=states.body_twist + twist[:, None], known=known, twist=states.twist + twist
+    )
 
 
 def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int]) -> MomentumKernel:
@@ -96,25 +107,18 @@ def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int])
     return kernel.corrected(change)
 
 
-def joint_gains(kernel: MomentumKernel, middle: Midpoints, twist: Array, body: Array) -> tuple[Array, Array]:
+def joint_gains(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
     """Return how joint errors move the prediction.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    middle : Midpoints of N intervals
-    twist : (N, 6) predicted there
-    body : (10,) phi
+    states : of N instants, as predicted
 
     Returns
     -------
     (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
     """
-    # A target of which all is known is a known body.
-    change = np.zeros_like(kernel.known)
-    change[kernel.target.body] = express(body, kernel.target.rotation, kernel.target.position)
-    kernel = kernel.corrected(change)
-    states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, twist)
     joints = kernel.model.joints
     by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
     gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
