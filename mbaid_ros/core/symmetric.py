@@ -9,7 +9,7 @@ from mbaid_ros.core.geometry import Array
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
-_DOUBTFUL = 1e-9  # part of an unknown's information that the others leave of it, below which directions may be empty
+_DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -34,24 +34,22 @@ def square_root(information: Array) -> Array:
     return np.asarray(vectors / np.sqrt(values))
 
 
-def inverse_root(matrix: Array, least: float | Array = 0.0) -> Array | None:
+def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
     """Return R (u, u) with R^T R the inverse of a symmetric matrix; None where it may be singular.
 
     Parameters
     ----------
     matrix : (u, u)
-    least : what the elements of the diagonal have to exceed
+    least : what has to be left of each unknown's information once those before it are known
     """
     diagonal = matrix.diagonal()
-    if not (diagonal > least).all():
-        return None
-    size = 1.0 / np.sqrt(diagonal)
     # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
-    factor, failed = dpotrf(matrix * size * size[:, None], lower=True)
-    # The squares on its diagonal: what is left of each unit once the unknowns before it are known.
-    if failed or factor.diagonal().min() ** 2 < _DOUBTFUL:
+    factor, failed = dpotrf(matrix, lower=True)
+    # The square of a pivot: what is left of an unknown's information once those before it are known.
+    left = factor.diagonal() ** 2
+    if failed or not (left > _DOUBTFUL * diagonal).all() or (least is not None and not (left > least).all()):
         return None
-    return np.asarray(dtrtri(factor, lower=True)[0] * size)
+    return np.asarray(dtrtri(factor, lower=True)[0])
 
 
 def is_positive(matrix: Array) -> bool:

@@ -69,7 +69,10 @@ def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> f
     effects = columns * nuisance.size - rows @ nuisance.spread
     expected = noise @ noise.T + rows @ nuisance.inverse @ rows.T + effects @ effects.T
     root = inverse_root(expected)
-    return float(residual @ np.linalg.solve(expected, residual) if root is None else np.sum((root @ residual) ** 2))
+    if root is None:
+        return float(residual @ np.linalg.solve(expected, residual))
+    white = root @ residual
+    return float(white @ white)
 
 
 def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: Nuisance) -> Array:
@@ -150,7 +153,8 @@ def _squared(slope: Array, covariance: Array, whole: Array) -> Array:
     if covariance.ndim == 2:
         root = inverse_root(covariance, _ROUNDING * whole.diagonal())
         if root is not None:
-            return np.asarray(np.sum((root @ slope) ** 2))
+            white = root @ slope
+            return np.asarray(white @ white)
     size, _, factor = _scaled(covariance, whole)
     if factor is None:
         return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
