@@ -92,7 +92,12 @@ class DifferenceEstimator:
                 own = equations[0][place], equations[1][place]
             else:
                 own = self._equations_later(window, around[place], run, late)
-            found.append(self._window(window, own, run, late, origin))
+            time = float(window.time[-1])
+            linear = run.likelihood.add(*own, (float(window.time[0]), time), late)
+            self._samples += len(window)
+            solution = self._solution(run, linear, around.gains[k - begun])
+            instant = Instant(time, origin + round(time * 1e9), self._samples)
+            found.append((solution, instant, disturbances(run, self._kernel)))
         solutions, instants, disturbed = zip(*found, strict=True)
         estimates = self._reporting.estimates(self.method, solutions, instants)
         return [
@@ -113,17 +118,8 @@ class DifferenceEstimator:
         rows, delays = self._equations(with_joints_later(samples, counts, late), counts, run.origin)
         return run.problem.of(around, rows, delays)
 
-    def _window(
-        self, window: Samples, equations: tuple[Blocks, Array], run: Run, late: float, origin: int
-    ) -> tuple[Solution, Instant, Disturbances]:
-        time = float(window.time[-1])
-        linear = run.likelihood.add(*equations, (float(window.time[0]), time), late)
-        self._samples += len(window)
-        solution = self._solution(run, linear)
-        instant = Instant(time, origin + round(time * 1e9), self._samples)
-        return solution, instant, disturbances(run, self._kernel)
-
-    def _solution(self, run: Run, linear: Linearisation) -> Solution:
+    def _solution(self, run: Run, linear: Linearisation, gains: Array) -> Solution:
+        """Return the solution after a window, at whose end forces have changed the momentum by (f, 6, 6) gains."""
         problem, likelihood = run.problem, run.likelihood.likelihood
         forces = [(found, found.kind) for found in run.likelihood.found if found.kind != 'delay']
         space, variance = problem.space, problem.open_variance
@@ -132,7 +128,7 @@ class DifferenceEstimator:
             space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
             more = np.full(6 * len(forces), 1.0 / np.min(problem.watched.prior['inertial']))
             variance = np.concatenate((variance, more))
-        present = problem.present([axes for _, axes in forces])
+        present = problem.present([axes for _, axes in forces], gains)
         information, noise = linear.information, likelihood.noise_information
         plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
