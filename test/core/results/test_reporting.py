@@ -176,6 +176,22 @@ def test_a_solution_without_mass_determines_nothing() -> None:
     assert np.isnan(estimate.parameters).all()
 
 
+def test_what_is_reported_does_not_depend_on_what_is_reported_with_it() -> None:
+    impossible = BODY.copy()
+    impossible[4] = -20.0
+    made = [solution(0.002), solution(0.03, impossible), solution(10.0), solution(0.05)]
+    instants = [Instant(time=float(k), stamp=k, samples=10 * k) for k in range(4)]
+    together = REPORTING.estimates('difference', made, instants)
+    assert together[1].consistency_correction > 0.0
+    for one, instant, beside in zip(made, instants, together, strict=True):
+        alone = REPORTING.estimates('difference', [one], [instant])[0]
+        for name, value in vars(alone).items():
+            if isinstance(value, tuple | str):
+                assert value == vars(beside)[name]
+            else:
+                assert np.array_equal(value, vars(beside)[name], equal_nan=np.asarray(value).dtype == float)
+
+
 def test_the_inverse_tells_directions_without_information() -> None:
     reference = np.diag([4.0, 9.0])
     found = inverse(reference, np.diag([2.0, -1.0]))
