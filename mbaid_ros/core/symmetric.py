@@ -28,6 +28,12 @@ def solve_symmetric(information: Array, right_side: Array) -> Array:
     return np.asarray(vectors @ ((vectors.T @ right_side).T / values).T)
 
 
+def solve_definite(information: Array, right_side: Array) -> Array:
+    """Return the same in less time where every direction has information enough."""
+    root = inverse_root(information)
+    return solve_symmetric(information, right_side) if root is None else np.asarray(root.T @ (root @ right_side))
+
+
 def square_root(information: Array) -> Array:
     """Return R (u, k) with R^T information R = 1, over the k directions that have information to double precision."""
     values, vectors = _directions(information)

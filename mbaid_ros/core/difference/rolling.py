@@ -23,7 +23,7 @@ from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.difference.kept import KeptWindows
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import inverse_root, is_positive, solve_symmetric
+from mbaid_ros.core.symmetric import inverse_root, is_positive, solve_definite, solve_symmetric
 
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
@@ -235,12 +235,10 @@ class RollingLikelihood:
 
     def _plausible_covariance(self) -> Array:
         """Return the covariance of which `_plausible` returns a factor."""
-        if is_positive(self._signal):
-            root = inverse_root(self._signal + np.diag(self._typical**-2.0))
-            if root is not None:
-                return np.asarray(root.T @ root)
-        spread = self._plausible()[1]
-        return np.asarray(spread @ spread.T)
+        signal = self._signal
+        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
+        factor = self._plausible()[1] if root is None else root.T
+        return np.asarray(factor @ factor.T)
 
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
@@ -250,11 +248,8 @@ class RollingLikelihood:
         kept, close = self._kept, _CLOSE if self._sure else _SMALL_STEP
         linear = self._linearised()
         for _ in range(iterations):
-            root = inverse_root(linear.information) if self._sure else None
-            if root is None:
-                step = -solve_symmetric(linear.information, linear.gradient)
-            else:
-                step = -root.T @ (root @ linear.gradient)
+            solve = solve_definite if self._sure else solve_symmetric
+            step = -solve(linear.information, linear.gradient)
             if -float(linear.gradient @ step) < close**2:
                 self.x = kept.x + step
                 form = linear.at(step)
