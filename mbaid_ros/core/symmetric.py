@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from mbaid_ros.core.geometry import Array
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
+_DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -26,19 +28,39 @@ def solve_symmetric(information: Array, right_side: Array) -> Array:
     return np.asarray(vectors @ ((vectors.T @ right_side).T / values).T)
 
 
+def solve_definite(information: Array, right_side: Array) -> Array:
+    """Return the same in less time where every direction has information enough."""
+    root = inverse_root(information)
+    return solve_symmetric(information, right_side) if root is None else np.asarray(root.T @ (root @ right_side))
+
+
 def square_root(information: Array) -> Array:
     """Return R (u, k) with R^T information R = 1, over the k directions that have information to double precision."""
     values, vectors = _directions(information)
     return np.asarray(vectors / np.sqrt(values))
 
 
+def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
+    """Return R (u, u) with R^T R the inverse of a symmetric matrix; None where it may be singular.
+
+    Parameters
+    ----------
+    matrix : (u, u)
+    least : what has to be left of each unknown's information once those before it are known
+    """
+    diagonal = matrix.diagonal()
+    # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
+    factor, failed = dpotrf(matrix, lower=True)
+    # The square of a pivot: what is left of an unknown's information once those before it are known.
+    left = factor.diagonal() ** 2
+    if failed or not (left > _DOUBTFUL * diagonal).all() or (least is not None and not (left > least).all()):
+        return None
+    return np.asarray(dtrtri(factor, lower=True)[0])
+
+
 def is_positive(matrix: Array) -> bool:
     """Return whether a symmetric (u, u) matrix is positive definite."""
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    return not dpotrf(matrix)[1]
 
 
 def _directions(information: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.replay.inputs import Inputs, Message
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
-_MESSAGES_AT_ONCE = 2_000
+_MESSAGES_AT_ONCE = 4_000
 
 # Called now and then with the number of messages read and that of all.
 Progress = Callable[[int, int], None]

@@ -43,10 +43,6 @@ class ConstantForce:
     ----------
     axes : that they are constant in: those of the base, on its origin; or inertial ones, at the run's origin
     origin : (3,) m, about which the angular momentum is taken, odometry frame
-
-    Attributes
-    ----------
-    gain : (6, 6) C at the end of the last window
     """
 
     def __init__(self, axes: Axes, origin: Array) -> None:
@@ -55,13 +51,8 @@ class ConstantForce:
         self._last: tuple[float, Array] | None = None  # time, (A; [p]x A), (2, 3, 3)
         self._integral: Array = np.zeros((2, 3, 3))
 
-    @property
-    def gain(self) -> Array:
-        """C at the end of the last window, (6, 6)."""
-        return _gain(self._integral)
-
-    def columns(self, samples: Samples, counts: Counts) -> Array:
-        """Take the next windows' samples and return the (K, 6, 6) means of -T C.
+    def columns(self, samples: Samples, counts: Counts) -> tuple[Array, Array]:
+        """Take the next K windows' samples; return the means of -T C over each, and C at its end, both (K, 6, 6).
 
         T refers (P, L) to the base's origin; `counts` says how many samples each window has.
         """
@@ -73,11 +64,13 @@ class ConstantForce:
         time, before = self._last or (float(samples.time[0]), rate[0])
         step = np.diff(samples.time, prepend=time)[:, None, None, None]
         mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))
-        integral = self._integral + np.cumsum(step * mean, axis=0)
+        # On from the last sum: added up one by one, it is the same to the last bit however the windows come.
+        integral = np.cumsum(np.concatenate((self._integral[None], step * mean)), axis=0)[1:]
         self._last, self._integral = (float(samples.time[-1]), rate[-1]), integral[-1]
         gain = _gain(integral)
+        at_end = gain[np.cumsum(counts) - 1]
         gain[:, 3:, :3] -= position @ integral[:, 0]
-        return -mean_of_each(gain, counts)
+        return -mean_of_each(gain, counts), at_end
 
 
 def _gain(integral: Array) -> Array:

@@ -53,12 +53,14 @@ class Blocks(Stacked):
         selection : (k, r) E
         basis : (u, v) B
         """
-        noise_rows = np.asarray(np.tensordot(self.noise_rows @ basis, selection, axes=(1, 1)), dtype=float)
+        count, equations, sources, _ = self.noise_rows.shape
+        mixed = (self.noise_rows @ basis).reshape(count, equations, -1)
+        # A block at a time: what becomes of one does not depend on those beside it, to the last bit.
         return Blocks(
             selection @ self.rows @ basis,
-            self.offset @ selection.T,
+            (selection @ self.offset[..., None])[..., 0],
             selection @ self.noise,
-            np.ascontiguousarray(np.moveaxis(noise_rows, -1, 1)),
+            (selection @ mixed).reshape(count, len(selection), sources, basis.shape[1]),
         )
 
 

@@ -8,37 +8,27 @@ maximum is followed at bounded cost (rolling) and watched for disturbances (step
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core import chi_square
-from mbaid_ros.core.difference.disturbances import Jump
-from mbaid_ros.core.difference.effects import Axes, delay_columns, with_joints_later
+from mbaid_ros.core.difference.effects import delay_columns, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, Surroundings, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
+from mbaid_ros.core.difference.run import Disturbances, Run, delay, disturbances
 from mbaid_ros.core.difference.steps import SteppedLikelihood
-from mbaid_ros.core.difference.window_rows import joined, window_rows
-from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.causes import PULSE, constant_force
-from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import NOISE_MARGIN, Reporting, Solution, inverse
+from mbaid_ros.core.difference.window_rows import Counts, joined, joined_rows
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.reporting import NOISE_MARGIN, Instant, Reporting, Solution, inverse
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 _LATER = 3  # times as many windows are kept before they are folded
-_MOST_TOLD = 5  # events in the warnings
-_LONG = 1.5  # s, from which a jump of the momentum is no pulse
-# Chance of an estimate to be as large if there was nothing, from which on a jump is none, and a force is one.
-_NOTHING, _CERTAIN = 1e-3, 1e-9
-_ANYTHING = (
-    'wrong known bodies (known_links.relative_std), order or sign of joints or twist frame, or a force that changes'
-)
 
 
 @dataclass(frozen=True)
@@ -61,18 +51,6 @@ class DifferenceSettings:
     beside: Beside
 
 
-@dataclass
-class _Run:
-    """What a run has led to: where it started, what its motion can tell, and the likelihood of that."""
-
-    origin: Array
-    problem: Problem
-    likelihood: SteppedLikelihood
-    started: float  # s since the first sample
-    restarted: bool = False
-    blame: Array = field(default_factory=lambda: np.zeros(1))  # share of all known bodies in the variance, and of each
-
-
 class DifferenceEstimator:
     """Identifies one link and the total momentum, whatever the momentum is."""
 
@@ -85,7 +63,7 @@ class DifferenceEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._run: _Run | None = None
+        self._run: Run | None = None
         self._samples = 0
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -97,72 +75,51 @@ class DifferenceEstimator:
         origin : ns, stamp at time 0
         """
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
-        rows, delays = self._equations(windows, start)
+        samples, counts = joined(windows)
+        rows, delays = self._equations(samples, counts, start)
         # What may act is added up from window to window, for all at once: anew where a run has begun anew.
-        run, estimates = None, []
-        around: Iterator[Surroundings] = iter(())
-        for k, (window, row, delay) in enumerate(zip(windows, rows.each(), delays[:, None], strict=True)):
+        run, begun, found = None, 0, []
+        for k, window in enumerate(windows):
             self._plane.update(window)
             self._run = self._running(start, float(window.time[0]))
             if self._run is not run:
-                run = self._run
-                around = run.problem.surroundings(*joined(windows[k:])).each()
-            estimates.append(self._window(window, (row, delay, next(around)), run, origin))
-        return estimates
+                run, begun = self._run, k
+                around = run.problem.surroundings(*(joined(windows[k:]) if k else (samples, counts)))
+                equations = run.problem.of(around, rows[k:], delays[k:])
+            place = slice(k - begun, k - begun + 1)
+            late = float(np.nan_to_num(delay(run)[0]))
+            if late == 0.0:
+                own = equations[0][place], equations[1][place]
+            else:
+                own = self._equations_later(window, around[place], run, late)
+            time = float(window.time[-1])
+            linear = run.likelihood.add(*own, (float(window.time[0]), time), late)
+            self._samples += len(window)
+            solution = self._solution(run, linear, around.gains[k - begun])
+            instant = Instant(time, origin + round(time * 1e9), self._samples)
+            found.append((solution, instant, disturbances(run, self._kernel)))
+        solutions, instants, disturbed = zip(*found, strict=True)
+        estimates = self._reporting.estimates(self.method, solutions, instants)
+        return [
+            _judged(estimate.after_thrust(window.impulse[-1]), by)
+            for window, estimate, by in zip(windows, estimates, disturbed, strict=True)
+        ]
 
-    def _equations(self, windows: list[Samples], start: Array) -> tuple[Blocks, Array]:
+    def _equations(self, samples: Samples, counts: Counts, start: Array) -> tuple[Blocks, Array]:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
-        rows = window_rows(self._observed, windows, self._settings.noise, start)
+        rows = joined_rows(self._observed, samples, counts, self._settings.noise, start)
         if self._settings.beside.delay_std > 0.0:
-            return rows, delay_columns(self._kernel, *joined(windows), rows)
-        return rows, np.zeros((len(windows), 6, 11))
+            return rows, delay_columns(self._kernel, samples, counts, rows)
+        return rows, np.zeros((len(counts), 6, 11))
 
-    def _window(
-        self, window: Samples, equations: tuple[Blocks, Array, Surroundings], run: _Run, origin: int
-    ) -> Estimate:
-        rows, delays, around = equations
-        time = float(window.time[-1])
-        late = float(np.nan_to_num(_delay(run)[0]))
-        if late != 0.0:
-            window = with_joints_later(*joined([window]), late)
-            rows, delays = self._equations([window], run.origin)
-        block, columns = run.problem.of(around, rows, delays)
-        linear = run.likelihood.add(block, columns, (float(window.time[0]), time), late)
-        self._samples += len(window)
-        solution = self._solution(run, linear)
-        stamp = origin + round(time * 1e9)
-        estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        return self._judged(estimate.after_thrust(window.impulse[-1]), run)
+    def _equations_later(self, window: Samples, around: Surroundings, run: Run, late: float) -> tuple[Blocks, Array]:
+        """Return a window's equations in the run's unknowns, and its effects, with joints that were stamped late, s."""
+        samples, counts = joined([window])
+        rows, delays = self._equations(with_joints_later(samples, counts, late), counts, run.origin)
+        return run.problem.of(around, rows, delays)
 
-    def _judged(self, estimate: Estimate, run: _Run) -> Estimate:
-        """Return the estimate with what has disturbed its run."""
-        events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
-        warnings = [*estimate.warnings, *map(str, events[-_MOST_TOLD:])]
-        status = estimate.status
-        if run.likelihood.too_many:
-            status = status if status == 'not_identifiable' else 'inconsistent'
-            events = tuple(replace(event, cause=_ANYTHING) for event in events)
-            warnings.append(f'the momentum seems to change all the time: {_ANYTHING}')
-        delay, deviation = _delay(run)
-        if deviation > 0.0:
-            warnings.append(f'JointState is stamped {1e3 * delay:.1f} ms late relative to Odometry; estimated along')
-        if run.blame[0] > 0.5:
-            worst = int(np.argmax(run.blame[1:]))
-            link = next(x.name for x in self._kernel.model.links if x.body == self._kernel.errors.bodies[worst])
-            warnings.append(
-                f'{100.0 * run.blame[0]:.0f} % of the variance is due to the known bodies being uncertain, '
-                f'{100.0 * run.blame[1 + worst]:.0f} % to {link} alone'
-            )
-        return replace(
-            estimate,
-            status=status,
-            events=events,
-            warnings=tuple(warnings),
-            time_offset=delay,
-            time_offset_std=deviation,
-        )
-
-    def _solution(self, run: _Run, linear: Linearisation) -> Solution:
+    def _solution(self, run: Run, linear: Linearisation, gains: Array) -> Solution:
+        """Return the solution after a window, at whose end forces have changed the momentum by (f, 6, 6) gains."""
         problem, likelihood = run.problem, run.likelihood.likelihood
         forces = [(found, found.kind) for found in run.likelihood.found if found.kind != 'delay']
         space, variance = problem.space, problem.open_variance
@@ -171,7 +128,7 @@ class DifferenceEstimator:
             space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
             more = np.full(6 * len(forces), 1.0 / np.min(problem.watched.prior['inertial']))
             variance = np.concatenate((variance, more))
-        present = problem.present([axes for _, axes in forces])
+        present = problem.present([axes for _, axes in forces], gains)
         information, noise = linear.information, likelihood.noise_information
         plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
@@ -193,7 +150,7 @@ class DifferenceEstimator:
             restarted=run.restarted,
         )
 
-    def _running(self, start: Array, time: float) -> _Run:
+    def _running(self, start: Array, time: float) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
         if self._run is not None and self._run.problem.space.planar == self._plane.planar:
             return self._run
@@ -208,7 +165,19 @@ class DifferenceEstimator:
         likelihood = SteppedLikelihood(
             rolling, problem.momentum, problem.open_prior, problem.uncertain, problem.watched
         )
-        return _Run(start, problem, likelihood, time, restarted=self._run is not None)
+        return Run(start, problem, likelihood, time, restarted=self._run is not None)
+
+
+def _judged(estimate: Estimate, disturbed: Disturbances) -> Estimate:
+    """Return the estimate with what has disturbed its run."""
+    return replace(
+        estimate,
+        status='inconsistent' if disturbed.too_many and estimate.status != 'not_identifiable' else estimate.status,
+        events=disturbed.events,
+        warnings=(*estimate.warnings, *disturbed.warnings),
+        time_offset=disturbed.delay[0],
+        time_offset_std=disturbed.delay[1],
+    )
 
 
 def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> Array:
@@ -227,53 +196,3 @@ def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> 
         return np.zeros(1)
     parts = np.column_stack((np.sum(spread[:body] ** 2, axis=1), errors.shares(spread[:body])))
     return np.asarray(np.mean(parts / (np.diag(covariance)[:body] + parts[:, 0])[:, None], axis=0))
-
-
-def _step(jump: Jump, run: _Run) -> Event:
-    """Return a jump of the momentum as it is reported, about the odometry's origin."""
-    change = run.problem.space.rows.T @ jump.value
-    linear = change[:3]
-    return Event(jump.start, 'step', linear, change[3:] + cross(run.origin, linear), _cause(jump))
-
-
-def _cause(jump: Jump) -> str:
-    """Return what may have made a jump of the momentum."""
-    if not _tells(jump.value, jump.covariance, _NOTHING):
-        return 'the momentum came back: a fault of the sensors, or two pulses that cancel'
-    if jump.end - jump.start > _LONG:
-        return f'a force or torque for {jump.end - jump.start:.1f} s: thrust or contact'
-    return PULSE
-
-
-def _forces(run: _Run) -> tuple[Event, ...]:
-    """Return the constant forces that act on the origin of the base link, if there are any."""
-    found = [(item.place, item.kind) for item in run.likelihood.found if item.kind != 'delay']
-    acting = found if run.problem.acting is None else [run.problem.acting]
-    if not run.likelihood.ready:
-        return ()
-    return tuple(
-        _force(axes, value, run)
-        for value, covariance, axes in ((*run.likelihood.part(place), axes) for place, axes in acting)
-        if len(found) == 1 or _tells(value, covariance, _CERTAIN)
-    )
-
-
-def _force(axes: Axes, value: Array, run: _Run) -> Event:
-    """Return a constant force and torque as it is reported."""
-    wrench = run.problem.space.rows.T @ value
-    cause = f'{constant_force(axes)}; estimated along, which widens the intervals'
-    return Event(run.started, 'ramp', wrench[:3], wrench[3:], cause)
-
-
-def _delay(run: _Run) -> tuple[float, float]:
-    """Return how late the joints are stamped and its standard deviation, s; NaN where that was not found."""
-    for found in run.likelihood.found:
-        if found.kind == 'delay':
-            value, covariance = run.likelihood.part(found.place)
-            return float(value[0]), float(np.sqrt(covariance[0, 0]))
-    return np.nan, np.nan
-
-
-def _tells(value: Array, covariance: Array, chance: float) -> bool:
-    """Return whether an estimate would be so far from zero by chance less often than that."""
-    return bool(float(value @ np.linalg.solve(covariance, value)) > chi_square.limit(chance, len(value)))

@@ -6,13 +6,16 @@ the normal equations at the solution alone (score test; Rao 1948). Undisturbed, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.effects import Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.symmetric import inverse_root
 
 _ROUNDING = 1e-12  # part of a whole, of which what is left after subtraction is nothing
 _DOUBTFUL = 1e-9  # the same, from which on each direction has to be looked at
@@ -45,7 +48,8 @@ class Nuisance:
         cross : (u, e) of the coupling with the effects
         size : (e,) their standard deviations
         """
-        covariance = inverse(information)
+        root = inverse_root(information)
+        covariance = inverse(information) if root is None else root.T @ root
         return Nuisance(covariance, gradient, size, covariance @ cross * size)
 
 
@@ -64,7 +68,11 @@ def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> f
     noise = block.noise[0] + block.noise_rows[0] @ x
     effects = columns * nuisance.size - rows @ nuisance.spread
     expected = noise @ noise.T + rows @ nuisance.inverse @ rows.T + effects @ effects.T
-    return float(residual @ np.linalg.solve(expected, residual))
+    root = inverse_root(expected)
+    if root is None:
+        return float(residual @ np.linalg.solve(expected, residual))
+    white = root @ residual
+    return float(white @ white)
 
 
 def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: Nuisance) -> Array:
@@ -78,19 +86,19 @@ def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: N
     first : the first of the windows in question
     nuisance : Nuisance
     """
-    white, effects = white[first:], effects[first:]
-    later = np.swapaxes(white.rows[..., momentum], 1, 2)
-    return _fall(
-        cross=np.swapaxes(_from_the_end(later @ white.rows), 1, 2),
-        own=_from_the_end(later @ white.rows[..., momentum]),
-        gradient=_from_the_end((later @ white.residual[..., None])[..., 0]),
-        effects=_from_the_end(later @ effects),
-        nuisance=nuisance,
-    )
+    rows = white.rows[first:]
+    unknowns = rows.shape[-1]
+    beside = np.concatenate((rows, white.residual[first:, :, None], effects[first:]), axis=2)
+    sums = _from_the_end(np.swapaxes(rows[..., momentum], 1, 2) @ beside)
+    cross, gradient, coupled = np.split(sums, [unknowns, unknowns + 1], axis=2)
+    own = cross[..., momentum]
+    return _squared(*_left(cross, own, gradient[..., 0], coupled, nuisance), own)
 
 
-def effect(coupling: Coupling, x: Array, acting: tuple[slice, Array], effects: Places, nuisance: Nuisance) -> float:
-    """Return by how much combinations of effects would lower the cost.
+def falls(
+    coupling: Coupling, x: Array, acting: Mapping[Kind, tuple[slice, Array]], effects: Places, nuisance: Nuisance
+) -> dict[Kind, float]:
+    """Return by how much each of several combinations of effects would lower the cost.
 
     Parameters
     ----------
@@ -100,33 +108,39 @@ def effect(coupling: Coupling, x: Array, acting: tuple[slice, Array], effects: P
     effects : indices of the effects that are uncertain anyhow
     nuisance : Nuisance
     """
-    places, weight = acting
-    mixed = coupling.mixed(places, weight)
-    fall = _fall(
-        cross=mixed.cross,
-        own=mixed.own,
-        gradient=mixed.gradient(x),
-        effects=weight.T @ coupling.own[places, effects],
-        nuisance=nuisance,
+    ends = np.cumsum([weight.shape[1] for _, weight in acting.values()])
+    weights = np.zeros((len(coupling.offset), ends[-1] if acting else 0))
+    parts = {}
+    for (kind, (places, weight)), end in zip(acting.items(), ends, strict=True):
+        parts[kind] = slice(int(end) - weight.shape[1], int(end))
+        weights[places, parts[kind]] = weight
+    mixed = coupling.mixed(slice(None), weights)
+    slope, covariance = _left(
+        mixed.cross.T, mixed.own, mixed.gradient(x), weights.T @ coupling.own[:, effects], nuisance
     )
-    return float(fall)
+    return {
+        kind: float(_squared(slope[part], covariance[part, part], mixed.own[part, part]))
+        for kind, part in parts.items()
+    }
 
 
-def _fall(*, cross: Array, own: Array, gradient: Array, effects: Array, nuisance: Nuisance) -> Array:
-    """Return the score statistics of c more unknowns: the gradient by them in the metric of its covariance.
+def _left(cross: Array, own: Array, gradient: Array, effects: Array, nuisance: Nuisance) -> tuple[Array, Array]:
+    """Return the gradient by c more unknowns at the solution for the others, (..., c), and its (..., c, c) covariance.
 
     Parameters
     ----------
-    cross, own, gradient : (..., u, c), (..., c, c), (..., c) of the normal equations
+    cross, own, gradient : (..., c, u), (..., c, c), (..., c) of the normal equations
     effects : (..., c, e) their coupling with the uncertain effects
     nuisance : Nuisance
     """
-    back = np.swapaxes(cross, -1, -2)
-    weighed = nuisance.inverse @ cross
-    slope = gradient - np.swapaxes(weighed, -1, -2) @ nuisance.gradient
-    unsure = effects * nuisance.size - back @ nuisance.spread
-    covariance = own - back @ weighed + unsure @ np.swapaxes(unsure, -1, -2)
-    return _squared(slope, covariance, own)
+    # All of them in one product.
+    weighed = (cross.reshape(-1, cross.shape[-1]) @ nuisance.inverse).reshape(cross.shape)
+    slope = gradient - weighed @ nuisance.gradient
+    covariance = own - weighed @ np.swapaxes(cross, -1, -2)
+    if effects.shape[-1]:
+        unsure = effects * nuisance.size - cross @ nuisance.spread
+        covariance = covariance + unsure @ np.swapaxes(unsure, -1, -2)
+    return slope, covariance
 
 
 def _from_the_end(values: Array) -> Array:
@@ -135,7 +149,12 @@ def _from_the_end(values: Array) -> Array:
 
 
 def _squared(slope: Array, covariance: Array, whole: Array) -> Array:
-    """Return the (...) squares of (..., c) in the metric of (..., c, c); the rest as for `inverse`."""
+    """Return the squares (...) of (..., c) in the metric of (..., c, c); the rest as for `inverse`."""
+    if covariance.ndim == 2:
+        root = inverse_root(covariance, _ROUNDING * whole.diagonal())
+        if root is not None:
+            white = root @ slope
+            return np.asarray(white @ white)
     size, _, factor = _scaled(covariance, whole)
     if factor is None:
         return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))

@@ -53,11 +53,14 @@ class Surroundings(Stacked):
     acting : (K, 6, a) columns of the constant force and torque that was asked for
     watched : (K, 6, w) of those that are watched for, in the unknowns that they would become
     errors : (K, 6, e) of the independent errors of known bodies that only widen the covariance
+    gains : (K, f, 6, 6) what each of these forces and torques has changed (P, L) by at the window's end: the one that
+        was asked for, or those that are watched for, in the order of AXES
     """
 
     acting: Array
     watched: Array
     errors: Array
+    gains: Array
 
 
 class Problem:
@@ -127,13 +130,14 @@ class Problem:
 
     def surroundings(self, samples: Samples, counts: Counts) -> Surroundings:
         """Take the next K windows' samples and return what may act there, whatever the joints' stamps."""
-        nothing, errors = np.zeros((len(counts), 6, 0)), self._kernel.errors
-        acting = [force.columns(samples, counts) for force in self._acting]
-        watched = [force.columns(samples, counts) @ self.space.rows.T for force in self._watched]
-        uncertain = (
-            [] if self.estimated else [body_columns(self._kernel, samples, counts, errors.bodies) @ errors.factor]
-        )
-        return Surroundings(*(np.concatenate((nothing, *each), axis=2) for each in (acting, watched, uncertain)))
+        nothing, known = np.zeros((len(counts), 6, 0)), self._kernel.errors
+        forces = [force.columns(samples, counts) for force in (*self._acting, *self._watched)]
+        columns = [each for each, _ in forces]
+        asked = columns[: len(self._acting)]
+        looked_for = [each @ self.space.rows.T for each in columns[len(self._acting) :]]
+        uncertain = [] if self.estimated else [body_columns(self._kernel, samples, counts, known.bodies) @ known.factor]
+        acting, watched, errors = (np.concatenate((nothing, *each), axis=2) for each in (asked, looked_for, uncertain))
+        return Surroundings(acting, watched, errors, np.stack([gain for _, gain in forces], axis=1))
 
     def of(self, surroundings: Surroundings, rows: Blocks, delay: Array) -> tuple[Blocks, Array]:
         """Return K windows' equations in the unknowns, and how they depend on the effects, (K, r, e).
@@ -163,19 +167,20 @@ class Problem:
         matrix[10:after, count:] = factor
         return matrix
 
-    def present(self, found: Sequence[Axes]) -> Array:
-        """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of the last window.
+    def present(self, found: Sequence[Axes], gains: Array) -> Array:
+        """Return the (16, u) matrix from x to (m, h, I_o, P, L) at the end of a window.
 
         Parameters
         ----------
         found : axes of forces among the effects that are now among the unknowns, six more numbers each after the others
+        gains : (f, 6, 6) of that window, as in Surroundings
         """
         count = len(self.space.basis)
         matrix = np.eye(16, count + 6 * len(found))
         if self._acting:
-            matrix[10:, 16:22] = self._acting[0].gain
+            matrix[10:, 16:22] = gains[0]
         for number, axes in enumerate(found):
-            matrix[10:, count + 6 * number : count + 6 * number + 6] = self._watched[AXES.index(axes)].gain
+            matrix[10:, count + 6 * number : count + 6 * number + 6] = gains[AXES.index(axes)]
         return matrix
 
 

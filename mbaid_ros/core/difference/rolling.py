@@ -23,7 +23,7 @@ from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.difference.kept import KeptWindows
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import solve_symmetric
+from mbaid_ros.core.symmetric import inverse_root, is_positive, solve_definite, solve_symmetric
 
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
@@ -205,19 +205,18 @@ class RollingLikelihood:
             idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
             root = self._folded.forget(self._forgetting, recent, idle)
             self.coupling = self.coupling.forget(root, self._forgetting)
-        plausible, spread = self._plausible()
         block, own = oldest.blocks, oldest.noise_information
         if self._sure:
-            share = float(np.vdot(own, spread @ spread.T)) / block.offset.size
+            share = float(np.vdot(own, self._plausible_covariance())) / block.offset.size
         else:
-            share = eiv.uncertain_share(block, plausible, spread)
+            share = eiv.uncertain_share(block, *self._plausible())
         self._sure = share < _LARGEST_SHARE
         if self._sure:
             linear = eiv.normal_equations(oldest.white)
             self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
             self.coupling += Coupling.of(oldest.white, oldest.white.whitener @ oldest.columns, oldest.x)
         else:
-            zero = np.zeros(len(self.x))
+            zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)
             white = eiv.whitened_at_zero(block, plausible, spread)
             self.coupling += Coupling.of(white, white.whitener @ oldest.columns, zero)
@@ -234,6 +233,13 @@ class RollingLikelihood:
         coordinates = np.linalg.solve(vectors, self.x)
         return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
 
+    def _plausible_covariance(self) -> Array:
+        """Return the covariance of which `_plausible` returns a factor."""
+        signal = self._signal
+        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
+        factor = self._plausible()[1] if root is None else root.T
+        return np.asarray(factor @ factor.T)
+
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
 
@@ -242,7 +248,8 @@ class RollingLikelihood:
         kept, close = self._kept, _CLOSE if self._sure else _SMALL_STEP
         linear = self._linearised()
         for _ in range(iterations):
-            step = -solve_symmetric(linear.information, linear.gradient)
+            solve = solve_definite if self._sure else solve_symmetric
+            step = -solve(linear.information, linear.gradient)
             if -float(linear.gradient @ step) < close**2:
                 self.x = kept.x + step
                 form = linear.at(step)

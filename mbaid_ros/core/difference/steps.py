@@ -211,13 +211,11 @@ class SteppedLikelihood:
 
     def _falls(self, view: View) -> dict[Kind, float]:
         """Return how much better each watched effect would explain the data, of those that have not been found."""
-        x, uncertain = self.likelihood.x, self._uncertain.places
         found = {item.kind for item in self.found}
-        return {
-            kind: monitor.effect(view.coupling, x, (effects, self._weight(kind)), uncertain, view.nuisance)
-            for kind, effects in self.watched.effects.items()
-            if kind not in found
+        acting = {
+            kind: (effects, self._weight(kind)) for kind, effects in self.watched.effects.items() if kind not in found
         }
+        return monitor.falls(view.coupling, self.likelihood.x, acting, self._uncertain.places, view.nuisance)
 
     def _weight(self, kind: Kind) -> Array:
         """Return what the watched effects are of the unknowns that they would become, (n, k)."""

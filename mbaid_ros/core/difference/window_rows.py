@@ -44,15 +44,19 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
-    samples, counts = joined(windows)
+    return joined_rows(kernel, *joined(windows), noise, origin)
+
+
+def joined_rows(kernel: MomentumKernel, samples: Samples, counts: Counts, noise: SensorNoise, origin: Array) -> Blocks:
+    """Return the same for samples and counts as `joined` has them."""
     known, target = mean_rows(kernel, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
     rows = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
-    points = [samples[_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp)] for part in _GAUSS]
-    first, second = (_derivatives(kernel, point) for point in points)
+    points = [_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
+    first, second = zip(*map(np.split, _derivatives(kernel, samples[np.concatenate(points)]), (2, 2)), strict=True)
     mean = _error_factors(samples, counts, noise)
     tilt = np.sqrt(_tilts(samples, counts))[..., None] * mean
     noise_known, noise_rows = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from mbaid_ros.core.geometry import Array, vec
+from mbaid_ros.core.geometry import Array, Flags, vec
 from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import is_positive
@@ -33,9 +33,14 @@ _PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye
 
 def is_physical(standard_parameters: Array) -> bool:
     """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
-    if not np.all(np.isfinite(standard_parameters)):
-        return False
-    return is_positive(pseudo_inertia(standard_parameters))
+    return bool(are_physical(standard_parameters[None])[0])
+
+
+def are_physical(standard_parameters: Array) -> Flags:
+    """Return which of (N, 10) standard parameters belong to a real body."""
+    finite = np.all(np.isfinite(standard_parameters), axis=1)
+    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
+    return np.array([is_positive(each) for each in matrices])
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:

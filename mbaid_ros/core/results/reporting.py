@@ -17,15 +17,17 @@ well be zero they may be anything (Fieller 1954), however small their linearised
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, skew
-from mbaid_ros.core.results.consistency import project, project_planar
+from mbaid_ros.core.results.consistency import are_physical, project, project_planar
 from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Status
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
+from mbaid_ros.core.symmetric import inverse_root
 
 _LARGE_CORRECTION = 3.0  # standard deviations
 _ENOUGH = 50  # redundant equations, before the residual is judged
@@ -37,6 +39,7 @@ NOISE_MARGIN = 2.0
 # How much better the mass has to be known than others, for it and for what is a quotient with it to be believed. Its
 # deviation grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
 _OF_THE_MASS = 0.2
+_LEAST = 1e-12  # information in units of a reference, which stands for none
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,21 @@ class Solution:
 
 
 @dataclass(frozen=True)
+class Instant:
+    """Where in a run a solution belongs.
+
+    Attributes
+    ----------
+    time, stamp : s, ns of the last sample
+    samples : number used by then
+    """
+
+    time: float
+    stamp: int
+    samples: int
+
+
+@dataclass(frozen=True)
 class Reporting:
     """The thresholds of what is published.
 
@@ -83,90 +101,105 @@ class Reporting:
     length: float
     largest_residual: float
 
-    def estimate(self, method: str, solution: Solution, *, time: float, stamp: int, samples: int) -> Estimate:
-        """Return the estimate to publish.
+    def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
+        """Return what is published of N solutions, none of which depends on the others: together they take less time.
 
         Parameters
         ----------
         method : name
-        solution : Solution
-        time, stamp : s, ns of the last sample
-        samples : number used
+        solutions, instants : N of each, N > 0
         """
-        covariance = solution.covariance[:10, :10]
-        momentum, momentum_covariance = _about_odometry_origin(
-            solution.x[10:], solution.covariance[10:, 10:], solution.origin
-        )
-        residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
-        body, correction = solution.x[:10], 0.0
-        cautious = solution.cautious_covariance[:10, :10]
-        identifiable = self._identifiable(body, cautious)
-        if np.any(identifiable):
-            if solution.plane is None:
-                body, correction = project(body, covariance, self.scale)
-            else:
-                body, correction = project_planar(body, covariance, self.scale, solution.plane)
-            if correction > 0.0 or solution.plane is not None:
-                identifiable = self._identifiable(body, cautious)
-        parameters: Array = np.full(10, np.nan)
-        published: Array = np.full((10, 10), np.nan)
-        if np.any(identifiable):
-            parameters, jacobian = physical(body), physical_jacobian(body)
-            published = jacobian @ covariance @ jacobian.T
-            published[~identifiable] = published[:, ~identifiable] = np.nan
+        bodies = np.array([one.x[:10] for one in solutions])
+        covariance = np.array([one.covariance[:10, :10] for one in solutions])
+        cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
+        momentum, momentum_covariance = _about_odometry_origin(solutions)
+        identifiable = self._identifiable(bodies, cautious)
+        planes = [one.plane for one in solutions]
+        possible, corrections = self._possible(bodies, covariance, identifiable, planes)
+        if possible is not bodies:
+            bodies, identifiable = possible, self._identifiable(possible, cautious)
+        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
+        published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+        parameters[~identifiable] = np.nan
+        published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
         relative = relative_std(published, self.sizes(parameters))
-        return Estimate(
-            method=method,
-            status=self._status(identifiable, relative, residual, solution.redundancy),
-            time=time,
-            stamp=stamp,
-            parameters=np.where(identifiable, parameters, np.nan),
-            covariance=published,
-            identifiable=identifiable,
-            momentum=momentum,
-            momentum_covariance=momentum_covariance,
-            residual=residual,
-            consistency_correction=correction,
-            samples=samples,
-            warnings=self._warnings(identifiable, residual, correction, solution),
-        )
+        settled = np.all((relative < self.converged_std) | ~identifiable, axis=1)
+        estimates = []
+        for k, (solution, instant) in enumerate(zip(solutions, instants, strict=True)):
+            residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
+            known, correction = identifiable[k], float(corrections[k])
+            estimate = Estimate(
+                method=method,
+                status=self._status(known, residual, solution.redundancy, settled=bool(settled[k])),
+                time=instant.time,
+                stamp=instant.stamp,
+                parameters=parameters[k],
+                covariance=published[k],
+                identifiable=known,
+                momentum=momentum[k],
+                momentum_covariance=momentum_covariance[k],
+                residual=residual,
+                consistency_correction=correction,
+                samples=instant.samples,
+                warnings=self._warnings(known, residual, correction, solution),
+            )
+            estimates.append(estimate)
+        return estimates
 
-    def _identifiable(self, body: Array, cautious_covariance: Array) -> Flags:
-        if body[0] == 0.0:
-            return np.zeros(10, dtype=bool)
-        jacobian = physical_jacobian(body)
-        relative = relative_std(jacobian @ cautious_covariance @ jacobian.T, self.sizes(physical(body)))
-        determined = np.asarray(relative < self.identifiable_std)
-        determined &= relative[0] < _OF_THE_MASS * self.identifiable_std
-        return determined
+    def _possible(
+        self, bodies: Array, covariance: Array, identifiable: Flags, planes: Sequence[Plane | None]
+    ) -> tuple[Array, Array]:
+        """Return (N, 10) bodies that can exist for those of which anything is known, and how far off they were, (N,).
+
+        The very array that was given where it needs no change.
+        """
+        corrections = np.zeros(len(bodies))
+        open_plane = np.array([plane is not None for plane in planes])
+        asked = np.flatnonzero(identifiable.any(axis=1) & (open_plane | ~are_physical(bodies)))
+        if not len(asked):
+            return bodies, corrections
+        possible = bodies.copy()
+        for k in asked:
+            plane = planes[k]
+            if plane is None:
+                possible[k], corrections[k] = project(bodies[k], covariance[k], self.scale)
+            else:
+                possible[k], corrections[k] = project_planar(bodies[k], covariance[k], self.scale, plane)
+        return possible, corrections
+
+    def _identifiable(self, bodies: Array, cautious_covariance: Array) -> Flags:
+        jacobian = physical_jacobian(bodies)
+        covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2)
+        relative = relative_std(covariance, self.sizes(physical(bodies)))
+        of_the_mass = relative[:, :1] < _OF_THE_MASS * self.identifiable_std
+        return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
     def sizes(self, parameters: Array) -> Array:
-        """Return what the standard deviation of each of the (10,) physical parameters is taken relative to."""
-        size = np.empty(10)
-        size[0] = abs(parameters[0])
-        size[1:4] = self.length
-        size[4:] = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
+        """Return what the standard deviation of each of the (..., 10) physical parameters is taken relative to."""
+        moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
+        length = np.full((*parameters.shape[:-1], 3), self.length)
+        size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
 
-    def _status(self, identifiable: Flags, relative: Array, residual: float, redundancy: int) -> Status:
-        if not np.any(identifiable):
+    def _status(self, identifiable: Flags, residual: float, redundancy: int, *, settled: bool) -> Status:
+        if not identifiable.any():
             return 'not_identifiable'
         if residual > self.largest_residual and redundancy > _ENOUGH:
             return 'inconsistent'
-        return 'converged' if np.all(relative[identifiable] < self.converged_std) else 'estimating'
+        return 'converged' if settled else 'estimating'
 
     def _warnings(self, identifiable: Flags, residual: float, correction: float, solution: Solution) -> tuple[str, ...]:
         warnings = []
         if solution.plane is not None:
             warnings.append('planar motion: only mass, CoM in the plane and moment about its normal can be found')
-        elif not np.all(identifiable):
+        elif not identifiable.all():
             names = ', '.join(name for name, known in zip(PARAMETERS, identifiable, strict=True) if not known)
             warnings.append(f'not determined by the data: {names}')
         if residual > self.largest_residual:
             warnings.append(f'residuals are {residual:.1f} times what the noise parameters explain')
-        if correction > _LARGE_CORRECTION and np.any(identifiable):
+        if correction > _LARGE_CORRECTION and identifiable.any():
             warnings.append(f'the estimate was {correction:.1f} standard deviations away from any real body')
         if solution.restarted:
             warnings.append('the motion turned out not to be planar: what was learnt before was given up')
@@ -180,18 +213,24 @@ def inverse(reference: Array, matrix: Array) -> Array:
     reference's diagonal says.
     """
     size = 1.0 / np.sqrt(np.diag(reference))
+    root = inverse_root(matrix)
+    if root is not None and np.sum((root / size) ** 2) < 1.0 / _LEAST:  # then no direction has as much variance
+        return np.asarray(root.T @ root)
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
-    inverted = (vectors / np.maximum(values, 1e-12)) @ vectors.T
+    inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
 
 
 def relative_std(covariance: Array, size: Array) -> Array:
-    """Return the (10,) standard deviations relative to sizes."""
-    return np.asarray(np.sqrt(np.diag(covariance)) / size)
+    """Return the (..., 10) standard deviations relative to sizes."""
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
 
 
-def _about_odometry_origin(momentum: Array, covariance: Array, origin: Array) -> tuple[Array, Array]:
-    """Return (P, L) about the odometry frame's origin: L = L_0 + origin x P."""
-    shift = np.eye(6)
-    shift[3:, :3] = skew(origin)
-    return shift @ momentum, shift @ covariance @ shift.T
+def _about_odometry_origin(solutions: Sequence[Solution]) -> tuple[Array, Array]:
+    """Return N (P, L) about the odometry frame's origin, and their covariances: L = L_0 + origin x P."""
+    shift = np.zeros((len(solutions), 6, 6))
+    shift[:] = np.eye(6)
+    shift[:, 3:, :3] = skew(np.array([one.origin for one in solutions]))
+    momentum = np.array([one.x[10:] for one in solutions])
+    covariance = np.array([one.covariance[10:, 10:] for one in solutions])
+    return (shift @ momentum[..., None])[..., 0], shift @ covariance @ np.swapaxes(shift, 1, 2)

@@ -8,6 +8,8 @@ from mbaid_ros.core.geometry import Array, skew, unvec, vec
 
 # d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
 _GENERATORS = skew(np.eye(3))
+_IDENTITY = np.eye(10)
+_COM = np.arange(1, 4)
 
 
 def physical(standard: Array) -> Array:
@@ -38,16 +40,20 @@ def standard(physical_parameters: Array) -> Array:
 
 
 def physical_jacobian(standard_parameters: Array) -> Array:
-    """Return d(m, r_c, I_c) / d(m, h, I_o), (10, 10), at (10,) standard parameters with non-zero mass."""
-    mass = standard_parameters[0]
-    com = standard_parameters[1:4] / mass
+    """Return d(m, r_c, I_c) / d(m, h, I_o), (..., 10, 10), at (..., 10) standard parameters; NaN for a zero mass."""
+    mass = standard_parameters[..., :1]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        inverse = np.where(mass != 0.0, 1.0 / mass, np.nan)
+    com = standard_parameters[..., 1:4] * inverse
     lever = skew(com)
-    jacobian = np.eye(10)
-    jacobian[1:4, 0] = -com / mass
-    jacobian[1:4, 1:4] = np.eye(3) / mass
+    jacobian = np.zeros((*standard_parameters.shape, 10))
+    jacobian[..., :, :] = _IDENTITY
+    jacobian[..., 1:4, 0] = -com * inverse
+    jacobian[..., _COM, _COM] = inverse
     # I_c = I_o + [h]x[h]x / m, so dI_c = ([dh]x[c]x + [c]x[dh]x) - dm [c]x[c]x
-    jacobian[4:, 0] = -vec(lever @ lever)
-    jacobian[4:, 1:4] = vec(_GENERATORS @ lever + lever @ _GENERATORS).T
+    jacobian[..., 4:, 0] = -vec(lever @ lever)
+    lever = lever[..., None, :, :]
+    jacobian[..., 4:, 1:4] = np.swapaxes(vec(_GENERATORS @ lever + lever @ _GENERATORS), -1, -2)
     return jacobian
 
 

@@ -10,28 +10,23 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, constant_force
-from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import Reporting, Solution
+from mbaid_ros.core.results.estimate import Estimate, Event, Status
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
 from mbaid_ros.core.trajectory.coordinates import coordinates
 from mbaid_ros.core.trajectory.filter import Walk
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, averages, bridged
+from mbaid_ros.core.trajectory.gathering import Gathering, Taken
 from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Tracker
 from mbaid_ros.core.trajectory.tracks import Track
-from mbaid_ros.core.trajectory.windows import Window, WindowNoise
+from mbaid_ros.core.trajectory.windows import Window
 
-_NODE = 0.05  # s, wanted spacing of nodes
-_FEWEST_NODES = 5
-# A joint has moved when its range is this many standard deviations of one sample; noise alone reaches about five.
-_MOVED = 10.0
 # Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
 _CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
 _NOTHING = 1e-6  # chance of a force that is none to be told of
-# From (linear, angular) to (angular, linear), and (body, momentum) of the state.
-_SWAP = np.array([3, 4, 5, 0, 1, 2])
+# (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
@@ -61,16 +56,19 @@ class TrajectorySettings:
 
 
 @dataclass(frozen=True)
-class _Taken:
-    """What a window adds: the one before with all its neighbours, itself without the later ones, if they are linked.
+class _Solved:
+    """What a run has led to by an instant.
 
-    `moved` tells whether a joint has moved by more than its noise by then, `origin` is the run's.
+    `track` is the best hypothesis, `surprise` its mean normalised innovation squared, `delay` value and standard
+    deviation of the joints' delay, s.
     """
 
-    ready: Window | None
-    still_open: Window | None
-    moved: bool
-    origin: Array
+    solution: Solution
+    instant: Instant
+    track: Track
+    surprise: float
+    events: tuple[Event, ...]
+    delay: tuple[float, float]
 
 
 class TrajectoryEstimator:
@@ -84,14 +82,8 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._origin: Array | None = None
-        self._nodes_a_window = 0
+        self._gathering = Gathering(kernel.model.joints, settings.noise, settings.window)
         self._tracker: Tracker | None = None
-        self._number = -1
-        self._sequence: list[Nodes] = []  # nodes of up to three consecutive windows
-        self._noise: WindowNoise | None = None  # of the last of them
-        self._lowest = np.full(kernel.model.joints, np.inf)
-        self._highest = np.full(kernel.model.joints, -np.inf)
         self._samples = 0
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -102,73 +94,31 @@ class TrajectoryEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
-        if self._origin is None:
-            self._origin = windows[0].base_position[0].copy()
-            self._nodes_a_window = nodes_a_window(windows[0], self._settings.window)
-        taken = self._take(windows, self._origin)
+        taken = self._gathering.take(windows)
         coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
-        return [self._estimates(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
+        found = [self._follow(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
+        solved = [one for one in found if isinstance(one, _Solved)]
+        estimates = iter(self._reported(solved))
+        return [
+            (next(estimates) if isinstance(one, _Solved) else one).after_thrust(window.impulse[-1])
+            for window, one in zip(windows, found, strict=True)
+        ]
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
         if self._tracker is not None:
             self._tracker.work_off()
 
-    def _take(self, windows: list[Samples], origin: Array) -> list[_Taken]:
-        """Return what windows add to the chain; what is said of each has to wait for its turn."""
-        length, count = self._settings.window, self._nodes_a_window
-        numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
-        nodes = averages(windows, np.array(numbers) * length, length / count, count, origin)
-        taken = []
-        for number, window, own in zip(numbers, windows, nodes, strict=True):
-            ready, still_open = self._collect(number, own, window_noise(window, self._settings.noise))
-            moved = bool(np.any(self._highest - self._lowest > _MOVED * self._settings.noise.joint_position))
-            taken.append(_Taken(ready, still_open, moved, origin))
-        return taken
-
-    def _estimates(self, window: Samples, taken: _Taken, coming: list[Window], origin: int) -> Estimate:
+    def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> _Solved | Estimate:
+        """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
         self._plane.update(window)
         self._samples += len(window)
         tracker = self._tracking()
         tracker.expect(coming)
         tracker.take(taken.ready, taken.still_open, moved=taken.moved)
         time = float(window.time[-1])
-        estimate = self._estimate(tracker, taken, time, origin + round(time * 1e9))
-        return estimate.after_thrust(window.impulse[-1])
-
-    def _collect(self, number: int, nodes: Nodes | None, noise_now: WindowNoise) -> tuple[Window | None, Window | None]:
-        """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
-        linked = nodes is not None and bool(self._sequence) and number == self._number + 1
-        if nodes is None or not linked or (self._sequence[-1].empty[-1] and nodes.empty[0]):
-            self._sequence = []  # a gap: what comes next is linked to the past by momentum and body alone
-        self._number = number
-        if nodes is None or (nodes.empty[0] and not self._sequence):
-            return None, None
-        self._lowest = np.minimum(self._lowest, np.nanmin(nodes.joint_position, axis=0))
-        self._highest = np.maximum(self._highest, np.nanmax(nodes.joint_position, axis=0))
-        self._sequence = [*self._sequence[-2:], nodes]
-        noise, self._noise = self._noise, noise_now
-        ready = None
-        if len(self._sequence) > 1 and noise is not None:
-            ready = self._linked(self._sequence[:-2], self._sequence[-2], nodes[:AFTER], noise)
-        still_open = None if nodes.empty[-1] else self._linked(self._sequence[:-1], nodes, nodes[:0], self._noise)
-        return ready, still_open
-
-    def _linked(self, earlier: list[Nodes], nodes: Nodes, after: Nodes, noise: WindowNoise) -> Window:
-        """Return a window with the neighbours it has; the last interval of one without a successor is missing."""
-        before = earlier[-1][-BEFORE:] if earlier else nodes[:0]
-        number = self._number - 1 if len(after) else self._number
-        # An empty node is bridged from both sides: at the outer ends it is none of the neighbours.
-        before = before[1:] if len(before) and before.empty[0] else before
-        after = after[:-1] if len(after) and after.empty[-1] else after
-        return Window(
-            nodes=bridged(Nodes.concatenate([before, nodes, after])),
-            inside=slice(len(before), len(before) + len(nodes) - (0 if len(after) else 1)),
-            spacing=self._settings.window / self._nodes_a_window,
-            noise=noise,
-            start=number * self._settings.window,
-            fresh=not earlier,
-        )
+        instant = Instant(time, origin + round(time * 1e9), self._samples)
+        return self._waiting(tracker, taken, instant) or self._solved(tracker, instant)
 
     def _tracking(self) -> Tracker:
         """Return the filter; a new one where the motion has turned out spatial."""
@@ -197,18 +147,24 @@ class TrajectoryEstimator:
             Walk('the odometry position drifts', position=self._settings.noise.base_position),
         )
 
-    def _estimate(self, tracker: Tracker, taken: _Taken, time: float, stamp: int) -> Estimate:
+    def _waiting(self, tracker: Tracker, taken: Taken, now: Instant) -> Estimate | None:
+        """Return an estimate that says why there is no solution; None where there is one."""
+        status: Status = 'not_identifiable'
         if not tracker.started and taken.moved:
+            status = 'waiting'
             done = 'looking for a start in' if tracker.searching else 'collecting'
             warning = f'{done} the first {self._settings.start} windows'
-            return Estimate(self.method, 'waiting', time, stamp, samples=self._samples, warnings=(warning,))
-        if not tracker.started:
+        elif not tracker.started:
             warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'
-            return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
-        if not tracker.settled:
+        elif not tracker.settled:
             warning = 'the motion so far leads to no solution that stays: more of it is needed'
-            return Estimate(self.method, 'not_identifiable', time, stamp, samples=self._samples, warnings=(warning,))
-        track = tracker.best
+        else:
+            return None
+        return Estimate(self.method, status, now.time, now.stamp, samples=now.samples, warnings=(warning,))
+
+    def _solved(self, tracker: Tracker, now: Instant) -> _Solved:
+        """Return the solution of the best hypothesis, and what its run says beside it."""
+        track, origin = tracker.best, self._gathering.origin
         mean, covariance = tracker.state()
         # More surprise than the noise explains widens the intervals.
         surprise = track.belief.surprise / max(track.belief.measured, 1)
@@ -219,20 +175,30 @@ class TrajectoryEstimator:
             cautious_covariance=ordered,
             cost=track.belief.surprise,
             redundancy=track.belief.measured,
-            origin=taken.origin,
+            origin=origin,
             plane=self._plane.plane(self._kernel.target),
         )
-        estimate = self._reporting.estimate(self.method, solution, time=time, stamp=stamp, samples=self._samples)
-        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], taken.origin)
-        estimate = replace(estimate, events=(*_force(track, mean[FORCE], covariance[FORCE, FORCE]), *jumps))
+        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], origin)
+        delay = (np.nan, np.nan)
         if self._settings.time_offset_std > 0.0:
-            deviation = float(np.sqrt(covariance[DELAY, DELAY]))
-            estimate = replace(estimate, time_offset=float(mean[DELAY]), time_offset_std=deviation)
-        return _judged(estimate, track, surprise)
+            delay = float(mean[DELAY]), float(np.sqrt(covariance[DELAY, DELAY]))
+        return _Solved(
+            solution, now, track, surprise, (*_force(track, mean[FORCE], covariance[FORCE, FORCE]), *jumps), delay
+        )
+
+    def _reported(self, solved: list[_Solved]) -> list[Estimate]:
+        """Return the estimates of solutions."""
+        if not solved:
+            return []
+        estimates = self._reporting.estimates(
+            self.method, [one.solution for one in solved], [one.instant for one in solved]
+        )
+        return [_judged(estimate, one) for estimate, one in zip(estimates, solved, strict=True)]
 
 
-def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
+def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     """Return the estimate with what its run says against it."""
+    track, surprise = solved.track, solved.surprise
     warnings = list(estimate.warnings)
     if track.walk.disturbed:
         warnings.append(f'{track.walk.name}; estimated along, which widens the intervals')
@@ -242,8 +208,14 @@ def _judged(estimate: Estimate, track: Track, surprise: float) -> Estimate:
             f'the model does not explain the data: innovations {np.sqrt(surprise):.1f} times the noise, '
             f'{len(track.jumps)} jumps of the momentum'
         )
-    status = 'inconsistent' if wrong and estimate.status != 'not_identifiable' else estimate.status
-    return replace(estimate, status=status, warnings=tuple(warnings))
+    return replace(
+        estimate,
+        status='inconsistent' if wrong and estimate.status != 'not_identifiable' else estimate.status,
+        events=solved.events,
+        warnings=tuple(warnings),
+        time_offset=solved.delay[0],
+        time_offset_std=solved.delay[1],
+    )
 
 
 def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
@@ -271,25 +243,3 @@ def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
         angular = after[3:] - jump.before[3:] + cross(origin, linear)
         found.append(Event(jump.time, 'step', linear, angular, PULSE))
     return tuple(found)
-
-
-def nodes_a_window(window: Samples, length: float) -> int:
-    """Return how many nodes a window is cut into: near 50 ms each, and no fewer samples than nodes.
-
-    Parameters
-    ----------
-    window : the first one
-    length : s
-    """
-    spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(_NODE, spacing)), _FEWEST_NODES)
-
-
-def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
-    """Return the noise of a window's means; a twist's covariance as given, whether or not it is measured."""
-    return WindowNoise(
-        samples=len(window),
-        joint_position=noise.joint_position,
-        pose=np.mean(window.pose_covariance, axis=0)[_SWAP[:, None], _SWAP],
-        twist=np.mean(window.twist_covariance, axis=0)[_SWAP[:, None], _SWAP],
-    )

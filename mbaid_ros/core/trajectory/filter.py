@@ -8,6 +8,7 @@ covariances, and a factor's square is never negative.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -45,7 +46,7 @@ class Walk:
         """Whether anything acts or drifts at all."""
         return self.force != 'none' or self.drifts
 
-    @property
+    @cached_property
     def drifts(self) -> bool:
         """Whether there is a random walk."""
         return any((self.momentum, self.position, self.orientation))
@@ -60,7 +61,7 @@ def update(belief: Belief, step: Step) -> Belief:
     stacked = np.zeros((columns + count, count + size), order='F')
     stacked[:columns, :count] = (rows @ factor).T
     stacked[:columns, count:] = factor.T
-    stacked[columns:, :count] = np.eye(count)
+    stacked[columns:, :count] = _identity(count)
     # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
     triangle = dgeqrf(stacked, overwrite_a=True)[0]
     root = triangle[:count, :count]
@@ -68,8 +69,8 @@ def update(belief: Belief, step: Step) -> Belief:
     both, _ = dtrtrs(root, np.column_stack((step.value, np.zeros(count))) - expected, trans=1)
     change, normalised = triangle[:count, count:].T @ both, both[:, 0]
     surprise = float(normalised @ normalised)
-    likelihood = surprise + step.log_noise + 2.0 * float(np.sum(np.log(np.abs(np.diag(root)))))
-    left = np.triu(triangle[count : count + size, count:]).T
+    likelihood = surprise + step.log_noise + 2.0 * float(np.log(np.abs(root.diagonal())).sum())
+    left = triangle[count : count + size, count:].T * _lower(size)
     return Belief(
         mean=belief.mean + change[:, 0],
         factor=left,
@@ -88,7 +89,7 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
     gather, length = coordinates.gather, float(step.window.length)
     if walk.force != 'none':
         push = length * _push(step.window, walk)
-        transition = transition + gather[:, _MOMENTUM] @ push @ coordinates.spread[FORCE]
+        transition = transition + gather[:, _MOMENTUM] @ (push @ coordinates.spread[FORCE])
     if walk.drifts:
         rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
         noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
@@ -136,3 +137,14 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
     moved = coordinates.gather @ change
     return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
+
+
+@cache
+def _identity(size: int) -> Array:
+    return np.eye(size)
+
+
+@cache
+def _lower(size: int) -> Array:
+    """Return a lower triangle of ones: LAPACK leaves something else above that of a factor."""
+    return np.tri(size)

@@ -50,11 +50,12 @@ def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
     moving = np.flatnonzero(np.all(np.isfinite(windows.twist_value), axis=-1))
     own = windows[moving]
     joints = (own.joints, own.joints_by_parameters)
-    *twist, more = _whitened(own.twist_value, own.twist_rows, own.twist_covariance, joints, coordinates)
-    shared[moving] += own.joints_in_twist[:, None] * more
-    measured = [[tuple(part[index] for part in pose)] for index in range(len(windows.drift))]
-    for place, index in enumerate(moving):
-        measured[index].append(tuple(part[place] for part in twist))
+    *twist, own_shared = _whitened(own.twist_value, own.twist_rows, own.twist_covariance, joints, coordinates)
+    shared[moving] += own.joints_in_twist[:, None] * own_shared
+    measured = list(zip(*pose, strict=True))
+    both = [np.concatenate((part[moving], more), axis=1) for part, more in zip(pose, twist, strict=True)]
+    for index, parts in zip(moving.tolist(), zip(*both, strict=True), strict=True):
+        measured[index] = parts
     gather, spread = coordinates.gather, coordinates.spread
     # The whole state's transition is that of the pose error beside 1: 1 + turn (transition - (1, 0)) spread.
     turn = gather[:, _POSE]
@@ -62,8 +63,7 @@ def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
     transition = np.eye(len(gather)) + turn @ (change @ spread)
     drift, process = (turn @ windows.drift[..., None])[..., 0], turn @ windows.process
     steps = []
-    for index, parts in enumerate(measured):
-        value, rows, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
+    for index, (value, rows, deviation) in enumerate(measured):
         step = Step(
             value=value,
             rows=rows,

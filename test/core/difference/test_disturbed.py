@@ -182,12 +182,27 @@ def test_what_a_force_does_to_the_momentum(robot: MomentumKernel, pushed: dict[s
     momentum = true_momentum(robot, samples)
     about = momentum - np.concatenate((np.zeros((len(samples), 3)), np.cross(origin, momentum[:, :3])), axis=1)
     for window in windows(samples):
-        column = acting.columns(*joined([window]))[0]
+        columns, gains = acting.columns(*joined([window]))
         place = np.searchsorted(samples.time, window.time)
         change = about[place] - about[0]
         change[:, 3:] -= np.cross(window.base_position - origin, change[:, :3])
-        assert -column @ FORCE == pytest.approx(np.mean(change, axis=0), abs=1e-4)
-    assert acting.gain @ FORCE == pytest.approx(about[-1] - about[0], abs=1e-4)
+        assert -columns[0] @ FORCE == pytest.approx(np.mean(change, axis=0), abs=1e-4)
+        assert gains[0] @ FORCE == pytest.approx(about[place[-1]] - about[0], abs=1e-4)
+
+
+@pytest.mark.parametrize('constant', ['none', 'inertial'])
+def test_a_force_is_the_same_however_the_windows_come(
+    robot: MomentumKernel, pushed: dict[str, Truth], constant: str
+) -> None:
+    given = windows(observe(pushed['inertial'], MID, 3))
+    together = estimator(robot, MID, disturbance__constant=constant).update(given, 0)
+    alone = estimator(robot, MID, disturbance__constant=constant)
+    one_by_one = [alone.update([window], 0)[0] for window in given]
+    assert any(estimate.events for estimate in together)
+    for one, other in zip(one_by_one, together, strict=True):
+        assert np.array_equal(one.parameters, other.parameters, equal_nan=True)
+        assert np.array_equal(one.momentum, other.momentum)
+        assert np.array_equal(one.momentum_covariance, other.momentum_covariance)
 
 
 def test_joints_that_are_late(robot: MomentumKernel, free: Truth) -> None:

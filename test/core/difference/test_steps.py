@@ -11,7 +11,7 @@ from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference import monitor
 from mbaid_ros.core.difference.coupling import Coupling
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
-from mbaid_ros.core.difference.effects import AXES
+from mbaid_ros.core.difference.effects import AXES, Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.first_solutions import weighted
 from mbaid_ros.core.difference.monitor import Nuisance
@@ -162,8 +162,9 @@ def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     coupling = Coupling.of(white, white.whitener @ columns, x)
     more, right = weighted(blocks.widened(columns), np.zeros(6), compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
-    found = monitor.effect(coupling, x, (slice(0, 2), np.eye(2)), np.zeros(0, dtype=np.int64), nuisance)
-    assert found == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
+    acting: dict[Kind, tuple[slice, Array]] = {'inertial': (slice(0, 2), np.eye(2))}
+    found = monitor.falls(coupling, x, acting, np.zeros(0, dtype=np.int64), nuisance)
+    assert found['inertial'] == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
 
 
 @pytest.mark.parametrize('kept', [10, 100])

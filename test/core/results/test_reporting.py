@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Reporting, Solution, inverse
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverse
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
 
@@ -50,7 +50,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
 
 
 def report(made: Solution) -> Estimate:
-    return REPORTING.estimate('difference', made, time=3.0, stamp=4, samples=500)
+    return REPORTING.estimates('difference', [made], [Instant(time=3.0, stamp=4, samples=500)])[0]
 
 
 def test_what_is_well_determined_is_published_with_its_covariance() -> None:
@@ -174,6 +174,22 @@ def test_a_solution_without_mass_determines_nothing() -> None:
     estimate = report(replace(solution(0.01), x=x))
     assert estimate.status == 'not_identifiable'
     assert np.isnan(estimate.parameters).all()
+
+
+def test_what_is_reported_does_not_depend_on_what_is_reported_with_it() -> None:
+    impossible = BODY.copy()
+    impossible[4] = -20.0
+    made = [solution(0.002), solution(0.03, impossible), solution(10.0), solution(0.05)]
+    instants = [Instant(time=float(k), stamp=k, samples=10 * k) for k in range(4)]
+    together = REPORTING.estimates('difference', made, instants)
+    assert together[1].consistency_correction > 0.0
+    for one, instant, beside in zip(made, instants, together, strict=True):
+        alone = REPORTING.estimates('difference', [one], [instant])[0]
+        for name, value in vars(alone).items():
+            if isinstance(value, tuple | str):
+                assert value == vars(beside)[name]
+            else:
+                assert np.array_equal(value, vars(beside)[name], equal_nan=np.asarray(value).dtype == float)
 
 
 def test_the_inverse_tells_directions_without_information() -> None:
