@@ -20,7 +20,7 @@ from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.prediction import joint_gains, predicted
 
 _STRIDE = 4  # samples from node to node
 _KNOT = 1.0  # s
@@ -62,8 +62,8 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     step = float(samples.time[_STRIDE] - samples.time[0])
     count = len(samples.time[between])
     middle = _midpoints(samples[between], step)
-    prediction = predict(robot, middle, np.concatenate((momentum, robot.target.parameters)))
-    by_rate, by_position = joint_gains(robot, middle, prediction.twist, robot.target.parameters)
+    prediction, states = predicted(robot, middle, np.concatenate((momentum, robot.target.parameters)))
+    by_rate, by_position = joint_gains(robot, states)
     value, rate = _splines(samples.time[between], float(samples.time[-1]))
     # A spline's own columns: the k-th spline of the j-th joint is column k n + j.
     path = np.einsum('tk,tij->tikj', rate, by_rate) + np.einsum('tk,tij->tikj', value, by_position)

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predicted
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
 LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
@@ -118,9 +118,10 @@ def window_models(
     uncertain : indices of the uncertain bodies
     """
     motions = [stack.motion(point.delay) for stack in stacks]
-    whole = predict(kernel, Midpoints.concatenate([motion.flat for motion, _ in motions]), point.parameters, uncertain)
+    flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
+    whole, states = predicted(kernel, flat, point.parameters, uncertain)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(kernel, stacks, motions, predictions, point.parameters, uncertain)
+    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, states, uncertain)
     models = [
         _models(stack, motion, prediction, point, noise)
         for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)

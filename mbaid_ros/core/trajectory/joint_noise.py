@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.stacked import Stacked
-from mbaid_ros.core.trajectory.midpoints import Midpoints
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, joint_gains, unit_rates, with_errors
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, gains_by_bodies, joint_gains
 from mbaid_ros.core.trajectory.windows import Stack
 
 
@@ -40,9 +40,9 @@ class JointNoise(Stacked):
 def joint_noise(
     kernel: MomentumKernel,
     stacks: Sequence[Stack],
-    motions: Sequence[tuple[Midpoints, slice]],
+    inside: Sequence[slice],
     predictions: Sequence[Prediction],
-    parameters: Array,
+    states: BodyStates,
     uncertain: Sequence[int],
 ) -> list[JointNoise]:
     """Return the noise of stacks of windows, followed at their first, middle and last intervals.
@@ -51,36 +51,35 @@ def joint_noise(
     ----------
     kernel : MomentumKernel
     stacks : Sequence of Stack
-    motions, predictions : of each and the intervals beside, (m, B, ...); which are the windows' own
-    parameters, uncertain : as of `predict`
+    inside : the windows' own intervals among those of each stack
+    predictions : of each stack and the intervals beside, (m, B, ...)
+    states : of all these intervals, one after the other
+    uncertain : indices of the uncertain bodies
     """
-    places = [_places(inside) for _, inside in motions]
-    around = [motion[place] for (motion, _), place in zip(motions, places, strict=True)]
-    twist = [prediction.twist[place].reshape(-1, 6) for prediction, place in zip(predictions, places, strict=True)]
-    gains = joint_gains(
-        with_errors(kernel, parameters[16:], uncertain),
-        Midpoints.concatenate([each.flat for each in around]),
-        np.concatenate(twist),
-        parameters[6:16],
+    places = [_places(each) for each in inside]
+    begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
+    index = np.concatenate(  # (3, all windows)
+        [
+            begin + len(stack.windows) * place[:, None] + np.arange(len(stack.windows))
+            for begin, place, stack in zip(begins, places, stacks, strict=False)
+        ],
+        axis=1,
     )
-    slopes = unit_rates(kernel, Midpoints.concatenate([each[1:2].flat for each in around]), parameters, uncertain)
-    ends = np.cumsum([len(stack.windows) for stack in stacks])[:-1]
-    by_rate, by_position = (np.split(gain[:, ANGULAR_FIRST], 3 * ends) for gain in gains)
-    by_parameters = np.split(slopes[:, ANGULAR_FIRST], ends)
-    found = []
-    for index, (stack, place) in enumerate(zip(stacks, places, strict=True)):
-        first, middle, last = by_rate[index].reshape(3, len(stack.windows), 6, -1)
-        moved = by_position[index].reshape(3, len(stack.windows), 6, -1)[1]
-        spacing = stack.windows[0].spacing
-        # What is left behind at position level: the turn of A itself, and what F makes of A dq.
-        turning = (last - first) / (spacing * (place[2] - place[0]))
-        remainder = moved + predictions[index].error_slope[place[1]] @ middle - turning
-        deviation = np.sqrt(stack.joint_variance / stack.samples)
-        length = spacing * (place[2] - place[0] + 1)
-        found.append(
-            JointNoise(deviation * middle, deviation[..., None] * by_parameters[index], deviation * length * remainder)
-        )
-    return found
+    gains = (gain[:, ANGULAR_FIRST] for gain in joint_gains(kernel, states[index.ravel()]))
+    by_rate, by_position = (gain.reshape(*index.shape, *gain.shape[1:]) for gain in gains)
+    first, middle, last = by_rate
+    middles = states[index[1]]
+    slope = np.concatenate([each[place[1]].error_slope for each, place in zip(predictions, places, strict=True)])
+    size = [np.full((len(each.windows), 1, 1), each.windows[0].spacing) for each in stacks]
+    apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
+    length = apart + np.concatenate(size)
+    deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
+    # What is left behind at position level: the turn of A itself, and what F makes of A dq.
+    remainder = by_position[1] + slope @ middle - (last - first) / apart
+    by_bodies = gains_by_bodies(kernel, middles, middle[:, ANGULAR_FIRST], uncertain)[:, ANGULAR_FIRST]
+    whole = JointNoise(deviation * middle, deviation[..., None] * by_bodies, deviation * length * remainder)
+    ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
+    return [whole[begin:end] for begin, end in pairwise(ends)]
 
 
 def _places(inside: slice) -> Integers:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
@@ -66,6 +66,13 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
         uncertain known bodies, 10 each
     uncertain : indices of those bodies
     """
+    return predicted(kernel, middle, parameters, uncertain)[0]
+
+
+def predicted(
+    kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()
+) -> tuple[Prediction, BodyStates]:
+    """Return the same with the states of a robot that moves so, all bodies of which are known."""
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     body = parameters[6:16]
     kernel = with_errors(kernel, parameters[16:], uncertain)
@@ -94,7 +101,11 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
     solved = np.linalg.solve(locked, right)
-    return Prediction(twist, solved[..., :count], solved[..., count:])
+    known = states.known.copy()
+    known[:, kernel.target.body] += target
+    return Prediction(twist, solved[..., :count], solved[..., count:]), replace(
+        states, body_twist=states.body_twist + twist[:, None], known=known, twist=states.twist + twist
+    )
 
 
 def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int]) -> MomentumKernel:
@@ -106,47 +117,48 @@ def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int])
     return kernel.corrected(change)
 
 
-def joint_gains(kernel: MomentumKernel, middle: Midpoints, twist: Array, body: Array) -> tuple[Array, Array]:
+def joint_gains(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
     """Return how joint errors move the prediction.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    middle : Midpoints of N intervals
-    twist : (N, 6) predicted there
-    body : (10,) phi
+    states : of N instants, as predicted
 
     Returns
     -------
     (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
     """
-    # A target of which all is known is a known body.
-    change = np.zeros_like(kernel.known)
-    change[kernel.target.body] = express(body, kernel.target.rotation, kernel.target.position)
-    kernel = kernel.corrected(change)
-    states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, twist)
     joints = kernel.model.joints
     by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
     gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
     return gains[..., joints:], gains[..., :joints]
 
 
-def unit_rates(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Array:
-    """Return how the derivative of the twist by the joint rates depends on the bodies.
+def gains_by_bodies(kernel: MomentumKernel, states: BodyStates, by_rate: Array, uncertain: Sequence[int] = ()) -> Array:
+    """Return how the derivative A of the twist by the joint rates depends on the bodies.
 
-    That derivative is the twist that each joint makes alone, at unit rate, where there is no momentum.
+    A joint at unit rate, where there is no momentum, makes the base move by its column of A and the bodies by that and
+    its own twist; M dA = -Y dphi at those motions.
 
     Parameters
     ----------
-    kernel, middle, parameters, uncertain : as of `predict`
+    kernel : MomentumKernel
+    states : of N instants, as predicted
+    by_rate : (N, 6, n) A there
+    uncertain : indices of the uncertain known bodies
 
     Returns
     -------
-    (N, 6, u - 6, n) by the parameters but the momentum
+    (N, 6, u - 6, n) by phi, then by the errors of those bodies
     """
-    joints, count = kernel.model.joints, len(middle)
-    each = middle[np.repeat(np.arange(count), joints)]
-    alone = replace(each, joint_velocity=np.tile(np.eye(joints), (count, 1)), impulse=np.zeros_like(each.impulse))
-    bodies = np.concatenate((np.zeros(6), parameters[6:]))
-    slope = predict(kernel, alone, bodies, uncertain).by_parameters[..., 6:]
-    return np.moveaxis(slope.reshape(count, joints, 6, len(bodies) - 6), 1, -1)
+    bodies, base = states.configuration, np.swapaxes(by_rate, 1, 2)
+    links = [(kernel.target.body, states.rotation, states.position)]
+    links += [(index, bodies.rotation[:, index], bodies.position[:, index]) for index in uncertain]
+    columns = []
+    for index, rotation, position in links:
+        motion = base + kernel.kinematics.ancestors[index][:, None] * bodies.joint_twist
+        columns.append(regressor(rotation[:, None], position[:, None], motion))
+    right = -np.moveaxis(np.concatenate(columns, axis=-1), 1, -1)  # (N, 6, u - 6, n)
+    locked = inertia_matrix(np.sum(states.known, axis=1))
+    return np.linalg.solve(locked, right.reshape(*right.shape[:2], -1)).reshape(right.shape)

@@ -17,7 +17,7 @@ from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, Point, WindowModel, window_model
 from mbaid_ros.core.trajectory.midpoints import midpoints
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, average
-from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.prediction import joint_gains, predicted
 from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 from observed import MID, drifting, kernel, observe
 
@@ -171,8 +171,7 @@ class JointNoise:
         self.window = window_of(exact, 0.05)
         self.model = window_model(robot, self.window, Point(point))
         middle = midpoints(self.window.nodes, self.window.spacing)
-        twist = predict(robot, middle, point).twist
-        gain = joint_gains(robot, middle, twist, point[6:])[0][:, SWAP]
+        gain = joint_gains(robot, predicted(robot, middle, point)[1])[0][:, SWAP]
         # The gain at the window's first node.
         begin = self.window.inside.start
         gain = 0.5 * (gain[begin - 1] + gain[begin])

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import joint_gains, predict, unit_rates, with_errors
+from mbaid_ros.core.trajectory.prediction import gains_by_bodies, joint_gains, predict, predicted
 from observed import LOW, drifting, kernel, observe
 from random_robots import random_state, random_urdf
 
@@ -127,7 +127,6 @@ def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
 def test_derivatives_by_joints(seed: int) -> None:
     case = Case(seed)
     count = case.kernel.model.joints
-    body = case.point[6:16]
 
     def twist(error: Array) -> Array:
         middle = replace(
@@ -137,7 +136,7 @@ def test_derivatives_by_joints(seed: int) -> None:
         )
         return predict(case.kernel, middle, case.point[:16]).twist
 
-    by_rate, by_position = joint_gains(case.kernel, case.middle, twist(np.zeros(2 * count)), body)
+    by_rate, by_position = joint_gains(case.kernel, predicted(case.kernel, case.middle, case.point[:16])[1])
     expected = central_difference(twist, np.zeros(2 * count), STEP)
     close(by_position, expected[..., :count])
     close(by_rate, expected[..., count:])
@@ -146,13 +145,13 @@ def test_derivatives_by_joints(seed: int) -> None:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_what_joint_rates_make_depends_on_the_bodies(seed: int) -> None:
     case = Case(seed)
-    twist = case.twist(case.point)
 
     def by_rate(bodies: Array) -> Array:
-        kernel = with_errors(case.kernel, bodies[10:], case.uncertain)
-        return joint_gains(kernel, case.middle, twist, bodies[:10])[0]
+        point = np.concatenate((case.point[:6], bodies))
+        return joint_gains(case.kernel, predicted(case.kernel, case.middle, point, case.uncertain)[1])[0]
 
-    found = unit_rates(case.kernel, case.middle, case.point, case.uncertain)
+    states = predicted(case.kernel, case.middle, case.point, case.uncertain)[1]
+    found = gains_by_bodies(case.kernel, states, by_rate(case.point[6:]), case.uncertain)
     expected = central_difference(by_rate, case.point[6:], STEP)  # (N, 6, n, u - 6)
     close(found, np.swapaxes(expected, -1, -2))
 
