@@ -19,23 +19,31 @@ class Belief:
 
     Attributes
     ----------
-    mean : (v,)
-    shift : (v,) to be added to the mean, which noise that rows and values share has moved the other way on average;
-        apart from it, for innovations are those of the mean
+    means : (v, 2) the mean, and beside it what is to be added to that: by so much has noise that rows and values share
+        moved it the other way on average; innovations are those of the mean itself
     factor : (v, c) of the covariance, which is factor factor^T; c is v after an update, and more after a step
     surprise, measured : sum of the normalised innovations squared, and how many there were
     last_surprise, last_measured : the same of the last update
     evidence : log-likelihood of all measurements, up to a constant
     """
 
-    mean: Array
+    means: Array
     factor: Array
-    shift: Array
     surprise: float = 0.0
     measured: int = 0
     last_surprise: float = 0.0
     last_measured: int = 0
     evidence: float = 0.0
+
+    @property
+    def mean(self) -> Array:
+        """The mean, without what noise has moved it by, (v,)."""
+        return np.asarray(self.means[:, 0] + self.means[:, 1])
+
+    @property
+    def shift(self) -> Array:
+        """What is added to the least squares' mean for that, (v,)."""
+        return np.asarray(self.means[:, 1])
 
     @property
     def covariance(self) -> Array:
@@ -78,7 +86,7 @@ class Coordinates:
     def state(self, belief: Belief) -> tuple[Array, Array]:
         """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
         factor = self.spread @ belief.factor
-        return self.spread @ (belief.mean + belief.shift), factor @ factor.T + self._outside
+        return self.spread @ belief.mean, factor @ factor.T + self._outside
 
     @cached_property
     def _outside(self) -> Array:
@@ -89,7 +97,7 @@ class Coordinates:
     def moments(self, belief: Belief) -> tuple[Array, Array]:
         """Return the mean (s,) and the standard deviations (s,) in SI units."""
         variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
-        return self.spread @ (belief.mean + belief.shift), np.sqrt(variance)
+        return self.spread @ belief.mean, np.sqrt(variance)
 
     def open(self, *, force: bool = False, mass: float | None = None) -> Belief:
         """Return the belief before the first measurement, with or without a force that may act, or a mass it is near.
@@ -103,8 +111,8 @@ class Coordinates:
             deviation = _NEAR * mass
             evidence = float(np.log(deviation / factor[BODY.start, BODY.start]))
             mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
-        none = np.zeros(len(self.scale))
-        return Belief(self.gather @ mean, _compressed(self.gather @ factor), none, evidence=evidence)
+        means = np.column_stack((self.gather @ mean, np.zeros(len(self.scale))))
+        return Belief(means, _compressed(self.gather @ factor), evidence=evidence)
 
 
 def _compressed(columns: Array) -> Array:

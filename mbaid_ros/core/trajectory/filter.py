@@ -65,16 +65,18 @@ def update(belief: Belief, step: Step) -> Belief:
     # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
     triangle = dgeqrf(stacked, overwrite_a=True)[0]
     root = triangle[:count, :count]
-    expected = rows @ np.column_stack((belief.mean, belief.shift))
-    both, _ = dtrtrs(root, np.column_stack((step.value, np.zeros(count))) - expected, trans=1)
-    change, normalised = triangle[:count, count:].T @ both, both[:, 0]
+    unexplained = -(rows @ belief.means)
+    unexplained[:, 0] += step.value
+    both, _ = dtrtrs(root, unexplained, trans=1)
+    normalised = both[:, 0]
     surprise = float(normalised @ normalised)
     likelihood = surprise + step.log_noise + 2.0 * float(np.log(np.abs(root.diagonal())).sum())
     left = triangle[count : count + size, count:].T * _lower(size)
+    means = belief.means + triangle[:count, count:].T @ both
+    means[:, 1] += left @ (left.T @ step.shared)
     return Belief(
-        mean=belief.mean + change[:, 0],
+        means=means,
         factor=left,
-        shift=belief.shift + change[:, 1] + left @ (left.T @ step.shared),
         surprise=belief.surprise + surprise,
         measured=belief.measured + count,
         last_surprise=surprise,
@@ -94,7 +96,9 @@ def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) ->
         rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
         noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
     factor = np.concatenate((transition @ belief.factor, *noise), axis=1)
-    return replace(belief, mean=transition @ belief.mean + step.drift, factor=factor, shift=transition @ belief.shift)
+    means = transition @ belief.means
+    means[:, 0] += step.drift
+    return replace(belief, means=means, factor=factor)
 
 
 def _push(window: WindowModel, walk: Walk) -> Array:
@@ -114,10 +118,10 @@ def _push(window: WindowModel, walk: Walk) -> Array:
 def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
     """Return the belief with a pose error about which nothing is known: the chain was broken."""
     poses = len(coordinates.measured)
-    mean, factor, shift = belief.mean.copy(), belief.factor.copy(), belief.shift.copy()
-    mean[:poses] = factor[:poses] = shift[:poses] = 0.0
+    means, factor = belief.means.copy(), belief.factor.copy()
+    means[:poses], factor[:poses] = 0.0, 0.0
     start = coordinates.open().factor[:, :poses]
-    return replace(belief, mean=mean, shift=shift, factor=np.concatenate((start, factor), axis=1))
+    return replace(belief, means=means, factor=np.concatenate((start, factor), axis=1))
 
 
 def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:

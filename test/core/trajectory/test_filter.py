@@ -99,7 +99,7 @@ def test_the_filter_is_least_squares(seed: int) -> None:
         belief = advance(update(belief, step), step, coordinates, STILL)
     mean, covariance, likelihood, shift = batch(models, coordinates)
     spread = coordinates.spread
-    assert spread @ belief.mean == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    assert spread @ belief.means[:, 0] == pytest.approx(mean, rel=1e-8, abs=1e-8)
     assert spread @ belief.covariance @ spread.T == pytest.approx(covariance, rel=1e-8, abs=1e-8)
     assert belief.evidence == pytest.approx(likelihood, rel=1e-9)
     assert belief.measured == 48
@@ -123,7 +123,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     step = prepare(model, coordinates)
     state = rng.normal(size=STATE)
-    belief = Belief(coordinates.gather @ state, np.eye(STATE), np.zeros(STATE))
+    belief = Belief(np.column_stack((coordinates.gather @ state, np.zeros(STATE))), np.eye(STATE))
     force, torque = state[FORCE][:3], state[FORCE][3:]
     turned = model.rotation @ force
     acting = {
@@ -160,9 +160,9 @@ def test_a_broken_chain_keeps_momentum_and_body() -> None:
     step = prepare(window(rng), coordinates)
     belief = update(coordinates.open(), step)
     broken = unlinked(belief, coordinates)
-    assert np.array_equal(broken.mean[6:], belief.mean[6:])
+    assert np.array_equal(broken.means[6:], belief.means[6:])
     assert broken.covariance[6:, 6:] == pytest.approx(belief.covariance[6:, 6:], rel=1e-9, abs=1e-12)
-    assert np.all(broken.mean[:6] == 0.0)
+    assert np.all(broken.means[:6] == 0.0)
     assert broken.covariance[:6, 6:] == pytest.approx(np.zeros((6, STATE - 6)), abs=1e-12)
     assert broken.covariance[:6, :6] == pytest.approx(coordinates.open().covariance[:6, :6], abs=1e-12)
 
@@ -176,7 +176,7 @@ def test_a_jolt_loosens_the_momentum_and_the_pose_it_moved() -> None:
     after = jolted(belief, prepare(model, coordinates), coordinates, sizes)
     spread = coordinates.spread
     added = spread @ (after.covariance - belief.covariance) @ spread.T
-    assert np.array_equal(after.mean, belief.mean)
+    assert np.array_equal(after.means, belief.means)
     assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
     # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
     moved = model.transition[:, 6:12] * sizes
