@@ -82,9 +82,9 @@ class _Result:
         return self.settled and bool(self.deviation[_MASS] < _CERTAIN * self.point.parameters[_MASS])
 
     @property
-    def merit(self) -> tuple[bool, bool, float]:
-        """What results are compared by."""
-        return not self.held, self.settled, self.track.belief.evidence
+    def merit(self) -> tuple[bool, float]:
+        """What results are compared by: where they have not settled, the windows are not what they say they are."""
+        return not self.held, self.track.belief.evidence - (0.0 if self.settled else MARGIN)
 
     def near(self, point: Point, deviations: float) -> bool:
         """Tell whether a point is less than some standard deviations away in all parameters."""
@@ -136,13 +136,16 @@ class Start:
         count = len(windows)
         stacks = [stacked(windows[k : min(k + _PART, count)]) for k in range(0, count, _PART)]
         results: list[_Result] = []
+        sound = other_leads = False
         if point is not None and not _massless(point.parameters):
-            results.append((yield from self._repeat(stacks, point, self.walks[0])))
-        if not any(result.sound for result in results):
+            result = yield from self._repeat(stacks, point, self.walks[0])
+            results, sound = [result], result.sound
+            passed, tracks, other_leads = yield from self._hypotheses(stacks, result)
+        if not (sound or other_leads):
             results += yield from self._from_guesses(stacks)
-        result = max(results, key=lambda each: each.merit)
-        passed, tracks, settled = yield from self._hypotheses(stacks, result)
-        settled = settled or (result.certain and not any(result.rivals(other) for other in results))
+            result = max(results, key=lambda each: each.merit)
+            passed, tracks, other_leads = yield from self._hypotheses(stacks, result)
+        settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
         while count < len(windows):
             more = windows[count : count + _PART]
             passed = yield from self._pass([stacked(more)], passed.point)
@@ -174,7 +177,8 @@ class Start:
     ) -> Generator[int, None, tuple[_Pass, list[Track], bool]]:
         """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
 
-        At its own solution another hypothesis must still be the better one; else its lead was the linearisation's.
+        At its own solution another hypothesis must still be the better one; else its lead was the linearisation's. And
+        where the first explains the windows too, what the other gains must not come from noise in its rows.
         """
         first, *others = self.walks
         passed, tracks = result.passed, [result.track]
@@ -185,7 +189,8 @@ class Start:
         if leading is first:
             return passed, tracks, False
         other = yield from self._repeat(stacks, result.point, leading)
-        if not (other.certain and self._plain(other) and far_better(other.track, result.track)):
+        needed = not result.sound or self._plain(other)
+        if not (needed and other.certain and far_better(other.track, result.track)):
             return passed, levelled(tracks), False
         for place, walk in enumerate(self.walks):
             tracks[place] = yield from self._follow(other.passed, self._fresh(walk))
@@ -219,7 +224,7 @@ class Start:
         return _Pass(point, steps)
 
     def _plain(self, result: _Result) -> bool:
-        """Tell whether the noise of the rows hardly matters: else, by how much less is left says little."""
+        """Tell whether the noise of the rows hardly matters; else, that less is left says little."""
         shift = np.abs(self.variables.spread @ result.track.belief.shift)[PARAMETERS]
         return bool(np.all(shift <= _PLAIN * result.deviation))
 
