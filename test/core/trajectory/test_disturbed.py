@@ -87,6 +87,20 @@ def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth
     assert not last.events
 
 
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_an_odometry_position_that_drifts_beside_poor_encoders(
+    robot: MomentumKernel, servicer: Truth, seed: int
+) -> None:
+    """Rows are full of noise then: the start must not take what drifts for that."""
+    walk = np.cumsum(1e-4 * np.random.default_rng(seed).normal(size=(len(servicer), 3)), axis=0)
+    samples = observe(servicer, HIGH, seed)
+    samples = replace(samples, base_position=samples.base_position + walk)[: int(np.searchsorted(samples.time, 13.0))]
+    told = [each for each in follow(robot, samples, HIGH, adapt=True) if each.std[0] > 0.0]
+    assert len(told) > 8
+    assert any('odometry position drifts' in warning for warning in told[-1].warnings)
+    assert normalised(told[-1], robot) < LIMIT
+
+
 def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Truth) -> None:
     last = follow(robot, observe(servicer, MID, 8), MID, adapt=True)[-1]
     assert not last.warnings
