@@ -177,8 +177,9 @@ class Start:
     ) -> Generator[int, None, tuple[_Pass, list[Track], bool]]:
         """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
 
-        At its own solution another hypothesis must still be the better one; else its lead was the linearisation's. And
-        where the first explains the windows too, what the other gains must not come from noise in its rows.
+        At its own solution another hypothesis must explain the windows and still be the better one; else its lead was
+        the linearisation's. And where the first explains the windows too, what the other gains must not come from noise
+        in its rows.
         """
         first, *others = self.walks
         passed, tracks = result.passed, [result.track]
@@ -190,7 +191,7 @@ class Start:
             return passed, tracks, False
         other = yield from self._repeat(stacks, result.point, leading)
         needed = not result.sound or self._plain(other)
-        if not (needed and other.certain and far_better(other.track, result.track)):
+        if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
             return passed, levelled(tracks), False
         for place, walk in enumerate(self.walks):
             tracks[place] = yield from self._follow(other.passed, self._fresh(walk))
