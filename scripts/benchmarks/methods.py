@@ -42,7 +42,7 @@ class Method:
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
-    'trajectory': Method({'method': 'trajectory'}, 0.125, 50),
+    'trajectory': Method({'method': 'trajectory'}, 1.0 / 12.0, 50),
     'difference unasked': Method({'method': 'difference', 'convergence.identifiable_std': 1e3}, extra=True),
     'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
