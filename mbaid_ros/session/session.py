@@ -157,7 +157,7 @@ class Session:
         try:
             self._identifier.work_off()
         except UNSOLVABLE as error:
-            self._start_again(f'the equations could not be solved ({error})')
+            self._unsolved(error)
 
     @property
     def closing(self) -> int | None:
@@ -336,8 +336,11 @@ class Session:
         try:
             return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
         except UNSOLVABLE as error:
-            self._start_again(f'the equations could not be solved ({error})')
+            self._unsolved(error)
             return []
+
+    def _unsolved(self, error: Exception) -> None:
+        self._start_again(f'the equations could not be solved ({error})')
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
