@@ -16,16 +16,15 @@ from scipy.interpolate import BSpline
 
 from benchmarks.bound import told_by
 from benchmarks.data import Case, kernel
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import joint_gains, predicted
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, joint_gains, predicted
 
 _STRIDE = 4  # samples from node to node
 _KNOT = 1.0  # s
 _ORDER = 3
-_ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
@@ -70,20 +69,19 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     path = path.reshape(count, 6, -1)
     parameters = np.concatenate((prediction.by_parameters[..., 6:], prediction.by_parameters[..., :6]), axis=-1) @ basis
     forced = np.concatenate((path, np.zeros((count, 6, 6)), parameters), axis=-1)
-    slope = prediction.by_pose_error[:, _ANGULAR_FIRST]
-    turned = slope.copy()
-    turned[:, 3:, :3] -= skew(prediction.twist[:, :3])
+    slope = prediction.by_pose_error[:, ANGULAR_FIRST]
+    turned = prediction.error_slope
     xi = np.zeros((count + 1, *forced.shape[1:]))
     xi[0, :, path.shape[-1] : path.shape[-1] + 6] = np.eye(6)
     for k in range(count):
         half = 0.5 * step * turned[k]
-        right = (np.eye(6) + half) @ xi[k] + step * forced[k, _ANGULAR_FIRST]
+        right = (np.eye(6) + half) @ xi[k] + step * forced[k, ANGULAR_FIRST]
         xi[k + 1] = np.linalg.solve(np.eye(6) - half, right)
     pose = np.repeat([noise.base_orientation, noise.base_position], 3) / np.sqrt(_STRIDE)
     rows = [(xi / pose[:, None]).reshape(-1, xi.shape[-1])]
     if case.sensors == 'all':
         twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) / np.sqrt(_STRIDE)
-        change = slope @ (0.5 * (xi[1:] + xi[:-1])) + forced[:, _ANGULAR_FIRST]
+        change = slope @ (0.5 * (xi[1:] + xi[:-1])) + forced[:, ANGULAR_FIRST]
         rows.append((change / twist[:, None]).reshape(-1, xi.shape[-1]))
     information = sum((part.T @ part for part in rows), np.zeros((xi.shape[-1],) * 2))
     value, rate = _splines(samples.time[at], float(samples.time[-1]))

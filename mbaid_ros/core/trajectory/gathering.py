@@ -9,14 +9,13 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, averages, bridged
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST
 from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 
 _NODE = 0.05  # s, wanted spacing of nodes
 _FEWEST_NODES = 5
 # A joint has moved when its range is this many standard deviations of one sample; noise alone reaches about five.
 _MOVED = 10.0
-# From (linear, angular) to (angular, linear).
-_SWAP = np.array([3, 4, 5, 0, 1, 2])
 
 
 @dataclass(frozen=True)
@@ -123,6 +122,6 @@ def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
     return WindowNoise(
         samples=len(window),
         joint_position=noise.joint_position,
-        pose=np.mean(window.pose_covariance, axis=0)[_SWAP[:, None], _SWAP],
-        twist=np.mean(window.twist_covariance, axis=0)[_SWAP[:, None], _SWAP],
+        pose=np.mean(window.pose_covariance, axis=0)[ANGULAR_FIRST[:, None], ANGULAR_FIRST],
+        twist=np.mean(window.twist_covariance, axis=0)[ANGULAR_FIRST[:, None], ANGULAR_FIRST],
     )
