@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from mbaid_ros.bags.recorded import Recorded, Timed
 from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, Raw, SalvagedSource, Source, Topic
 from mbaid_ros.bags.types import is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
-
-Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
+from mbaid_ros.core.samples import Stamps
 
 
 class BagReader:
@@ -111,8 +112,8 @@ class BagReader:
         for topic, data, time in self.raw(topics):
             yield topic, deserializers[topic](data, time), time
 
-    def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[list[Timed]]:
-        """Yield lists of (topic, message, log time in ns) in recorded order, so many messages in each but the last.
+    def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Recorded]:
+        """Yield messages in recorded order, so many at once, the last time fewer.
 
         Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; objects they
         are where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
@@ -122,22 +123,16 @@ class BagReader:
         DataError
             A type is not known, or a message is not of the type the bag says.
         """
-        stores = {name: self._typestore(self.topics[name]) for name in topics}
-        deserializers = {name: self._deserializer(name, store) for name, store in stores.items()}
-        types = {name: self.topics[name].type for name in topics}
-        packers = {name: packer(types[name]) for name, store in stores.items() if is_standard(store, types[name])}
+        make = {name: self._maker(name) for name in topics}
         raw = self.raw(topics)
         while part := list(islice(raw, at_once)):
-            messages: list[Any] = [None] * len(part)
-            for name, pack in packers.items():
-                places = [place for place, (topic, _, _) in enumerate(part) if topic == name]
-                if pack is not None:
-                    for place, message in zip(places, pack.many([part[place][1] for place in places]), strict=True):
-                        messages[place] = message
-            yield [
-                (topic, deserializers[topic](data, time) if message is None else message, time)
-                for (topic, data, time), message in zip(part, messages, strict=True)
-            ]
+            names, content, recorded = zip(*part, strict=True)
+            times = np.array(recorded, dtype=np.int64)
+            messages = {}
+            for name in dict.fromkeys(names):
+                of_it = list(map(name.__eq__, names))
+                messages[name] = make[name](list(compress(content, of_it)), times[of_it])
+            yield Recorded(names, times, messages)
 
     def close(self) -> None:
         """Release the files."""
@@ -152,6 +147,24 @@ class BagReader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _maker(self, name: str) -> Callable[[list[bytes], Stamps], Sequence[Any]]:
+        """Return what makes messages of a topic out of bytes that were recorded at times (N,), ns."""
+        store, type_name = self._typestore(self.topics[name]), self.topics[name].type
+        deserialize = self._deserializer(name, store)
+        pack = packer(type_name) if is_standard(store, type_name) else None
+
+        def make(given: list[bytes], times: Stamps) -> Sequence[Any]:
+            together = None if pack is None else pack.many(given)
+            if together is not None:
+                return together
+            single = [None] * len(given) if pack is None else map(pack, given)
+            return [
+                deserialize(data, time) if packet is None else packet
+                for packet, data, time in zip(single, given, times.tolist(), strict=True)
+            ]
+
+        return make
 
     def _deserializer(self, name: str, store: Typestore) -> Callable[[bytes, int], Any]:
         """Return what makes messages of a topic out of bytes that were recorded at a time, ns."""

@@ -38,7 +38,7 @@ class MisfitError(Exception):
 
 
 class HasBytes(Protocol):
-    """Something that holds the bytes of a message."""
+    """Something that holds the bytes of a message, or of several one after the other."""
 
     data: bytes
 
@@ -120,11 +120,16 @@ class Cursor:
 
 
 class _Layout:
-    """What messages of one layout have in common: their size, their strings and lengths, and where the numbers are."""
+    """What messages of one layout have in common: their size, their strings and lengths, and where the numbers are.
+
+    Attributes
+    ----------
+    size : bytes of a message
+    """
 
     def __init__(self, data: bytes, cursor: Cursor, places: dict[str, tuple[int, int]]) -> None:
         cursor.end()
-        self._size = len(data)
+        self.size = len(data)
         self._constant = [(begin, data[begin:end]) for begin, end in cursor.constant]
         # The same with the padding between, in few pieces: most publishers always pad alike.
         self._usual = [(begin, data[begin:end]) for begin, end in _joined(cursor.constant)]
@@ -139,7 +144,7 @@ class _Layout:
 
     def fits(self, data: bytes) -> bool:
         """Tell whether a message is laid out like this."""
-        if len(data) != self._size:
+        if len(data) != self.size:
             return False
         for place, constant in self._usual:
             if not data.startswith(constant, place):
@@ -148,20 +153,18 @@ class _Layout:
             return True
         return all(data.startswith(constant, place) for place, constant in self._constant)
 
-    def stamps(self, messages: Sequence[bytes]) -> Stamps | None:
-        """Return the stamps (N,), ns, of messages that are laid out like this and padded alike; None if not all are."""
-        if any(len(data) != self._size for data in messages):
-            return None
-        joined = b''.join(messages)
-        content = np.frombuffer(joined, np.uint8).reshape(len(messages), self._size)
-        for place, constant in self._usual:
-            if not np.all(content[:, place : place + len(constant)] == np.frombuffer(constant, np.uint8)):
-                return None
-        return _stamps(np.frombuffer(joined, self._record))
+    def stamps(self, joined: bytes) -> Stamps | None:
+        """Return the stamps (N,), ns, of N messages of this size in a row, None if one is not laid out like this."""
+        content = np.frombuffer(joined, np.uint8).reshape(-1, self.size)
+        for parts in (self._usual, self._constant):
+            if all(np.all(content[:, at : at + len(part)] == np.frombuffer(part, np.uint8)) for at, part in parts):
+                return _stamps(np.frombuffer(joined, self._record))
+        return None
 
     def _read(self, messages: Sequence[HasBytes]) -> tuple[Stamps, npt.NDArray[np.void]]:
         """Return the stamps (N,), ns, of N messages that are laid out like this, and all their numbers."""
-        records = np.frombuffer(b''.join([message.data for message in messages]), self._record)
+        data = messages[0].data if len(messages) == 1 else b''.join([message.data for message in messages])
+        records = np.frombuffer(data, self._record)
         return _stamps(records), records
 
 

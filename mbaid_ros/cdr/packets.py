@@ -1,13 +1,15 @@
-"""Messages as their bytes, of which only the stamp has been read."""
+"""Messages as their bytes, of which only the stamps have been read."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from itertools import repeat
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, overload
+
+import numpy as np
 
 from mbaid_ros.cdr.layouts import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, MisfitError, OdometryLayout
+from mbaid_ros.core.samples import Stamps
 
 _MOST_LAYOUTS = 64  # that are remembered of a topic
 
@@ -32,6 +34,39 @@ class Packet(Generic[Layout]):
         self.data = data
         self.layout: Layout = layout
         self.stamp = stamp
+
+
+class Packets(Sequence[Packet[Layout]]):
+    """Messages of one layout as their bytes, one after the other.
+
+    Parameters
+    ----------
+    data : the bytes of N messages
+    layout : where the numbers of each are; that has been checked
+    stamps : (N,) ns
+    """
+
+    __slots__ = ('data', 'layout', 'stamps')
+
+    def __init__(self, data: bytes, layout: Layout, stamps: Stamps) -> None:
+        self.data = data
+        self.layout: Layout = layout
+        self.stamps = stamps
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @overload
+    def __getitem__(self, place: int) -> Packet[Layout]: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Packets[Layout]: ...
+
+    def __getitem__(self, place: int | slice) -> Packet[Layout] | Packets[Layout]:
+        chosen = np.frombuffer(self.data, f'V{self.layout.size}')[place].tobytes()
+        if isinstance(place, slice):
+            return Packets(chosen, self.layout, self.stamps[place])
+        return Packet(chosen, self.layout, int(self.stamps[place]))
 
 
 class Packer(Generic[Layout]):
@@ -59,14 +94,14 @@ class Packer(Generic[Layout]):
         self._remember(learnt, len(data))
         return _packet(data, learnt)
 
-    def many(self, given: Sequence[bytes]) -> list[Packet[Layout] | None]:
-        """Return messages as packets, as one by one; where all have the same layout, in a fraction of the time."""
-        if given:
-            for layout in self._known.get(len(given[0]), ()):
-                stamps = layout.stamps(given)
-                if stamps is not None:
-                    return list(map(Packet, given, repeat(layout), stamps.tolist()))
-        return [self(data) for data in given]
+    def many(self, given: Sequence[bytes]) -> Packets[Layout] | None:
+        """Return messages together, None where not all are laid out as the first: then look at them one by one."""
+        first = self(given[0]) if given else None
+        if first is None:
+            return None
+        data = b''.join(given)
+        stamps = first.layout.stamps(data) if set(map(len, given)) == {first.layout.size} else None
+        return None if stamps is None else Packets(data, first.layout, stamps)
 
     def _remember(self, layout: Layout, size: int) -> None:
         if self._count == _MOST_LAYOUTS:

@@ -1,6 +1,6 @@
 """Messages to arrays, many at a time: the objects of rclpy and rosbags alike, and bytes that were made into none."""
 
-from mbaid_ros.messages.fields import numbers_of, stamp_of, wrench_of
+from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, wrench_of
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.messages.refusals import (
@@ -27,9 +27,11 @@ __all__ = [
     'JointReader',
     'OdometryReader',
     'joint_state_shape',
+    'number_of',
     'numbers_of',
     'odometry_shape',
     'positions_of',
     'stamp_of',
+    'stamps_of',
     'wrench_of',
 ]

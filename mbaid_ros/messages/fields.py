@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.cdr import Packet
+from mbaid_ros.cdr import Packet, Packets
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Stamps
 
 
 def stamp_of(message: Any) -> int:
@@ -16,6 +18,18 @@ def stamp_of(message: Any) -> int:
         return message.stamp
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def stamps_of(messages: Sequence[Any]) -> Stamps:
+    """Return the header stamps of N messages, (N,) ns."""
+    if isinstance(messages, Packets):
+        return messages.stamps
+    return np.array([stamp_of(message) for message in messages], dtype=np.int64)
+
+
+def number_of(messages: Sequence[Any]) -> int:
+    """Return how many messages there are where some of what is counted may be packets that are together."""
+    return sum(len(each) if isinstance(each, Packets) else 1 for each in messages)
 
 
 def wrench_of(message: Any) -> tuple[str, int, Array]:

@@ -14,6 +14,7 @@ from mbaid_ros.cdr import JointStateLayout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.joint_merge import Joints
 from mbaid_ros.core.samples import JointStream
+from mbaid_ros.messages.fields import number_of
 from mbaid_ros.messages.refusals import (
     JOINT_MISSING,
     LENGTH_MISMATCH,
@@ -49,7 +50,7 @@ class JointReader:
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
         """Return the measurements by the joints they are of, and how many messages were dropped for what.
 
-        A velocity that is not given is NaN.
+        A velocity that is not given is NaN. Packets may be together.
         """
         dropped: Counter[str] = Counter()
         runs: dict[Joints, list[_Run]] = {}
@@ -58,7 +59,7 @@ class JointReader:
             layout = self._layout(shape.names)
             cause = layout.refused or self._misfit(shape, layout)
             if cause:
-                dropped[cause] += len(run)
+                dropped[cause] += number_of(run)
                 continue
             earlier = runs.setdefault(layout.joints, [])
             if earlier and earlier[-1][1] == shape:

@@ -16,6 +16,7 @@ from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaterni
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.covariances import usable_covariance
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
+from mbaid_ros.messages.fields import number_of
 from mbaid_ros.messages.refusals import BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
 from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 
@@ -58,7 +59,10 @@ class OdometryReader:
         self.default_covariances = 0  # messages whose covariance, or a part of it, came from the parameters
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
-        """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN."""
+        """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN.
+
+        Packets may be together.
+        """
         dropped: Counter[str] = Counter()
         accepted = self._accepted(messages, dropped)
         if not accepted:
@@ -75,18 +79,24 @@ class OdometryReader:
 
     def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
         """Return the messages of frames on the base, by their shapes; the others are counted."""
-        places: dict[_Shape, list[int]] = {}
-        for shape, group in groupby(range(len(messages)), key=lambda place: odometry_shape(messages[place])):
-            places.setdefault(shape, []).extend(group)
+        alike: dict[_Shape, list[Any]] = {}
+        places: dict[_Shape, list[range]] = {}
+        begin = 0
+        for shape, group in groupby(messages, key=odometry_shape):
+            run = list(group)
+            end = begin + number_of(run)
+            alike.setdefault(shape, []).extend(run)
+            places.setdefault(shape, []).append(range(begin, end))
+            begin = end
         accepted: list[_Group] = []
-        for shape in sorted(places, key=lambda shape: places[shape][-1]):  # so that the last remains
+        for shape in sorted(places, key=lambda shape: places[shape][-1].stop):  # so that the last remains
             frame = self._frame(shape.child_frame_id)
             if frame is None:
                 self.other_child_frame = shape.child_frame_id
-                dropped[WRONG_CHILD_FRAME] += len(places[shape])
+                dropped[WRONG_CHILD_FRAME] += sum(map(len, places[shape]))
             else:
                 self.frame = shape.frame_id
-                accepted.append(_Group(frame, places[shape], shape.columns([messages[k] for k in places[shape]])))
+                accepted.append(_Group(frame, np.concatenate(places[shape]), shape.columns(alike[shape])))
         return accepted
 
     def _frame(self, name: str) -> AttachedFrame | None:
@@ -148,7 +158,7 @@ class _Group(NamedTuple):
     """Messages of the same frames: where the child frame is, their places among all messages, their numbers."""
 
     frame: AttachedFrame
-    places: list[int]
+    places: npt.NDArray[np.intp]
     columns: _Columns
 
 

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet
+from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.messages.fields import numbers_of, stamp_of
+from mbaid_ros.messages.fields import numbers_of, stamps_of
+
+_PACKED = (Packet, Packets)
 
 
 class JointStateShape(NamedTuple):
@@ -36,7 +38,7 @@ class JointStateShape(NamedTuple):
         position = np.array([message.position for message in messages], dtype=float)
         velocity = np.array([message.velocity for message in messages], dtype=float)
         return (
-            _stamps(messages),
+            stamps_of(messages),
             position.reshape(len(position), self.positions),
             velocity.reshape(len(velocity), self.velocities),
         )
@@ -56,19 +58,19 @@ class OdometryShape(NamedTuple):
     def columns(self, messages: Sequence[Any]) -> tuple[Stamps, Array, Array, Array]:
         """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist of N such messages."""
         numbers = np.array([numbers_of(message) for message in messages])
-        return _stamps(messages), numbers, _covariances(messages, 'pose'), _covariances(messages, 'twist')
+        return stamps_of(messages), numbers, _covariances(messages, 'pose'), _covariances(messages, 'twist')
 
 
 def joint_state_shape(message: Any) -> JointStateShape | JointStateLayout:
-    """Return the shape of a JointState."""
-    if isinstance(message, Packet):
+    """Return the shape of a JointState, or of packets together."""
+    if isinstance(message, _PACKED):
         return message.layout
     return JointStateShape(tuple(message.name), len(message.position), len(message.velocity))
 
 
 def odometry_shape(message: Any) -> OdometryShape | OdometryLayout:
-    """Return the shape of an Odometry."""
-    if isinstance(message, Packet):
+    """Return the shape of an Odometry, or of packets together."""
+    if isinstance(message, _PACKED):
         return message.layout
     return OdometryShape(message.header.frame_id, message.child_frame_id)
 
@@ -78,10 +80,6 @@ def positions_of(message: Any) -> dict[str, float]:
     shape = joint_state_shape(message)
     values = shape.columns([message])[1][0]
     return {name: float(value) for name, value in zip(shape.names, values, strict=False) if math.isfinite(value)}
-
-
-def _stamps(messages: Sequence[Any]) -> Stamps:
-    return np.array([stamp_of(message) for message in messages], dtype=np.int64)
 
 
 def _covariances(messages: Sequence[Any], part: str) -> Array:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.replay.results import TopicStatistics
 
 _PIECES = 120  # points of the rate's course
@@ -21,9 +21,9 @@ class Arrivals:
     def __init__(self) -> None:
         self._times = array('q')
 
-    def add(self, times: Iterable[int]) -> None:
-        """Take the times of messages, ns."""
-        self._times.extend(times)
+    def add(self, times: Stamps) -> None:
+        """Take the times of messages, (N,) ns."""
+        self._times.frombytes(times.tobytes())
 
     def statistics(self, topic: str, type_name: str, messages: int, origin: int) -> TopicStatistics:
         """Return what there is to say.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tqdm import tqdm
 
-from mbaid_ros.bags import BagReader
-from mbaid_ros.replay.inputs import Inputs, Message
+from mbaid_ros.bags import BagReader, Recorded
+from mbaid_ros.replay.inputs import Inputs
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 4_000
@@ -18,9 +18,7 @@ _MESSAGES_AT_ONCE = 4_000
 Progress = Callable[[int, int], None]
 
 
-def feed(
-    bag: BagReader, inputs: Inputs, add: Callable[[Sequence[Message]], None], progress: Progress | None
-) -> Iterator[None]:
+def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progress: Progress | None) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
     Parameters

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
-    from mbaid_ros.bags import BagReader
+    from mbaid_ros.bags import BagReader, Recorded
     from mbaid_ros.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
 THRUST = '/thrust'  # read where a bag has it, even if not asked for
-
-Message = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
 
 
 @dataclass(frozen=True)
@@ -56,18 +52,17 @@ class Inputs:
         present = THRUST in bag.topics and bag.topics[THRUST].type == THRUST_TYPE
         return (self.joint_states, self.odometry, *((THRUST,) if present else ()))
 
-    def add_to(self, session: Session, messages: Sequence[Message]) -> None:
-        """Hand messages of the topics, in the order they were recorded, to a session."""
-        measured = {self.joint_states, self.odometry}
-        if measured.issuperset([topic for topic, _, _ in messages]):
-            session.add_in_order(messages, self.joint_states)
-            return
-        for is_measured, group in groupby(messages, key=lambda message: message[0] in measured):
-            if is_measured:
-                session.add_in_order(list(group), self.joint_states)
-            else:
-                for _, message, _ in group:
+    def add_to(self, session: Session, messages: Recorded) -> None:
+        """Hand messages of the topics to a session."""
+        thrust = self.thrust or THRUST
+        for part in messages.runs(thrust):
+            if thrust in part.messages:
+                for message in part.of(thrust):
                     session.add_thrust(message)
+            elif not session.add_at_once(part.of(self.joint_states), part.of(self.odometry)):
+                for topic, message, _ in part:
+                    add = session.add_joint_state if topic == self.joint_states else session.add_odometry
+                    add(message)
 
 
 def add_input_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbaid_ros.cdr import Packets
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
@@ -29,14 +30,14 @@ class LastPose:
 
     def add_joint_states(self, messages: Sequence[Any]) -> None:
         """Take JointStates in order, of all joints or of some."""
-        last = {joint_state_shape(message): message for message in messages}
+        last = {joint_state_shape(message): message for message in _ends(messages)}
         for shape, message in last.items():
             if shape.names in self._joint_state or len(self._joint_state) < 64:
                 self._joint_state[shape.names] = message
 
     def add_odometry(self, messages: Sequence[Any]) -> None:
         """Take Odometry in order, of the base link or of links fixed to it."""
-        own = (message for message in reversed(messages) if self._carrier(message) is not None)
+        own = (message for message in reversed(_ends(messages)) if self._carrier(message) is not None)
         self._odometry = next(own, self._odometry)
 
     def _carrier(self, odometry: Any) -> Link | None:
@@ -57,3 +58,8 @@ class LastPose:
             return None
         rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
         return Pose(rotation, position - rotation @ link.position, np.array([positions[name] for name in names]))
+
+
+def _ends(messages: Sequence[Any]) -> Sequence[Any]:
+    """Return of messages in order those that may be the last of their shape; packets together have one shape."""
+    return messages[-1:] if isinstance(messages, Packets) else messages

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mbaid_ros.bags import BagReader
+from mbaid_ros.bags import BagReader, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.feed import Progress, feed
-from mbaid_ros.replay.inputs import Inputs, Message
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session import Session, intake_warnings
 
 
@@ -80,7 +79,7 @@ def read_motions(
 
     session = Session(config, urdf, collect)
 
-    def add(messages: Sequence[Message]) -> None:
+    def add(messages: Recorded) -> None:
         inputs.add_to(session, messages)
 
     notes: tuple[str, ...] = ()

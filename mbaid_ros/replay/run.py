@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.bags import BagReader, BagWriter, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
@@ -14,7 +14,7 @@ from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.feed import Progress, feed
-from mbaid_ros.replay.inputs import Inputs, Message
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
 from mbaid_ros.session import Session, intake_warnings, missing_joints
@@ -118,13 +118,13 @@ class _Intake:
         self._arrivals = {topic: Arrivals() for topic in topics}
         self._pose = LastPose(session.model)
 
-    def add(self, messages: Sequence[Message]) -> None:
-        """Take messages in the order they were recorded."""
+    def add(self, messages: Recorded) -> None:
+        """Take messages."""
         self._inputs.add_to(self._session, messages)
         for topic, arrivals in self._arrivals.items():
-            arrivals.add([time for name, _, time in messages if name == topic])
-        self._pose.add_joint_states([message for topic, message, _ in messages if topic == self._inputs.joint_states])
-        self._pose.add_odometry([message for topic, message, _ in messages if topic == self._inputs.odometry])
+            arrivals.add(messages.times_of(topic))
+        self._pose.add_joint_states(messages.of(self._inputs.joint_states))
+        self._pose.add_odometry(messages.of(self._inputs.odometry))
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return what arrived."""

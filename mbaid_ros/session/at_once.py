@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
+from mbaid_ros.cdr import Packets
 from mbaid_ros.core.intake.stream_gate import Gate
-from mbaid_ros.messages import stamp_of
+from mbaid_ros.messages import stamps_of
 
 
 def let_through(gates: Mapping[str, Gate], epoch: int, messages: Mapping[str, Sequence[Any]]) -> bool:
@@ -18,13 +17,12 @@ def let_through(gates: Mapping[str, Gate], epoch: int, messages: Mapping[str, Se
     ----------
     gates : by topic
     epoch : that all of them have to be in
-    messages : by topic, in the order in which they came
+    messages : by topic, in the order in which they came: a list, or packets that stay together
     """
-    stamps = {
-        name: np.array([stamp_of(message) for message in part], dtype=np.int64) for name, part in messages.items()
-    }
+    stamps = {name: stamps_of(part) for name, part in messages.items()}
     if not all(gate.epoch == epoch and gate.passes(stamps[name]) for name, gate in gates.items()):
         return False
     for name, gate in gates.items():
-        gate.take_regular(stamps[name], messages[name])
+        part = messages[name]
+        gate.take_regular(stamps[name], [part] if isinstance(part, Packets) else part)
     return True

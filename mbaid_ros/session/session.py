@@ -25,7 +25,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, stamp_of, wrench_of
+from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
@@ -110,20 +110,13 @@ class Session:
         """Take an Odometry without looking into it; return whether it is time for `process`."""
         return self._add(ODOMETRY, JOINTS, message)
 
-    def add_in_order(self, messages: Sequence[tuple[str, Any, int]], joint_states: str) -> None:
-        """Take messages as if they came one after the other.
+    def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any]) -> bool:
+        """Take messages of both topics, each in order, where nothing is to be decided about any of them.
 
-        Parameters
-        ----------
-        messages : topic, message, and when it came, ns
-        joint_states : the topic whose messages are JointStates; the others are Odometry
+        Return whether they have been taken; where not, they have to be added one by one as they came.
         """
-        parts: dict[str, list[Any]] = {name: [] for name in self.gates}
-        for topic, message, _ in messages:
-            parts[JOINTS if topic == joint_states else ODOMETRY].append(message)
-        if self.problem or not let_through(self.gates, self._epoch, parts):
-            for topic, message, _ in messages:
-                (self.add_joint_state if topic == joint_states else self.add_odometry)(message)
+        messages = {JOINTS: joint_states, ODOMETRY: odometry}
+        return not self.problem and let_through(self.gates, self._epoch, messages)
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
@@ -330,8 +323,8 @@ class Session:
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
         self.thrust.odometry_frame = self.odometry_reader.frame
-        self.received[JOINTS] += len(joint_states)
-        self.received[ODOMETRY] += len(odometry)
+        self.received[JOINTS] += number_of(joint_states)
+        self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
         try:
             return self._identifier.push(self.merge.push(joints), self._reorder.push(base))

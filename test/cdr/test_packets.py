@@ -135,26 +135,51 @@ def test_padding_makes_no_other_layout() -> None:
     assert make is not None
     packets = [make(padded(filling)) for filling in (b'\0\0', b'xy', b'\xff\0')]
     assert len({packet.layout for packet in packets if packet is not None}) == 1
-    assert make.many([padded(b'\0\0'), padded(b'xy')]) != [None, None]
+    given_bytes = [padded(filling) for filling in (b'\0\0', b'xy', b'\xff\0')]
+    together = make.many(given_bytes)
+    assert together is not None
+    assert [packet.data for packet in together] == given_bytes
     for filling in (b'\0\0', b'xy'):
         assert check(padded(filling), JOINT_STATE_TYPE)
 
 
-def read(packets: Sequence[Any]) -> list[tuple[bytes, int] | None]:
-    return [None if packet is None else (packet.data, packet.stamp) for packet in packets]
-
-
 @pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
-def test_many_at_once_are_as_one_by_one(type_name: str) -> None:
+def test_messages_of_one_layout_are_together_what_they_are_one_by_one(type_name: str) -> None:
     alike = [example(type_name, seed) for seed in range(50)]
-    other = as_bytes(joint_state(['a', 'bce'], NOISE[0, :2], NOISE[1, :2], effort=2))
-    mixed = [*alike[:20], other, alike[20][:-3], *alike[20:]]
-    for given_bytes in ([], alike, mixed, alike[::-1]):
-        single, many = packer(type_name), packer(type_name)
-        assert single is not None
-        assert many is not None
-        for _ in range(2):
-            assert read(many.many(given_bytes)) == read([single(data) for data in given_bytes])
+    single, many = packer(type_name), packer(type_name)
+    assert single is not None
+    assert many is not None
+    expected: list[Any] = [single(data) for data in alike]
+    for given_bytes, packets in ((alike, expected), (alike[::-1], expected[::-1])):
+        together = many.many(given_bytes)
+        assert together is not None
+        assert [(packet.data, packet.stamp) for packet in together] == read(packets)
+        assert together.stamps.tolist() == [stamp for _, stamp in read(packets)]
+        parts = [together[:20], together[20:20], together[20:]]
+        assert [len(part) for part in parts] == [20, 0, 30]
+        assert [(packet.data, packet.stamp) for part in parts for packet in part] == read(packets)
+        shape = joint_state_shape if type_name == JOINT_STATE_TYPE else odometry_shape
+        mixtures: list[list[Any]] = [[together], [parts[0], *packets[20:30], together[30:]]]
+        for mixture in mixtures:
+            columns_of = [column.tobytes() for column in shape(mixture[0]).columns(mixture)]
+            assert columns_of == [column.tobytes() for column in shape(packets[0]).columns(packets)]
+
+
+def test_messages_that_differ_are_not_together() -> None:
+    make = packer(JOINT_STATE_TYPE)
+    assert make is not None
+    alike = [example(JOINT_STATE_TYPE, seed) for seed in range(50)]
+    renamed = as_bytes(joint_state(['a', 'bce'], NOISE[0, :2], NOISE[1, :2], effort=2))
+    assert len(renamed) == len(alike[0])
+    for other in (renamed, alike[20][:-3], b'', b'\0\0' + alike[20][2:]):
+        assert make.many([*alike[:20], other, *alike[20:]]) is None
+        assert make.many([other, *alike]) is None
+    assert make.many([]) is None
+    assert make.many(alike) is not None
+
+
+def read(packets: Sequence[Any]) -> list[tuple[bytes, int]]:
+    return [(packet.data, packet.stamp) for packet in packets]
 
 
 def test_any_number_of_layouts_is_taken_in_bounded_memory() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, LENGTH_MISMATCH, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
@@ -20,6 +21,7 @@ from wire import again, as_bytes, joint_state, odometry
 
 COUNT = 300
 MARKER: dict[str, object] = {'marker.position': (0.1, 0.2, 0.3)}
+TOGETHER = 'bytes, those of one layout that follow one another together'
 Mixture = Callable[[list[Any], list[Any]], list[Any]]
 
 MIXTURES: dict[str, Mixture] = {
@@ -27,6 +29,7 @@ MIXTURES: dict[str, Mixture] = {
     'bytes and objects by turns': lambda packets, objects: [
         (packet, message)[index % 2] for index, (packet, message) in enumerate(zip(packets, objects, strict=True))
     ],
+    TOGETHER: lambda packets, _objects: packets,
     'bytes, then objects': lambda packets, objects: packets[: COUNT // 3] + objects[COUNT // 3 :],
 }
 
@@ -91,6 +94,18 @@ def mixed(data: list[bytes], type_name: str, mixture: str) -> tuple[list[Any], l
     return objects, MIXTURES[mixture](packets, objects)
 
 
+def arranged(messages: list[Any], mixture: str) -> list[Any]:
+    """Return messages as the mixture says: packets of one layout that follow one another may be together."""
+    if mixture != TOGETHER:
+        return messages
+    runs = [(layout, list(run)) for layout, run in groupby(messages, key=lambda packet: packet.layout)]
+    assert any(len(run) > 1 for _, run in runs) or len(messages) == 1
+    return [
+        Packets(b''.join(each.data for each in run), layout, np.array([each.stamp for each in run], dtype=np.int64))
+        for layout, run in runs
+    ]
+
+
 def bits(stream: Any) -> list[tuple[tuple[int, ...], bytes]]:
     return [(getattr(stream, f.name).shape, getattr(stream, f.name).tobytes()) for f in fields(stream)]
 
@@ -103,7 +118,10 @@ def test_joint_states(seed: int, mixture: str, *, whole: bool) -> None:
     expected, found = session({}).joint_reader, session({}).joint_reader
     seen: Counter[str] = Counter()
     for part in (slice(0, 1), slice(1, 90), slice(90, None)):
-        (streams, dropped), (others, others_dropped) = expected.read(objects[part]), found.read(given[part])
+        (streams, dropped), (others, others_dropped) = (
+            expected.read(objects[part]),
+            found.read(arranged(given[part], mixture)),
+        )
         assert list(streams) == list(others)
         assert [bits(stream) for stream in streams.values()] == [bits(stream) for stream in others.values()]
         assert dropped == others_dropped
@@ -120,7 +138,10 @@ def test_odometry(seed: int, parameters: dict[str, object], mixture: str) -> Non
     expected, found = session(parameters).odometry_reader, session(parameters).odometry_reader
     seen: Counter[str] = Counter()
     for part in (slice(0, 1), slice(1, 90), slice(90, None)):
-        (stream, dropped), (other, other_dropped) = expected.read(objects[part]), found.read(given[part])
+        (stream, dropped), (other, other_dropped) = (
+            expected.read(objects[part]),
+            found.read(arranged(given[part], mixture)),
+        )
         assert stream is not None
         assert other is not None
         assert bits(stream) == bits(other)
@@ -141,12 +162,10 @@ def test_the_numbers_are_those_of_the_messages() -> None:
     assert make_odometry is not None
     names = ['joint3', 'joint1', 'joint4', 'joint2']
     run = session({})
-    streams, _ = run.joint_reader.read(
-        make_joints.many([as_bytes(joint_state(names, *row, stamp=9)) for row in zip(position, velocity, strict=True)])
-    )
-    base, _ = run.odometry_reader.read(
-        make_odometry.many([as_bytes(odometry(row, np.tile(np.eye(6), (2, 1, 1)), stamp=9)) for row in numbers])
-    )
+    joints = [as_bytes(joint_state(names, *row, stamp=9)) for row in zip(position, velocity, strict=True)]
+    streams, _ = run.joint_reader.read([make_joints.many(joints)])
+    poses = [as_bytes(odometry(row, np.tile(np.eye(6), (2, 1, 1)), stamp=9)) for row in numbers]
+    base, _ = run.odometry_reader.read([make_odometry.many(poses)])
     order = [1, 3, 0, 2]
     assert np.array_equal(streams[0, 1, 2, 3].position, position[:, order])
     assert np.array_equal(streams[0, 1, 2, 3].velocity, velocity[:, order])

@@ -14,7 +14,7 @@ SECOND = 1_000_000_000
 
 def arrivals(times: list[float]) -> Arrivals:
     made = Arrivals()
-    made.add(round(time * SECOND) for time in times)
+    made.add(np.array([round(time * SECOND) for time in times], dtype=np.int64))
     return made
 
 

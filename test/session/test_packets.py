@@ -10,16 +10,19 @@ import pytest
 
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packet, packer
+from mbaid_ros.bags import Recorded
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session import Session
 from simulated import CONFIG
 from wire import as_bytes, joint_state, odometry
 
 ROBOT, SECONDS = 'servicer7', 2.6
+INPUTS = Inputs(JOINTS, ODOMETRY)
 
 
 def jump_back(messages: list[Arrival]) -> list[Arrival]:
@@ -54,12 +57,11 @@ STREAMS: dict[str, Callable[[list[Arrival]], list[Arrival]]] = {
 }
 
 
-def packed(messages: Sequence[Arrival]) -> list[tuple[str, Any, int]]:
-    """Return messages as packets, with their topics and times."""
-    makers = {JOINTS: packer(JOINT_STATE_TYPE), ODOMETRY: packer(ODOMETRY_TYPE)}
+def packed(messages: Sequence[Arrival]) -> list[tuple[str, bytes, int]]:
+    """Return messages as bytes, with their topics and times."""
     made = []
     for arrival in messages:
-        message, make = arrival.message, makers[arrival.topic]
+        message = arrival.message
         stamp = defects.stamp_of(arrival)
         if arrival.topic == JOINTS:
             position, velocity = (np.asarray(x, dtype=float) for x in (message.position, message.velocity))
@@ -71,11 +73,27 @@ def packed(messages: Sequence[Arrival]) -> list[tuple[str, Any, int]]:
             numbers += [getattr(part, axis) for part in (motion.linear, motion.angular) for axis in 'xyz']
             covariances = np.array([pose.covariance, twist.covariance])
             data = as_bytes(odometry(np.array(numbers), covariances, stamp=stamp, child=message.child_frame_id))
-        assert make is not None
-        packet = make(data)
-        assert isinstance(packet, Packet)
-        made.append((arrival.topic, packet, arrival.time))
+        made.append((arrival.topic, data, arrival.time))
     return made
+
+
+class Packing:
+    """Makes of bytes what a bag's reader makes of them: packets together, or one by one."""
+
+    def __init__(self) -> None:
+        self._packers = {JOINTS: packer(JOINT_STATE_TYPE), ODOMETRY: packer(ODOMETRY_TYPE)}
+
+    def recorded(self, messages: Sequence[tuple[str, bytes, int]]) -> Recorded:
+        """Return messages by their topics."""
+        by_topic: dict[str, Sequence[Any]] = {}
+        for topic, pack in self._packers.items():
+            assert pack is not None
+            given = [data for name, data, _ in messages if name == topic]
+            if given:
+                together = pack.many(given)
+                by_topic[topic] = [pack(data) for data in given] if together is None else together
+        times = np.array([time for _, _, time in messages], dtype=np.int64)
+        return Recorded([topic for topic, _, _ in messages], times, by_topic)
 
 
 def said(found: Sequence[Estimate]) -> list[tuple[Any, ...]]:
@@ -88,9 +106,9 @@ def test_the_estimates_are_the_same_to_the_last_bit(stream: str, at_once: int) -
     messages = STREAMS[stream](arrivals(ROBOT, SECONDS, 1))
     expected, singly = estimates(ROBOT, messages)
     session = Session(build(EstimatorConfig, {}), (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8'))
-    given, found = packed(messages), []
+    given, packing, found = packed(messages), Packing(), []
     for begin in range(0, len(given), at_once):
-        session.add_in_order(given[begin : begin + at_once], JOINTS)
+        INPUTS.add_to(session, packing.recorded(given[begin : begin + at_once]))
         found += session.process()
     assert len(expected) >= 2
     assert said(found) == said(expected)
@@ -102,7 +120,7 @@ def test_a_jump_back_stops_the_session_where_it_is_an_error() -> None:
     given = packed(jump_back(arrivals(ROBOT, SECONDS, 1)))
     urdf = (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8')
     session = Session(build(EstimatorConfig, {'time_jump': 'error'}), urdf)
-    session.add_in_order(given, JOINTS)
+    INPUTS.add_to(session, Packing().recorded(given))
     assert session.process()
     with pytest.raises(DataError, match='jumped back by'):
         session.process()

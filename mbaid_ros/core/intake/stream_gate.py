@@ -73,7 +73,7 @@ class Gate:
         return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
 
     def take_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
-        """Take messages that would all pass, as `passes` says, with their stamps."""
+        """Take messages that would all pass, as `passes` says, with their stamps (N,); some may be together."""
         if len(stamp):
             self.messages += messages
             self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
