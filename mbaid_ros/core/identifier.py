@@ -126,7 +126,8 @@ class Identifier:
         return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates
 
     def work_off(self) -> None:
-        """Let the method do a part of what it has put off, if it does such a thing."""
+        """Let the method do a part of what it has put off, if it does such a thing; and what was put off here."""
+        self._twist_frame.work_off()
         if isinstance(self._estimator, Deferring):
             self._estimator.work_off()
 

@@ -3,6 +3,7 @@
 In each window the poses say how fast the base moved. The twist, read as declared, should agree; read in the other
 frame it differs from that by d. The share of d that is found in the disagreement is 0 where the declaration holds and 1
 where the other does. It is estimated by weighted least squares over all windows, with its standard deviation.
+What a window says counts from the next one on, so that looking at it can wait until its estimate is out.
 """
 
 from __future__ import annotations
@@ -35,13 +36,27 @@ class TwistFrame:
         self._other = 'inertial' if declared == 'child' else 'child'
         self._information = 0.0
         self._weighted = 0.0
+        self._waiting: list[Samples] = []  # the last window, while nothing has looked at it
 
     def update(self, windows: Sequence[Samples]) -> list[str]:
-        """Take windows, and return what `contradiction` is after each; one whose twist is not measured says nothing."""
+        """Take windows, and return what `contradiction` is before each; without a measured twist one says nothing."""
+        if not windows:
+            return []
+        told = self._look([*self._waiting, *windows[:-1]])
+        self._waiting = [windows[-1]]
+        return told[-len(windows) :]
+
+    def work_off(self) -> None:
+        """Look at the last window now, not when the next one comes."""
+        self._look(self._waiting)
+        self._waiting = []
+
+    def _look(self, windows: Sequence[Samples]) -> list[str]:
+        """Look at windows, and return what `contradiction` is before the first and after each."""
         said = np.zeros((len(windows), 2))
         for places in _alike(windows):
             said[places] = _said([windows[place] for place in places], self._declared)
-        told = []
+        told = [self.contradiction]
         for information, weighted in said.tolist():
             self._information += information
             self._weighted += weighted

@@ -24,6 +24,7 @@ def verdict(declared: str, samples: Samples) -> TwistFrame:
     judge = TwistFrame(declared)
     for window in windows(samples):
         judge.update([window])
+    judge.work_off()
     return judge
 
 
@@ -82,10 +83,16 @@ def test_windows_at_once_say_what_they_say_one_by_one(seed: int) -> None:
     kept = np.flatnonzero(random.random(len(samples)) > 0.02)
     samples = Samples.concatenate([samples[place : place + 1] for place in kept])
     cut = [*windows(samples), replace(samples[-6:], time=30.0 + np.array([0.0, 1e-9, 2e-9, 3e-9, 4e-9, 1.0]))]
-    singly, together, in_parts = (TwistFrame('child') for _ in range(3))
+    singly, together, in_parts, at_leisure = (TwistFrame('child') for _ in range(4))
     told = [singly.update([window])[0] for window in cut]
     assert together.update(cut) == told
-    assert in_parts.update(cut[:7]) + in_parts.update(cut[7:]) == told
-    assert together.share == singly.share == in_parts.share
-    assert told[0] == ''
+    assert in_parts.update(cut[:7]) + in_parts.update([]) + in_parts.update(cut[7:]) == told
+    for window, expected in zip(cut, told, strict=True):
+        assert at_leisure.update([window]) == [expected]
+        at_leisure.work_off()
+    judges = (singly, together, in_parts, at_leisure)
+    for judge in judges:
+        judge.work_off()
+    assert len({judge.share for judge in judges}) == 1
+    assert told[:2] == ['', '']
     assert told[-1]
