@@ -1,4 +1,4 @@
-"""rosbags' reader of MCAP files, with a chunk's messages taken out of its bytes in one go.
+"""The messages of MCAP files, taken out of the bytes of a chunk in one go.
 
 rosbags makes a stream of each record to read it, and a record of each message to sort it: several times what the bytes
 themselves cost. The messages, their order and what is refused are the same.
@@ -7,37 +7,39 @@ themselves cost. The messages, their order and what is refused are the same.
 from __future__ import annotations
 
 import struct
-from bisect import bisect_left
-from collections.abc import Collection, Generator, Iterator, Mapping
-from operator import itemgetter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, BinaryIO
 
+import numpy as np
+import numpy.typing as npt
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
-_MESSAGE = 0x05
-_HEAD, _MESSAGE_HEAD = struct.Struct('<BQ'), struct.Struct('<BQHIQQ')  # opcode, length; and those of a message
-_OWN = _MESSAGE_HEAD.size - _HEAD.size  # bytes of a message's record that are not data
+from mbaid_ros.bags.block import LATEST, Block, in_blocks
 
-_Timed = tuple[int, int, Connection, bytes]  # log time (ns), place of the chunk in the file, connection, data
+_MESSAGE = 0x05
+_LENGTH = struct.Struct('<xQ').unpack_from  # of a record, after its opcode
+_BEFORE = 9  # bytes of a record before its content
+_HEAD = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'), ('times', '<u8', 2)])
+_OWN = _HEAD.itemsize - _BEFORE  # bytes of a message's content that are not data
 
 
 class ChunkReader(McapReader):
     """An MCAP file."""
 
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield (connection, log time in ns, data) in the order of the times."""
-        if not self.chunks or start is not None or stop is not None or self.bio is None:
-            yield from super().messages(connections, start, stop)
+    def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
+        """Yield the messages of connections in the order of their times."""
+        if not self.chunks or self.bio is None:
+            yield from in_blocks((each.topic, data, time) for each, time, data in self.messages(connections))
             return
-        wanted = {connection.id: connection for connection in connections}
-        chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.get(number, 0) for number in wanted)]
-        for time, _, connection, data in _in_order(self.bio, chunks, wanted):
-            yield connection, time, data
+        topics = {connection.id: connection.topic for connection in connections}
+        chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.get(number, 0) for number in topics)]
+        for messages in _in_order(self.bio, chunks, topics):
+            names = [topics[channel] for channel in messages.channels.tolist()]
+            yield Block(names, messages.contents, messages.times)
 
 
 class FolderReader(DirectoryReader):
@@ -55,20 +57,67 @@ class FastReader(Reader):
         '.mcap': ChunkReader,
     }
 
+    def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
+        """Yield the messages of connections, of each file in the order of their times."""
+        files = self.storage.storages if isinstance(self.storage, FolderReader) else [self.storage]
+        chunked = [file for file in files if isinstance(file, ChunkReader)]
+        if self.compression_mode == 'message' or len(chunked) < len(files):
+            yield from in_blocks((each.topic, data, time) for each, time, data in self.messages(connections))
+            return
+        wanted = {(connection.topic, connection.msgtype) for connection in connections}
+        for file in chunked:
+            yield from file.blocks([each for each in file.connections if (each.topic, each.msgtype) in wanted])
 
-def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Mapping[int, Connection]) -> Iterator[_Timed]:
+
+@dataclass(frozen=True)
+class _Messages:
+    """N messages of chunks.
+
+    Attributes
+    ----------
+    times : (N,) ns
+    chunks : (N,) place of each one's chunk in the file
+    channels : (N,)
+    contents : their bytes
+    """
+
+    times: npt.NDArray[np.int64]
+    chunks: npt.NDArray[np.int64]
+    channels: npt.NDArray[np.uint16]
+    contents: list[bytes]
+
+    def part(self, begin: int, end: int | None = None) -> _Messages:
+        """Return some that follow one another."""
+        some = slice(begin, end)
+        return _Messages(self.times[some], self.chunks[some], self.channels[some], self.contents[some])
+
+    def with_more(self, other: _Messages) -> _Messages:
+        """Return these and others by time; of one time, by their place in the file."""
+        times = np.concatenate((self.times, other.times))
+        chunks = np.concatenate((self.chunks, other.chunks))
+        channels = np.concatenate((self.channels, other.channels))
+        contents = self.contents + other.contents
+        if np.all(times[1:] >= times[:-1]) and np.all(chunks[1:] >= chunks[:-1]):
+            return _Messages(times, chunks, channels, contents)
+        order = np.lexsort((chunks, times))
+        return _Messages(times[order], chunks[order], channels[order], [contents[place] for place in order])
+
+
+def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Collection[int]) -> Iterator[_Messages]:
     """Yield the messages of chunks by time; of one time, by their place in the file."""
-    waiting: list[_Timed] = []
+    nothing = np.zeros(0, dtype=np.int64)
+    waiting = _Messages(nothing, nothing, nothing.astype(np.uint16), [])
     for chunk in sorted(chunks, key=lambda chunk: chunk.message_start_time):
         # Those of a chunk are no earlier than it says: what is before that can go.
-        ready = bisect_left(waiting, chunk.message_start_time, key=itemgetter(0))
-        yield from waiting[:ready]
-        waiting = sorted([*waiting[ready:], *_content(stream, chunk, wanted)], key=itemgetter(0, 1))
-    yield from waiting
+        ready = int(np.searchsorted(waiting.times, chunk.message_start_time))
+        if ready:
+            yield waiting.part(0, ready)
+        waiting = waiting.part(ready).with_more(_content(stream, chunk, wanted))
+    yield waiting
 
 
-def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Mapping[int, Connection]) -> list[_Timed]:
-    """Return the wanted messages of a chunk, as they stand in it.
+def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Messages:
+    """Return the messages of wanted channels in a chunk, as they stand in it.
 
     Raises
     ------
@@ -80,21 +129,34 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Mapping[int, Connection
     stream.seek(chunk.chunk_start_offset + 9 + 40 + len(chunk.compression))
     packed = _exactly(stream, chunk.compressed_size)
     data = decompress(packed, chunk.compression, chunk.uncompressed_size, checksum)
-    begin, end, number = chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset
+    begin, head = _heads(data)
+    first, last = chunk.message_start_time, chunk.message_end_time
+    time = head['times'][:, 0]
+    chosen = np.isin(head['channel'], list(wanted)) & (time >= first) & (time <= last)
+    begin, head, time = begin[chosen], head[chosen], time[chosen]
+    end = begin + _BEFORE + head['length'].astype(np.intp)
+    contents = [data[i:j] for i, j in zip((begin + _HEAD.itemsize).tolist(), end.tolist(), strict=True)]
+    number = np.full(len(begin), chunk.chunk_start_offset)
+    return _Messages(np.minimum(time, LATEST).astype(np.int64), number, head['channel'], contents)
+
+
+def _heads(data: bytes) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.void]]:
+    """Return where the records of messages begin in the content of a chunk, (N,), and what is before their data."""
     size, place = len(data), 0
-    messages: list[_Timed] = []
+    places = []
     while place < size:
-        if data[place] == _MESSAGE:
-            _, length, channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data, place)
-            after = place + _HEAD.size + length
-            if length < _OWN or after > size:
-                raise ReaderError(f'Message record of {length} bytes at {place} of a chunk of {size}.')
-            if channel in wanted and begin <= time <= end:
-                messages.append((time, number, wanted[channel], data[place + _MESSAGE_HEAD.size : after]))
-        else:
-            after = place + _HEAD.size + _HEAD.unpack_from(data, place)[1]
-        place = after
-    return messages
+        places.append(place)
+        place += _BEFORE + _LENGTH(data, place)[0]
+    begin = np.array(places, dtype=np.intp)
+    content = np.frombuffer(data, np.uint8)
+    is_message = content[begin] == _MESSAGE
+    length = np.diff(begin, append=place) - _BEFORE
+    wrong = is_message & ((length < _OWN) | (begin + _BEFORE + length > size))
+    if np.any(wrong):
+        at = int(np.argmax(wrong))
+        raise ReaderError(f'Message record of {length[at]} bytes at {begin[at]} of a chunk of {size}.')
+    begin = begin[is_message]
+    return begin, content[begin[:, None] + np.arange(_HEAD.itemsize)].view(_HEAD)[:, 0]
 
 
 def _exactly(stream: BinaryIO, size: int) -> bytes:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from itertools import compress, islice
+from itertools import compress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from mbaid_ros.bags.block import Block, Raw, of_length
 from mbaid_ros.bags.recorded import Recorded, Timed
-from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, Raw, SalvagedSource, Source, Topic
+from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic
 from mbaid_ros.bags.types import is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
@@ -80,25 +80,30 @@ class BagReader:
         if not found.count:
             raise DataError(f"topic '{topic}' of bag '{self.path}' holds no messages")
 
-    def raw(self, topics: Collection[str] | None = None) -> Iterator[Raw]:
-        """Yield (topic, CDR bytes, log time in ns) in recorded order, a chunk at a time.
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages of topics in recorded order, a chunk at a time.
 
         Where the bytes turn out to be damaged, reading ends there, with a warning.
         """
-        chosen = set(self.topics if topics is None else topics)
+        chosen = set(topics)
         for source in self._sources:
             read = 0
             reason = ''
             try:
-                for item in source.raw(chosen):
-                    read += 1
-                    yield item
+                for block in source.blocks(chosen):
+                    read += len(block)
+                    yield block
             except (*DAMAGE, OSError) as error:
                 reason = ' '.join(str(error).split())[:200] or type(error).__name__
             expected = sum(topic.count for name, topic in source.topics.items() if name in chosen)
             if reason or read < expected:
                 because = f': {reason}' if reason else ''
                 self.warnings.append(f"bag '{self.path}' is damaged: read {read} of {expected} messages{because}")
+
+    def raw(self, topics: Collection[str] | None = None) -> Iterator[Raw]:
+        """Yield (topic, CDR bytes, log time in ns) in recorded order, as `blocks` does; of all topics by default."""
+        for block in self.blocks(self.topics if topics is None else topics):
+            yield from block
 
     def read(self, topics: Collection[str]) -> Iterator[Timed]:
         """Yield (topic, message, log time in ns) in recorded order.
@@ -124,15 +129,12 @@ class BagReader:
             A type is not known, or a message is not of the type the bag says.
         """
         make = {name: self._maker(name) for name in topics}
-        raw = self.raw(topics)
-        while part := list(islice(raw, at_once)):
-            names, content, recorded = zip(*part, strict=True)
-            times = np.array(recorded, dtype=np.int64)
+        for block in of_length(self.blocks(topics), at_once):
             messages = {}
-            for name in dict.fromkeys(names):
-                of_it = list(map(name.__eq__, names))
-                messages[name] = make[name](list(compress(content, of_it)), times[of_it])
-            yield Recorded(names, times, messages)
+            for name in dict.fromkeys(block.topics):
+                of_it = list(map(name.__eq__, block.topics))
+                messages[name] = make[name](list(compress(block.contents, of_it)), block.times[of_it])
+            yield Recorded(block.topics, block.times, messages)
 
     def close(self) -> None:
         """Release the files."""

@@ -20,6 +20,7 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDura
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
+from mbaid_ros.bags.block import Block, Raw, in_blocks
 from mbaid_ros.bags.chunks import FastReader
 
 MCAP_MAGIC = b'\x89MCAP0\r\n'
@@ -30,8 +31,6 @@ DAMAGE = (
     *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
     *(RuntimeError, TypeError, ValueError),
 )
-
-Raw = tuple[str, bytes, int]
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,8 @@ class Source(Protocol):
     topics: dict[str, Topic]
     complete: bool
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
-        """Yield (topic, CDR bytes, log time in ns) in recorded order; one of DAMAGE is raised where bytes are wrong."""
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages in recorded order; one of DAMAGE is raised where bytes are wrong."""
 
     def close(self) -> None:
         """Release the files."""
@@ -99,16 +98,15 @@ class IndexedSource:
                 counts[connection.topic] += connection.msgcount
                 self.topics[connection.topic] = _topic(connection, counts[connection.topic])
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
-        """Yield (topic, CDR bytes, log time in ns)."""
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages."""
         chosen = [
             connection
             for connection in self._reader.connections
             if connection.topic in topics and self.topics[connection.topic].type == connection.msgtype
         ]
         if chosen:  # the reader takes an empty selection for all
-            for connection, time, data in self._reader.messages(chosen):
-                yield connection.topic, data, time
+            yield from self._reader.blocks(chosen)
 
     def close(self) -> None:
         """Release the files."""
@@ -138,8 +136,11 @@ class SalvagedSource:
             before = self.topics[topic.name].count if topic.name in self.topics else 0
             self.topics[topic.name] = Topic(**{**vars(topic), 'count': before + counts[number]})
 
-    def raw(self, topics: Collection[str]) -> Iterator[Raw]:
-        """Yield (topic, CDR bytes, log time in ns)."""
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages."""
+        yield from in_blocks(self._raw(topics))
+
+    def _raw(self, topics: Collection[str]) -> Iterator[Raw]:
         for record in self._records():
             if isinstance(record, Message) and record.channel_id in self._channels:
                 name = self._channels[record.channel_id].name

@@ -5,14 +5,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2 import Reader, ReaderError
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
 
-from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.bags import BagReader, BagWriter, message_types
 from mbaid_ros.bags.types import definition
 from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
 from mbaid_ros.core.errors import DataError
@@ -27,7 +29,7 @@ def disordered(path: Path, seed: int, compression: CompressionType) -> Path:
     """Write messages in an order that is not that of their times: chunks overlap, and times are equal."""
     random = np.random.default_rng(seed)
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=3_000, compression=compression)
+        writer = McapWriter(stream, chunk_size=3_000, compression=compression)
         writer.start(profile='ros2')
         channels = []
         for topic in ('/a', '/b', '/c'):
@@ -61,13 +63,34 @@ def test_a_folder_comes_as_from_rosbags(recorded: Path) -> None:
     assert everything(recorded) == (expected, [])
 
 
+COMPRESSED = set(product(StoragePlugin, CompressionMode)) - {(StoragePlugin.SQLITE3, CompressionMode.STORAGE)}
+
+
+@pytest.mark.parametrize(('storage', 'compression'), sorted(COMPRESSED))
+def test_compressed_folders_come_as_from_rosbags(
+    tmp_path: Path, storage: StoragePlugin, compression: CompressionMode
+) -> None:
+    path = tmp_path / 'bag'
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if compression != CompressionMode.NONE:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        topics = [writer.add_connection(name, JOINT_STATE_TYPE, typestore=message_types()) for name in ('/a', '/b')]
+        for time in range(300):
+            writer.write(topics[time % 3 % 2], time // 2, as_bytes(joint_state([f'{time}'], ONE, ONE, stamp=time)))
+    with Reader(path) as reader:
+        expected = [(connection.topic, bytes(data), time) for connection, time, data in reader.messages()]
+    assert len(expected) == 300
+    assert everything(path) == (expected, [])
+
+
 @pytest.mark.parametrize('seed', range(40))
 def test_a_damaged_chunk_ends_the_reading_with_a_warning(tmp_path: Path, seed: int) -> None:
     """No checksum helps here: what lies in the chunk itself has to be found out."""
     random = np.random.default_rng(seed)
     path = tmp_path / 'bag.mcap'
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=2_000, compression=CompressionType.NONE, enable_crcs=False)
+        writer = McapWriter(stream, chunk_size=2_000, compression=CompressionType.NONE, enable_crcs=False)
         writer.start(profile='ros2')
         schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', definition(JOINT_STATE_TYPE)[0].encode())
         channel = writer.register_channel('/a', 'cdr', schema)
@@ -129,7 +152,7 @@ def test_a_type_that_the_bag_defines_in_another_way_is_not_packed(
 ) -> None:
     path = tmp_path / 'bag.mcap'
     with path.open('wb') as stream:
-        writer = Writer(stream)
+        writer = McapWriter(stream)
         writer.start(profile='ros2')
         text = definition(JOINT_STATE_TYPE)[0]
         schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', change(text).encode())
