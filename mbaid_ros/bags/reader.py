@@ -130,11 +130,12 @@ class BagReader:
         """
         make = {name: self._maker(name) for name in topics}
         for block in of_length(self.blocks(topics), at_once):
-            messages = {}
+            messages, times = {}, {}
             for name in dict.fromkeys(block.topics):
                 of_it = list(map(name.__eq__, block.topics))
-                messages[name] = make[name](list(compress(block.contents, of_it)), block.times[of_it])
-            yield Recorded(block.topics, block.times, messages)
+                times[name] = block.times[of_it]
+                messages[name] = make[name](list(compress(block.contents, of_it)), times[name])
+            yield Recorded(block.topics, messages, times)
 
     def close(self) -> None:
         """Release the files."""

@@ -14,33 +14,29 @@ Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at,
 
 @dataclass(frozen=True)
 class Recorded:
-    """Some messages.
+    """N messages.
 
     Attributes
     ----------
     topics : N names, the topic of each message in the order they were recorded
-    times : (N,) ns, when each was recorded
     messages : those of each topic, in order: a list, or `Packets`
+    times : of each topic, ns, when they were recorded
     """
 
     topics: Sequence[str]
-    times: Stamps
     messages: Mapping[str, Sequence[Any]]
+    times: Mapping[str, Stamps]
 
     def __len__(self) -> int:
         return len(self.topics)
 
     def __iter__(self) -> Iterator[Timed]:
-        left = {topic: iter(messages) for topic, messages in self.messages.items()}
-        return ((topic, next(left[topic]), time) for topic, time in zip(self.topics, self.times.tolist(), strict=True))
+        left = {topic: zip(self.of(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
+        return ((topic, *next(left[topic])) for topic in self.topics)
 
     def of(self, topic: str) -> Sequence[Any]:
         """Return the messages of a topic."""
         return self.messages.get(topic, ())
-
-    def times_of(self, topic: str) -> Stamps:
-        """Return when the messages of a topic were recorded, (n,) ns."""
-        return self.times[list(map(topic.__eq__, self.topics))]
 
     def runs(self, topic: str) -> Iterator[Recorded]:
         """Yield the same messages in parts: those of a topic that follow one another, and those between them."""
@@ -48,11 +44,12 @@ class Recorded:
             yield self
             return
         done = dict.fromkeys(self.messages, 0)
-        begin = 0
         for _, group in groupby(self.topics, key=topic.__eq__):
             names = list(group)
-            counts = {name: names.count(name) for name in dict.fromkeys(names)}
-            parts = {name: self.messages[name][done[name] : done[name] + count] for name, count in counts.items()}
-            yield Recorded(names, self.times[begin : begin + len(names)], parts)
-            begin += len(names)
-            done.update({name: done[name] + count for name, count in counts.items()})
+            some = {name: slice(done[name], done[name] + names.count(name)) for name in dict.fromkeys(names)}
+            yield Recorded(
+                names,
+                {name: self.messages[name][part] for name, part in some.items()},
+                {name: self.times[name][part] for name, part in some.items()},
+            )
+            done.update({name: part.stop for name, part in some.items()})

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mbaid_ros.core.intake.rates import FEWEST, missing_rates, with_rates
+from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.intake.thrust import Thrust
 from mbaid_ros.core.intake.twist_frame import TwistFrame
@@ -144,7 +144,7 @@ class Identifier:
         start = float(window.time[0])
         if contradiction:
             self._notes.setdefault(contradiction, start)
-        joints, base = missing_rates(window)
+        joints, base = window.missing_rates
         if not self._estimator.needs_rates:
             if base:
                 self._notes.setdefault(POSES_ALONE, start)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -86,6 +88,13 @@ class Samples(Stacked):
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
         if len(self.rate_tilt) != len(self.time):
             object.__setattr__(self, 'rate_tilt', np.ones((len(self.time), self.joint_velocity.shape[1] + 6)))
+
+    @cached_property
+    def missing_rates(self) -> tuple[bool, bool]:
+        """Whether joint velocities, and whether parts of the base's twist, are missing."""
+        # One number that is not finite makes a sum that is not.
+        twist = self.base_linear_velocity.sum() + self.base_angular_velocity.sum()
+        return not math.isfinite(self.joint_velocity.sum()), not math.isfinite(twist)
 
 
 @dataclass(frozen=True)

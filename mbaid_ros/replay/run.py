@@ -121,8 +121,8 @@ class _Intake:
     def add(self, messages: Recorded) -> None:
         """Take messages."""
         self._inputs.add_to(self._session, messages)
-        for topic, arrivals in self._arrivals.items():
-            arrivals.add(messages.times_of(topic))
+        for topic, times in messages.times.items():
+            self._arrivals[topic].add(times)
         self._pose.add_joint_states(messages.of(self._inputs.joint_states))
         self._pose.add_odometry(messages.of(self._inputs.odometry))
 

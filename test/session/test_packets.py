@@ -92,8 +92,8 @@ class Packing:
             if given:
                 together = pack.many(given)
                 by_topic[topic] = [pack(data) for data in given] if together is None else together
-        times = np.array([time for _, _, time in messages], dtype=np.int64)
-        return Recorded([topic for topic, _, _ in messages], times, by_topic)
+        times = {name: np.array([time for topic, _, time in messages if topic == name]) for name in by_topic}
+        return Recorded([topic for topic, _, _ in messages], by_topic, times)
 
 
 def said(found: Sequence[Estimate]) -> list[tuple[Any, ...]]:

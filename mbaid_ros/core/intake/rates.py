@@ -96,15 +96,9 @@ def _derivatives(degree: int) -> Array:
     return np.asarray(legendre.legder(np.eye(degree + 1)))
 
 
-def missing_rates(window: Samples) -> tuple[bool, bool]:
-    """Tell whether joint velocities, and whether parts of the base's twist, are missing from a window."""
-    twist = np.sum(window.base_linear_velocity) + np.sum(window.base_angular_velocity)
-    return not np.isfinite(np.sum(window.joint_velocity)), not np.isfinite(twist)
-
-
 def with_rates(window: Samples) -> Samples:
     """Return a window of at least two samples with every velocity: those that are not all there, from the positions."""
-    joints, base = missing_rates(window)
+    joints, base = window.missing_rates
     if not joints and not base:
         return window
     local = fit(window.time)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, rotate, rotate_back
-from mbaid_ros.core.intake.rates import base_slopes, fits, missing_rates
+from mbaid_ros.core.intake.rates import base_slopes, fits
 from mbaid_ros.core.samples import Samples
 
 _SIGNIFICANT = 6.0  # standard deviations
@@ -86,7 +86,7 @@ def _alike(windows: Sequence[Samples]) -> list[list[int]]:
     """Return which windows have enough samples with a twist, those of one length together."""
     groups: dict[int, list[int]] = {}
     for place, window in enumerate(windows):
-        if len(window) >= _FEWEST and not missing_rates(window)[1]:
+        if len(window) >= _FEWEST and not window.missing_rates[1]:
             groups.setdefault(len(window), []).append(place)
     return list(groups.values())
 

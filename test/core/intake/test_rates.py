@@ -12,7 +12,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED, Identifier
-from mbaid_ros.core.intake.rates import fit, missing_rates, with_rates
+from mbaid_ros.core.intake.rates import fit, with_rates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
@@ -75,7 +75,7 @@ def test_bunched_instants_are_fitted_by_what_they_determine() -> None:
 def test_rates_of_an_exact_motion_are_those_of_the_truth() -> None:
     exact = observe(motion('servicer7', 20.0)[:100], MID)
     for window in windows(exact):
-        assert missing_rates(stripped(window)) == (True, True)
+        assert stripped(window).missing_rates == (True, True)
         derived = with_rates(stripped(window))
         for name in ('joint_velocity', 'base_linear_velocity', 'base_angular_velocity'):
             # Within the truncation of the fourth degree, a hundredth of the noise of a velocity sensor.
