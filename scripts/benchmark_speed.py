@@ -23,6 +23,11 @@ RATE = 1000.0  # Hz, of each topic of the live run
 _ROWS = 3_000  # samples whose rows are made at a time
 _SHORT = 10.0  # s, of the runs that say how the work grows
 
+_LAST_MINUTES = (
+    'and in the last minutes (at most five) of runs of some length; the first minute, alone in the first column, holds '
+    'the search for a start:'
+)
+
 _SECTIONS = ('Replay', 'Live node', 'Core', 'Start')
 _HEAD = """\
 # Speed
@@ -117,7 +122,7 @@ def _core(arguments: argparse.Namespace, _folder: Path) -> str:
             _growth(joints, 'joints'),
             f'by length of the windows (runs of {_SHORT:g} s):',
             _growth(windows, 'window, s'),
-            'and at the end of runs of some length:',
+            _LAST_MINUTES,
             _growth(lengths, 'run, min'),
         ]
     )
@@ -152,7 +157,12 @@ def _parse() -> argparse.Namespace:
     parser.add_argument('--minutes', type=float, metavar='M', default=60.0, help='length of the bag that is replayed')
     parser.add_argument('--seconds', type=float, metavar='S', default=30.0, help='length of the live runs')
     parser.add_argument(
-        '--lengths', type=int, nargs='+', metavar='MINUTES', default=[1, 10, 60], help='runs that the cost is told at'
+        '--lengths',
+        type=int,
+        nargs='+',
+        metavar='MINUTES',
+        default=[1, 2, 10, 60],
+        help='runs that the cost is told at',
     )
     parser.add_argument('--repeats', type=int, metavar='N', default=5, help='pairs, of which medians are given')
     parser.add_argument('--parts', nargs='+', choices=list('abcd'), default=list('abcd'), help='what is measured')

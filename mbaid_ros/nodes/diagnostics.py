@@ -92,7 +92,7 @@ class Diagnostics:
         reports['samples'] = self._samples(state)
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
         reports['estimate'] = _estimate(state)
-        hardware = state.session.model.name if state.session else ''
+        hardware = state.session.robot.model.name if state.session else ''
         return [
             DiagnosticStatus(
                 level=level,
@@ -166,19 +166,19 @@ class Diagnostics:
         return (WARN, '; '.join(wrong), values) if wrong else (OK, f'{thrust.commands} commands used', values)
 
     def _description(self, state: State) -> Report:
-        session = state.session
-        if session is None:
+        if state.session is None:
             text = state.problem or f'no robot description on {self._description_topic} yet'
             return ERROR if state.problem else WARN, text, []
+        robot = state.session.robot
         values: Values = [
-            ('robot', session.model.name),
-            ('target link', session.target_link),
-            ('base link', session.model.base_link),
-            ('joints', listing(session.model.joint_names)),
+            ('robot', robot.model.name),
+            ('target link', robot.target_link),
+            ('base link', robot.model.base_link),
+            ('joints', listing(robot.model.joint_names)),
         ]
         if state.problem:
             return ERROR, state.problem, values
-        return OK, f"robot '{session.model.name}', target link '{session.target_link}'", values
+        return OK, f"robot '{robot.model.name}', target link '{robot.target_link}'", values
 
     def _samples(self, state: State) -> Report:
         session = state.session
@@ -225,8 +225,8 @@ def _estimate(state: State) -> Report:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     values: Values = [
         ('method', estimate.method),
-        ('phase', state.session.phase if state.session else ''),
-        ('known bodies', (state.session.calibrated if state.session else '') or 'as in the robot description'),
+        ('phase', state.session.robot.phase if state.session else ''),
+        ('known bodies', (state.session.robot.calibrated if state.session else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

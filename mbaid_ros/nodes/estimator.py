@@ -100,7 +100,7 @@ class EstimatorNode(Node):
 
     def _on_description(self, message: String) -> None:
         state = self._state
-        if state.session is not None and state.session.model.urdf == message.data:
+        if state.session is not None and state.session.robot.model.urdf == message.data:
             state.problem = ''
             return
         try:
@@ -113,9 +113,8 @@ class EstimatorNode(Node):
             return
         restarted = state.session is not None
         state.session, state.problem = session, ''
-        self._log.info(
-            f"robot '{session.model.name}', target link '{session.target_link}', method {self._config.method}"
-        )
+        robot = session.robot
+        self._log.info(f"robot '{robot.model.name}', target link '{robot.target_link}', method {self._config.method}")
         if restarted:
             self._start_again()
 
@@ -125,7 +124,7 @@ class EstimatorNode(Node):
         session = self._open_session()
         if session is None:
             return
-        self._display.follow(session.model, message)
+        self._display.follow(session.robot.model, message)
         if session.add_joint_state(message):
             self._process(session)
 
@@ -161,13 +160,13 @@ class EstimatorNode(Node):
                 self._follow_restart(session)
             self._state.estimate = estimate
             frames = self._frames(session)
-            self._outlets.publish(estimate, frames, session.urdf)
+            self._outlets.publish(estimate, frames, session.robot.urdf)
             self._tell_of_calibration(session)
-            alone = session.debris(estimate)
+            alone = session.robot.debris(estimate)
             if alone is not None:
-                capture = session.captured(estimate)
+                capture = session.robot.captured(estimate)
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
-            self._display.show(estimate, session.target_link)
+            self._display.show(estimate, session.robot.target_link)
         if estimates:
             session.work_off()  # what can wait comes after the estimates
         if session.restarted != self._restarted:
@@ -186,13 +185,13 @@ class EstimatorNode(Node):
         self._say_what_is_missing()
 
     def _tell_of_calibration(self, session: Session) -> None:
-        if session.calibrated and session.calibrated != self._calibrated:
-            self._calibrated = session.calibrated
-            self._log.info(session.calibrated)
+        if session.robot.calibrated and session.robot.calibrated != self._calibrated:
+            self._calibrated = session.robot.calibrated
+            self._log.info(session.robot.calibrated)
 
     @staticmethod
     def _frames(session: Session) -> Frames:
-        return Frames(target_link=session.target_link, odometry=session.odometry_reader.frame)
+        return Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
 
     # Services
 

@@ -86,7 +86,7 @@ def replay_bag(
         warnings = (*bag.warnings, *intake_warnings(session))
     return Run(
         bag=path,
-        target_link=session.target_link,
+        target_link=session.robot.target_link,
         final=history.last or Estimate(method=config.method, status='waiting'),
         history=history.entries(),
         topics=intake.statistics(bag),
@@ -94,12 +94,12 @@ def replay_bag(
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
         warnings=warnings,
-        urdf=session.urdf,
+        urdf=session.robot.urdf,
         pose=intake.pose(),
         settings=values_of(config),
-        debris=session.debris(history.last) if history.last else None,
-        phase=session.phase,
-        capture=session.captured(history.last) if history.last else None,
+        debris=session.robot.debris(history.last) if history.last else None,
+        phase=session.robot.phase,
+        capture=session.robot.captured(history.last) if history.last else None,
     )
 
 
@@ -116,7 +116,7 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        self._pose = LastPose(session.model)
+        self._pose = LastPose(session.robot.model)
 
     def add(self, messages: Recorded) -> None:
         """Take messages."""
@@ -140,8 +140,8 @@ class _Intake:
 
 
 def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
-    frames = Frames(target_link=session.target_link, odometry=session.odometry_reader.frame)
+    frames = Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
     for estimate in estimates:
         history.add(estimate)
         if writer:
-            writer.write(estimate, frames, session.debris(estimate), session.captured(estimate))
+            writer.write(estimate, frames, session.robot.debris(estimate), session.robot.captured(estimate))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
@@ -18,19 +17,14 @@ from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
-from mbaid_ros.core.results.debris import Debris, debris
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
 from mbaid_ros.session.at_once import let_through
-from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
-from mbaid_ros.session.known import with_known_errors
 from mbaid_ros.session.methods import capture_of, make_estimator
 from mbaid_ros.session.pace import PART, Pace
+from mbaid_ros.session.robot import Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
@@ -54,6 +48,7 @@ class Session:
 
     Attributes
     ----------
+    robot : as it is known by now
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     thrust : what commanded thrust has brought since the run began
@@ -68,13 +63,7 @@ class Session:
     def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator = make_estimator) -> None:
         self.config = config
         self._make = make
-        self.model = load_model(urdf)
-        self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
-        self.target_link = config.target_link or self.model.last_link
-        kernel = MomentumKernel(self.model, self.target_link)
-        self._kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
-        self._marker = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
+        self.robot = Robot(config, urdf)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
@@ -95,12 +84,12 @@ class Session:
 
     def readers(self) -> tuple[JointReader, OdometryReader]:
         """Return readers of this session's messages as they are before the first."""
-        links = self.model.links
+        links = self.robot.model.links
         attached = {link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
         noise = SensorNoise(**vars(self.config.noise))
         names = frozenset(link.name for link in links)
-        odometry = OdometryReader(attached, self._marker, names, self.config.twist_frame, noise)
-        return JointReader(self.model.joint_names), odometry
+        odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
+        return JointReader(self.robot.model.joint_names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -168,46 +157,6 @@ class Session:
         """Messages that were not used, by cause."""
         return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
 
-    def debris(self, estimate: Estimate) -> Debris | None:
-        """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
-        if not self.config.debris.report:
-            return None
-        learnt = None if self._capture is None else self._capture.handover
-        return debris(
-            estimate,
-            self.kernel.target.parameters,
-            self._debris_frame,
-            in_principal_axes=self.config.debris.frame == PRINCIPAL,
-            link_covariance=self._link_covariance if learnt is None else learnt.link_covariance,
-        )
-
-    @property
-    def kernel(self) -> MomentumKernel:
-        """The robot as it is known now, and how well."""
-        return self._kernel if self._capture is None else self._capture.kernel
-
-    @property
-    def calibrated(self) -> str:
-        """What the robot has learnt of itself before the capture, in a line; empty where nothing."""
-        learnt = None if self._capture is None else self._capture.handover
-        return '' if learnt is None else learnt.told
-
-    @property
-    def urdf(self) -> str:
-        """The robot description, with what the robot has learnt of itself before the capture."""
-        if self._written[0] is not self.kernel.model:
-            model, text = self.kernel.model, self.model.urdf
-            for old, new in zip(self.model.links, model.links, strict=True):
-                if new.parameters is not old.parameters:
-                    text = change_inertial(text, new.name, physical(new.parameters))
-            self._written = model, text
-        return self._written[1]
-
-    @property
-    def phase(self) -> Phase:
-        """Where the run is: before the capture, in it, or after it."""
-        return 'post_capture' if self._capture is None else self._capture.phase
-
     def capture(self) -> float:
         """Take it that the body has just been captured, and return when: s since the first sample.
 
@@ -233,27 +182,21 @@ class Session:
         capture.time = (newest - self._identifier.origin) * 1e-9
         return capture.time
 
-    def captured(self, estimate: Estimate) -> Capture | None:
-        """Return what the capture tells with the latest estimate, None while there was none."""
-        if self._capture is None:
-            return None
-        link = self.kernel.target.parameters
-        alone = debris(estimate, link, debris_frame('', self.model, self.kernel.target))
-        return self._capture.capture(None if alone is None else alone.parameters)
-
     def _begin(self) -> None:
         """Make anew what a run works with."""
         config = self.config
         self.joint_reader, self.odometry_reader = self.readers()
-        turning = ~np.array(self.model.prismatic, dtype=bool)
+        model, described = self.robot.model, self.robot.described
+        turning = ~np.array(model.prismatic, dtype=bool)
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
         make = partial(self._make, config)
-        self._capture = capture_of(config, self._kernel, make)
-        self.thrust = Thrust(self.model, round(config.thrust.hold * 1e9))
-        method = self._capture or make(self._kernel)
+        self._capture = capture_of(config, described, make)
+        self.robot.begin(self._capture)
+        self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
+        method = self._capture or make(described)
         self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
         if self.restarts:
             self._identifier.note(self.restarts[-1])

@@ -235,9 +235,9 @@ def run(work: tuple[Row, str, int]) -> Said:
     history += session.process()
     last, sought = history[-1], motion(row.case).sought
     parameters, std = last.parameters, last.std
-    capture = session.captured(last)
+    capture = session.robot.captured(last)
     if capture is not None:
-        alone = session.debris(last)
+        alone = session.robot.debris(last)
         body = (np.full(10, np.nan),) * 2 if alone is None else (alone.parameters, alone.std)
         parameters = np.concatenate((body[0], capture.momentum))
         std = np.concatenate((body[1], np.sqrt(np.diag(capture.covariance))))

@@ -94,6 +94,8 @@ def identification_by_window(method: str, seconds: float, repeats: int) -> dict[
 def identification_by_length(method: str, minutes: Sequence[int]) -> dict[int, float]:
     """Return samples a second through a method in the last minutes (at most five) of runs of some lengths.
 
+    The first minute, in which a method looks for where to start, counts only in a run of one minute.
+
     Parameters
     ----------
     method : name
@@ -109,7 +111,7 @@ def identification_by_length(method: str, minutes: Sequence[int]) -> dict[int, f
         streams = [sensed(later[k : k + _PART], sensors, noise) for k in range(0, len(later), _PART)]
         taken.append(_taken(_pushed, identifier, streams))
         if minute + 1 in minutes:
-            rates[minute + 1] = len(truth) / float(np.mean(taken[-5:]))
+            rates[minute + 1] = len(truth) / float(np.mean(taken[max(min(minute, 1), minute - 4) :]))
     return rates
 
 

@@ -66,9 +66,9 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
     for topic, message in after:
         (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     last = session.process()[-1]
-    alone = session.debris(last)
+    alone = session.robot.debris(last)
     assert alone is not None
-    return debris_message(alone, last, TYPES, Frames('link7', 'odom'), session.captured(last))
+    return debris_message(alone, last, TYPES, Frames('link7', 'odom'), session.robot.captured(last))
 
 
 def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:

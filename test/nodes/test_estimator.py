@@ -114,7 +114,7 @@ def test_the_captured_body_alone_is_published_on_request(graph: Graph, tmp_path:
     config = build(EstimatorConfig, {'debris.report': True, 'debris.frame': 'grasp'})
     session = Session(config, with_bare_link())
     expected = offline(EstimatorConfig(), 'servicer7', messages)[0][-1]
-    alone = session.debris(expected)
+    alone = session.robot.debris(expected)
     assert alone is not None
     last = every_bit(debris_message(alone, expected, TYPES, Frames('link7', 'odom')), ESTIMATE)
     graph.wait(lambda: found and every_bit(found[-1], ESTIMATE) == last, 'the captured body')

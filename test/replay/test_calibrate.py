@@ -243,7 +243,7 @@ def test_the_estimator_takes_what_it_leaves_uncertain(
     session = Session(build(EstimatorConfig, values), (place / 'out.urdf').read_text(encoding='utf-8'))
     given = np.array(result['covariance']['matrix'])[:70, :70]
     size = np.sqrt(np.diag(given))
-    used = session.kernel.errors.covariance
+    used = session.robot.kernel.errors.covariance
     assert used / np.outer(size, size) == pytest.approx(given / np.outer(size, size), abs=1e-9)
     arguments = [str(place / 'again'), '--model', str(place / 'cad.urdf'), '--params', str(parameters)]
     assert replay(arguments) == 2

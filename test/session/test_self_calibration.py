@@ -71,7 +71,7 @@ def make(**parameters: object) -> Session:
 
 def error(session: Session, last: Estimate) -> float:
     """Return the squared error of the captured body in its covariance."""
-    found = session.debris(last)
+    found = session.robot.debris(last)
     assert found is not None
     off = found.parameters - physical(alone())
     return float(off @ np.linalg.solve(found.covariance, off))
@@ -80,13 +80,13 @@ def error(session: Session, last: Estimate) -> float:
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
 def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
     session = make(method=method)
-    assert session.calibrated == ''
+    assert session.robot.calibrated == ''
     last = feed(session)[-1]
     assert error(session, last) < LIMIT
-    found = session.captured(last)
+    found = session.robot.captured(last)
     assert found is not None
-    assert found.calibrated == session.calibrated
-    assert session.calibrated.startswith('8 bodies calibrated from the 19.5 s before the capture')
+    assert found.calibrated == session.robot.calibrated
+    assert session.robot.calibrated.startswith('8 bodies calibrated from the 19.5 s before the capture')
     off = found.momentum - joined().momentum
     assert float(off @ np.linalg.solve(found.covariance, off)) < chi2.isf(1e-4, 6)
     assert found.chaser is not None
@@ -98,7 +98,7 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
 def test_without_it_the_body_is_wrong() -> None:
     session = make(**{'calibration.enabled': False})
     assert error(session, feed(session)[-1]) > 10.0 * LIMIT
-    assert session.urdf == cad()
+    assert session.robot.urdf == cad()
 
 
 class Collector:
@@ -124,13 +124,13 @@ def test_the_numbers_are_those_of_calibrate() -> None:
 
     feed(Session(EstimatorConfig(), cad(), collect), BEGIN - 0.5)
     found = calibrate(MomentumKernel(load_model(cad()), *LINKS), [collector.windows], CalibrationSettings(MID, PRIORS))
-    used = np.concatenate([session.kernel.model.link(name).parameters for name in LINKS])
+    used = np.concatenate([session.robot.kernel.model.link(name).parameters for name in LINKS])
     assert np.array_equal(used, found.theta)
     size = np.sqrt(np.diag(found.covariance))[:70]
     wanted = found.covariance[:70, :70] / np.outer(size, size)
-    assert session.kernel.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
+    assert session.robot.kernel.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
     # The robot description that is given on has them, too.
-    written = load_model(session.urdf)
+    written = load_model(session.robot.urdf)
     assert written.link('link3').parameters == pytest.approx(used[30:40], rel=1e-9)
 
 
@@ -141,16 +141,16 @@ def test_one_message_after_the_other_leads_to_the_same() -> None:
         if (singly.add_joint_state if topic == '/joint_states' else singly.add_odometry)(message):
             found += singly.process()
     assert np.array_equal(found[-1].parameters, expected[len(found) - 1].parameters)
-    assert singly.calibrated == at_once.calibrated
+    assert singly.robot.calibrated == at_once.robot.calibrated
 
 
 def test_reset_forgets_it() -> None:
     session = make()
     feed(session)
     session.reset()
-    assert session.calibrated == ''
-    assert session.urdf == cad()
-    assert session.kernel.errors.count == 0
+    assert session.robot.calibrated == ''
+    assert session.robot.urdf == cad()
+    assert session.robot.kernel.errors.count == 0
 
 
 def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
@@ -158,7 +158,7 @@ def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
     last = feed(session, 5.0)[-1]
     assert last.warnings[0] != BEFORE
     assert any(warning.startswith('not calibrated before the capture: the data hold no') for warning in last.warnings)
-    assert session.calibrated == ''
+    assert session.robot.calibrated == ''
 
 
 @pytest.mark.parametrize(

@@ -33,9 +33,9 @@ def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
         The robot or the parameters cannot be used, alone or together.
     """
     simulated, session = SimulatedRun(case.simulator, urdf, BAG_TYPES), Session(case.estimator, urdf)
-    if simulated.target.name != session.target_link:
+    if simulated.target.name != session.robot.target_link:
         raise ParameterError(
-            f"'target_link' is '{simulated.target.name}' for the simulator and '{session.target_link}' for the "
+            f"'target_link' is '{simulated.target.name}' for the simulator and '{session.robot.target_link}' for the "
             'estimator; accepted: the same link'
         )
     return simulated, session
