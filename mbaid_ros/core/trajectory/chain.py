@@ -27,6 +27,7 @@ LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
 PARAMETERS = slice(6, -7)  # all that enters the prediction
 FORCE = slice(-7, -1)
 DELAY = -1
+_IDENTITY = np.eye(6)
 _CLEAR = 4.0  # standard deviations, from which a delay is one
 
 
@@ -174,15 +175,13 @@ def _integral(twist: Array, slope: Array, spacing: float) -> Array:
 
 def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
     """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
-    right = np.empty((*middle.turn.shape[:-1], 6, 6 + prediction.by_parameters.shape[-1] + 1))
-    right[..., 6:-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
-    right[..., :3, -1] = integral[..., 3:] - middle.turn
-    right[..., 3:, -1] = integral[..., :3] - middle.step
+    gain = np.empty((*middle.turn.shape[:-1], 6, prediction.by_parameters.shape[-1] + 1))
+    gain[..., :-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
+    gain[..., :3, -1] = integral[..., 3:] - middle.turn
+    gain[..., 3:, -1] = integral[..., :3] - middle.step
     # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
-    half = 0.5 * spacing * prediction.error_slope
-    right[..., :6] = np.eye(6) + half
-    solved = np.linalg.solve(np.eye(6) - half, right)
-    return solved[..., :6], solved[..., 6:]
+    back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
+    return 2.0 * back - _IDENTITY, back @ gain
 
 
 def _compose(transition: Array, gain: Array) -> Array:

@@ -79,11 +79,12 @@ def predicted(
     still = np.zeros((len(middle), 6))
     states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, still)
     target = express(body, states.rotation, states.position)
-    locked = inertia_matrix(np.sum(states.known, axis=1) + target)
+    # Inverted once: most of what it is applied to are derivatives.
+    inverse = np.linalg.inv(inertia_matrix(np.sum(states.known, axis=1) + target))
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     moving = states.known_momentum + momentum(target, states.twist)
-    twist = np.linalg.solve(locked, (total - moving)[..., None])[..., 0]
+    twist = (inverse @ (total - moving)[..., None])[..., 0]
     # M dV = dh - (dM V + db): the second is the target's regressor at the predicted motion.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
@@ -100,7 +101,7 @@ def predicted(
     right[:, :3, count : count + 3] = turned
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
-    solved = np.linalg.solve(locked, right)
+    solved = inverse @ right
     known = states.known.copy()
     known[:, kernel.target.body] += target
     return Prediction(twist, solved[..., :count], solved[..., count:]), replace(
@@ -117,6 +118,11 @@ def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int])
     return kernel.corrected(change)
 
 
+def mobility(states: BodyStates) -> Array:
+    """Return M^-1 of N instants, (N, 6, 6)."""
+    return np.linalg.inv(inertia_matrix(np.sum(states.known, axis=1)))
+
+
 def joint_gains(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
     """Return how joint errors move the prediction.
 
@@ -131,7 +137,7 @@ def joint_gains(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Arra
     """
     joints = kernel.model.joints
     by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
-    gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
+    gains = -mobility(states) @ by_joints
     return gains[..., joints:], gains[..., :joints]
 
 
@@ -160,5 +166,4 @@ def gains_by_bodies(kernel: MomentumKernel, states: BodyStates, by_rate: Array, 
         motion = base + kernel.kinematics.ancestors[index][:, None] * bodies.joint_twist
         columns.append(regressor(rotation[:, None], position[:, None], motion))
     right = -np.moveaxis(np.concatenate(columns, axis=-1), 1, -1)  # (N, 6, u - 6, n)
-    locked = inertia_matrix(np.sum(states.known, axis=1))
-    return np.linalg.solve(locked, right.reshape(*right.shape[:2], -1)).reshape(right.shape)
+    return (mobility(states) @ right.reshape(*right.shape[:2], -1)).reshape(right.shape)
