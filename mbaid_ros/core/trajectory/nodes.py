@@ -60,14 +60,13 @@ class Nodes(Stacked):
 
 
 def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Nodes | None:
-    """Return the nodes of one window (see `averages`)."""
-    return averages([window], np.array([start]), spacing, count, origin)[0]
+    """Return the nodes of one window (see `averages`), None where two nodes in a row have no sample."""
+    nodes = averages([window], np.array([start]), spacing, count, origin)
+    return None if np.any(nodes.empty[1:] & nodes.empty[:-1]) else nodes
 
 
-def averages(
-    windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array
-) -> list[Nodes | None]:
-    """Return the nodes of W windows, None for one in which two nodes in a row have no sample.
+def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Nodes:
+    """Return the nodes of W windows, one after the other.
 
     Parameters
     ----------
@@ -99,7 +98,7 @@ def averages(
     moving += [samples.base_linear_velocity, samples.base_angular_velocity, _about(samples.impulse, origin)]
     joints = samples.joint_position.shape[1]
     means = mean(np.concatenate(moving, axis=1))
-    nodes = Nodes(
+    return Nodes(
         joint_position=means[:, :joints],
         base_rotation=exp(mean(turns)) @ middle,
         base_position=means[:, joints : joints + 3],
@@ -108,9 +107,6 @@ def averages(
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 :],
     )
-    several = empty.reshape(-1, count)
-    gaps = np.any(several[:, 1:] & several[:, :-1], axis=1)
-    return [None if gap else nodes[k * count : (k + 1) * count] for k, gap in enumerate(gaps)]
 
 
 def bridged(nodes: Nodes) -> Nodes:
