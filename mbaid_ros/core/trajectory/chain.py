@@ -120,9 +120,9 @@ def window_models(
     """
     motions = [stack.motion(point.delay) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    whole, states = predicted(kernel, flat, point.parameters, uncertain)
+    whole, bodies = predicted(kernel, flat, point.parameters, uncertain)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, states, uncertain)
+    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, bodies, uncertain)
     models = [
         _models(stack, motion, prediction, point, noise)
         for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
