@@ -60,14 +60,13 @@ class Beliefs:
 
     Attributes
     ----------
-    means, factors : (h, v, 2), (h, v, c)
+    columns : (h, v, 2 + c) the means, and beside them the factor: what is linear moves both alike
     free : (h,) numbers of variables
     surprises, last_surprises, evidences : (h,)
     measured, last_measured : of all alike
     """
 
-    means: Array
-    factors: Array
+    columns: Array
     free: tuple[int, ...]
     surprises: Array
     measured: int
@@ -79,18 +78,37 @@ class Beliefs:
     def of(beliefs: Sequence[Belief]) -> Beliefs:
         """Return beliefs side by side."""
         first = beliefs[0]
-        factors = np.zeros((len(beliefs), len(first.means), max(each.factor.shape[1] for each in beliefs)))
-        for factor, each in zip(factors, beliefs, strict=True):
-            factor[:, : each.factor.shape[1]] = each.factor
+        most = max(each.factor.shape[1] for each in beliefs)
+        columns = np.zeros((len(beliefs), len(first.means), 2 + most))
+        for column, each in zip(columns, beliefs, strict=True):
+            column[:, :2] = each.means
+            column[:, 2 : 2 + each.factor.shape[1]] = each.factor
         return Beliefs(
-            np.stack([each.means for each in beliefs]),
-            factors,
+            columns,
             tuple(each.free for each in beliefs),
             np.array([each.surprise for each in beliefs]),
             first.measured,
             np.array([each.last_surprise for each in beliefs]),
             first.last_measured,
             np.array([each.evidence for each in beliefs]),
+        )
+
+    def moved(self, columns: Array) -> Beliefs:
+        """Return the beliefs with other means and factors."""
+        known = (self.free, self.surprises, self.measured, self.last_surprises, self.last_measured, self.evidences)
+        return Beliefs(columns, *known)
+
+    def only(self, index: int) -> Beliefs:
+        """Return one of them, still as if beside others."""
+        part = slice(index, index + 1)
+        return Beliefs(
+            self.columns[part],
+            self.free[part],
+            self.surprises[part],
+            self.measured,
+            self.last_surprises[part],
+            self.last_measured,
+            self.evidences[part],
         )
 
     def __len__(self) -> int:
@@ -100,8 +118,8 @@ class Beliefs:
     def __getitem__(self, index: int) -> Belief:
         """Return the belief of one of them."""
         return Belief(
-            self.means[index],
-            self.factors[index],
+            self.columns[index, :, :2],
+            self.columns[index, :, 2:],
             self.free[index],
             float(self.surprises[index]),
             self.measured,
@@ -111,7 +129,7 @@ class Beliefs:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coordinates:
     """The variables of the filter: state = basis (scale * variables).
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dtrtrs
 
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR
+from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
 from mbaid_ros.core.trajectory.nodes import Integers
 from mbaid_ros.core.trajectory.steps import Step
 
@@ -71,33 +71,33 @@ class Walk:
 
 def update(beliefs: Beliefs, step: Step) -> Beliefs:
     """Return the beliefs of several hypotheses after a window's measurements."""
-    rows, hypotheses, width = step.rows, len(beliefs), beliefs.factors.shape[-1]
+    rows, before, hypotheses = step.rows, beliefs.columns, len(beliefs)
     count, size = rows.shape
+    predicted = rows @ before
     # The square of `stacked` holds the covariances of measurements and state, prior to the update; that of its
     # triangular factor the same, ordered so that the state's last block is what the measurements leave of it.
-    stacked = np.zeros((hypotheses, count + size, count + width))
+    stacked = np.zeros((hypotheses, count + size, count + before.shape[2] - 2))
     stacked[:, :count, :count] = _identity(count)
-    stacked[:, :count, count:] = rows @ beliefs.factors
-    stacked[:, count:, count:] = beliefs.factors
-    unexplained = -(rows @ beliefs.means)
-    unexplained[..., 0] += step.value
-    normalised = np.empty_like(unexplained)
+    stacked[:, :count, count:] = predicted[..., 2:]
+    stacked[:, count:, count:] = before[..., 2:]
     triangles = np.zeros((hypotheses, count + size, count + size))
+    normalised = step.value - predicted[..., :2]
     for place, free in enumerate(beliefs.free):
         used = count + free
         # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
         triangle = dgeqrf(stacked[place, :used].T, overwrite_a=True)[0]
         triangles[place, :used, :used] = triangle[:used].T
-        normalised[place] = dtrtrs(triangle[:count, :count], unexplained[place], trans=1)[0]
-    left = triangles[:, count:, count:] * _lower(size)
-    means = beliefs.means + triangles[:, count:, :count] @ normalised
+        normalised[place] = dtrtrs(triangle[:count, :count], normalised[place], trans=1)[0]
+    after = np.empty((hypotheses, size, 2 + size))
+    means, left = after[..., :2], after[..., 2:]
+    np.multiply(triangles[:, count:, count:], _lower(size), out=left)
+    np.add(before[..., :2], triangles[:, count:, :count] @ normalised, out=means)
     means[..., 1] += (left @ (step.shared @ left)[..., None])[..., 0]
     surprises = np.add.reduce(normalised[..., 0] ** 2, axis=1)
     roots = np.abs(triangles.diagonal(axis1=1, axis2=2)[:, :count])
     likelihoods = surprises + (step.log_noise + 2.0 * np.add.reduce(np.log(roots), axis=1))
     return Beliefs(
-        means,
-        left,
+        after,
         beliefs.free,
         beliefs.surprises + surprises,
         beliefs.measured + count,
@@ -112,41 +112,29 @@ def advance(beliefs: Beliefs, step: Step, coordinates: Coordinates, walks: Seque
 
     Their factors are made square again by the next update.
     """
-    gather, length = coordinates.gather, step.length
-    poses, joints = step.process.shape
-    hypotheses, size, width = beliefs.factors.shape
-    ends = [joints + free for free in beliefs.free]
-    most = max(end + len(walk.rates) for end, walk in zip(ends, walks, strict=True))
-    factors = np.zeros((hypotheses, size, max(joints + width, most)))
-    factors[..., joints : joints + width] = beliefs.factors
-    factors[:, :poses, joints : joints + width] = step.transition @ beliefs.factors
-    factors[:, :poses, :joints] = step.process
-    means = beliefs.means.copy()
-    means[:, :poses] = step.transition @ beliefs.means
-    means[:, :poses, 0] += step.drift
+    before, (poses, joints) = beliefs.columns, step.process.shape
+    hypotheses, size, width = before.shape
+    ends = [2 + free + len(walk.rates) for free, walk in zip(beliefs.free, walks, strict=True)]
+    most = max(width, *ends)
+    after = np.zeros((hypotheses, size, most + joints))
+    after[..., :width] = before
+    moved = after[:, :poses]
+    np.matmul(step.transition, before, out=moved[..., :width])
+    moved[..., :2] += step.drift
+    moved[..., most:] = step.process
     for place, (walk, end) in enumerate(zip(walks, ends, strict=True)):
         if walk.force != 'none':
-            push = length * _push(step, walk) @ coordinates.spread[FORCE]
-            factors[place, :, joints:end] += gather[:, _MOMENTUM] @ (push @ factors[place, :, joints:end])
-            means[place] += gather[:, _MOMENTUM] @ (push @ means[place])
+            after[place, :, :width] += (step.in_base_axes if walk.force == 'body' else step.inertial) @ before[place]
         if walk.drifts:
-            drift = gather[:, walk.drifting] * (walk.rates * np.sqrt(length))
-            factors[place, :, end : end + len(walk.rates)] = drift
-    return replace(beliefs, means=means, factors=factors)
+            # Where the factor of other hypotheses goes on.
+            after[place, :, end - len(walk.rates) : end] = np.sqrt(step.length) * _drift(walk, coordinates)
+    return beliefs.moved(after)
 
 
-def _push(step: Step, walk: Walk) -> Array:
-    """Return the (6, 6) change of (P, L) a second by a force and torque: on the base's origin, or inertial ones.
-
-    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
-    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
-    window, on a base that is on average where the two meet.
-    """
-    push = np.eye(6)
-    if walk.force == 'body':
-        push[:3, :3] = push[3:, 3:] = step.rotation
-        push[3:, :3] = skew(step.position) @ step.rotation
-    return push
+@lru_cache(maxsize=64)
+def _drift(walk: Walk, coordinates: Coordinates) -> Array:
+    """Return the factor of the covariance of the variables that a walk makes in a second."""
+    return np.asarray(coordinates.gather[:, walk.drifting] * walk.rates)
 
 
 def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:

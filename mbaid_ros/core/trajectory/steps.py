@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.belief import Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, LINEAR, WindowModel
+from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
 
 _POSE = slice(0, 6)
 _MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
@@ -20,14 +20,15 @@ class Step:
 
     Attributes
     ----------
-    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
+    value, rows : (k, 2), (k, v): the first value = rows variables + white noise of variance 1; the other is zero
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first node, which are
+    transition, drift, process : (p, v), (p, 2), (p, n): to the p pose errors at the next window's first node, which are
         the first variables; what else there is stays, without force. The last is a factor of the covariance of what
         joint noise adds on the way
     shared : (v,) the score that noise makes on average because rows and value share it
     moved : (6, 6) what the momentum makes of the pose error at the next window's first node, SI units
-    length, rotation, position : as in WindowModel
+    inertial, in_base_axes : (v, v) what a constant force and torque makes of the variables on the way, beside all that
+    length : s
     """
 
     value: Array
@@ -38,9 +39,9 @@ class Step:
     process: Array
     shared: Array
     moved: Array
+    inertial: Array
+    in_base_axes: Array
     length: float
-    rotation: Array
-    position: Array
 
 
 def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
@@ -71,13 +72,12 @@ def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
         for (value, rows, log_noise), *rest in zip(
             measured,
             turn @ (windows.transition @ coordinates.spread),
-            (turn @ windows.drift[..., None])[..., 0],
+            _beside_nothing((turn @ windows.drift[..., None])[..., 0]),
             turn @ windows.process,
             _shared(weighed, windows.joints_by_parameters, coordinates),
             windows.transition[..., _MOMENTUM],
+            *_pushes(windows, coordinates),
             windows.length.tolist(),
-            windows.rotation,
-            windows.position,
             strict=True,
         )
     ]
@@ -89,7 +89,7 @@ class _White:
 
     Attributes
     ----------
-    value, rows, log_noise : (B, k), (B, k, v), (B,) as in `Step`
+    value, rows, log_noise : (B, k, 2), (B, k, v), (B,) as in `Step`
     whiten : (B, k, 6) what made them so, of the measurements as they were
     """
 
@@ -109,12 +109,17 @@ def _whitened(value: Array, rows: Array, covariance: Array, coordinates: Coordin
     factor = np.linalg.cholesky(select @ covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
     return _White(
-        value=(whiten @ value[..., None])[..., 0],
+        value=_beside_nothing((whiten @ value[..., None])[..., 0]),
         rows=whiten @ (rows @ coordinates.spread),
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
         whiten=whiten,
     )
+
+
+def _beside_nothing(values: Array) -> Array:
+    """Return (B, k) values as (B, k, 2): what moves the mean moves nothing that is to be added to it."""
+    return np.stack((values, np.zeros_like(values)), axis=-1)
 
 
 def _shared(weighed: Array, slope: Array, coordinates: Coordinates) -> Array:
@@ -130,3 +135,17 @@ def _shared(weighed: Array, slope: Array, coordinates: Coordinates) -> Array:
     by_parameter = slope.transpose(0, 2, 1, 3).reshape(windows, parameters, -1)
     score = (by_parameter @ weighed.reshape(windows, -1, 1))[..., 0]
     return np.asarray((score[:, None] @ coordinates.spread[BODY.start : BODY.start + parameters])[:, 0])
+
+
+def _pushes(windows: WindowModel, coordinates: Coordinates) -> tuple[Array, Array]:
+    """Return the (B, v, v) change of (P, L) by a force and torque on the base's origin, in inertial and in its axes.
+
+    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
+    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
+    window, on a base that is on average where the two meet.
+    """
+    push = np.zeros((len(windows.length), 6, 6))
+    push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
+    push[:, 3:, :3] = skew(windows.position) @ windows.rotation
+    to_momentum, force = coordinates.gather[:, _MOMENTUM], windows.length[:, None, None] * coordinates.spread[FORCE]
+    return to_momentum @ force, to_momentum @ (push @ force)

@@ -13,7 +13,7 @@ from mbaid_ros.core.trajectory.chain import PARAMETERS, Point
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
 from mbaid_ros.core.trajectory.start import Found, Search, Start
-from mbaid_ros.core.trajectory.tracks import Track, Tracks, follow
+from mbaid_ros.core.trajectory.tracks import Follow, Track, Tracks, follow, met
 from mbaid_ros.core.trajectory.windows import Window
 
 # Mean normalised innovation squared from which the model is wrong rather than the run unlucky.
@@ -114,10 +114,12 @@ class Tracker:
         # Once for both windows: a point one window old is as good.
         self._point = self._held(self._tracks.best.belief)
         if ready is not None:
-            self._tracks = self._step(self._tracks, ready)
-        self._latest = self._tracks.best
+            self._tracks = self._step(self._tracks, ready, follow)
+        latest = self._tracks.best_alone
         if still_open is not None:
-            self._latest = self._step(Tracks.of([self._latest]), still_open)[0]
+            # Where nothing acts or drifts, the pose error alone goes on from its first node.
+            latest = self._step(latest, still_open, follow if latest.walks[0].disturbed else met)
+        self._latest = latest[0]
 
     def work_off(self) -> None:
         """Do a part of what the search has to do before the next window, if anything."""
@@ -172,5 +174,5 @@ class Tracker:
         # What follows has to be linked to the windows before: at their delay.
         return Point(mean[PARAMETERS], self._point.delay)
 
-    def _step(self, tracks: Tracks, window: Window) -> Tracks:
-        return follow(tracks, window, self._linearised.step(window, self._point), self._variables)
+    def _step(self, tracks: Tracks, window: Window, work: Follow) -> Tracks:
+        return work(tracks, window, self._linearised.step(window, self._point), self._variables)

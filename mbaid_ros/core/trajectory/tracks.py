@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -85,15 +85,36 @@ class Tracks:
         return (self[index] for index in range(len(self)))
 
     @property
+    def leading(self) -> int:
+        """Which one is the best: the first, unless another one explains the data far better."""
+        evidences = self.beliefs.evidences.tolist()
+        most = max(evidences)
+        return evidences.index(most) if most > evidences[0] + MARGIN else 0
+
+    @property
     def best(self) -> Track:
-        """The first one, unless another one explains the data far better."""
-        evidences = self.beliefs.evidences
-        other = int(evidences.argmax())
-        return self[other if evidences[other] > evidences[0] + MARGIN else 0]
+        """The best one."""
+        return self[self.leading]
+
+    @property
+    def best_alone(self) -> Tracks:
+        """The same without the others."""
+        index = self.leading
+        part = slice(index, index + 1)
+        return Tracks(self.walks[part], self.beliefs.only(index), self.jumps[part], self.just_jumped[part])
+
+
+Follow = Callable[[Tracks, Window, Step, Coordinates], Tracks]
 
 
 def follow(tracks: Tracks, window: Window, step: Step, variables: Coordinates) -> Tracks:
-    """Return tracks after a window; a momentum that must have jumped is let jump, once."""
+    """Return tracks at the node after a window; a momentum that must have jumped is let jump, once."""
+    after = met(tracks, window, step, variables)
+    return replace(after, beliefs=advance(after.beliefs, step, variables, tracks.walks))
+
+
+def met(tracks: Tracks, window: Window, step: Step, variables: Coordinates) -> Tracks:
+    """Return the same at the window's first node."""
     before = tracks.beliefs
     if window.fresh:
         before = Beliefs.of([unlinked(before[k], variables) for k in range(len(before))])
@@ -108,7 +129,7 @@ def follow(tracks: Tracks, window: Window, step: Step, variables: Coordinates) -
         after = Beliefs.of([belief for belief, _ in each])
         jumps = tuple((*old, *new) for old, (_, new) in zip(jumps, each, strict=True))
         jumped = tuple(may)
-    return Tracks(tracks.walks, advance(after, step, variables, tracks.walks), jumps, jumped)
+    return Tracks(tracks.walks, after, jumps, jumped)
 
 
 def _jumped(
