@@ -52,6 +52,8 @@ class Kinematics:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         count = model.joints
+        self._parents = np.array(model.parents, dtype=int)
+        self._sliding = np.flatnonzero(model.prismatic)
         # Joint j's rotation in its parent is A + sin(q) B + cos(q) C: Rodrigues with the constant placement in front.
         generator = skew(model.axes)
         square = generator @ generator
@@ -85,21 +87,20 @@ class Kinematics:
         angle = joint_position[..., None, None]
         local = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
         rotation = np.empty((count, joints + 1, 3, 3))
-        position = np.zeros((count, joints + 1, 3))
-        twist = np.zeros((count, joints, 6))
         rotation[:, 0] = base_rotation
         for joint, parent in enumerate(model.parents):
-            carrier = rotation[:, parent]
-            axis = carrier @ self.axes[joint]
-            place = position[:, parent] + carrier @ model.positions[joint]
-            rotation[:, joint + 1] = carrier @ local[:, joint]
-            if model.prismatic[joint]:
-                position[:, joint + 1] = place + axis * joint_position[:, joint, None]
-                twist[:, joint, :3] = axis
-            else:
-                position[:, joint + 1] = place
-                twist[:, joint, :3] = cross(place, axis)
-                twist[:, joint, 3:] = axis
+            np.matmul(rotation[:, parent], local[:, joint], out=rotation[:, joint + 1])
+        carrier = rotation[:, self._parents]
+        axis, place = (rotate(carrier, vectors) for vectors in (self.axes, model.positions))
+        if len(self._sliding):
+            place += axis * np.where(model.prismatic, joint_position, 0.0)[..., None]
+        position = np.zeros((count, joints + 1, 3))
+        for joint, parent in enumerate(model.parents):
+            np.add(position[:, parent], place[:, joint], out=position[:, joint + 1])
+        twist = np.zeros((count, joints, 6))
+        twist[..., :3], twist[..., 3:] = cross(position[:, 1:], axis), axis
+        if len(self._sliding):
+            twist[:, self._sliding, :3], twist[:, self._sliding, 3:] = axis[:, self._sliding], 0.0
         return Configuration(rotation, position, twist)
 
     def body_twists(self, configuration: Configuration, joint_velocity: Array, base_twist: Array) -> Array:

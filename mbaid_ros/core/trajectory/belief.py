@@ -175,7 +175,7 @@ class Coordinates:
 
     def moments(self, belief: Belief) -> tuple[Array, Array]:
         """Return the mean (s,) and the standard deviations (s,) in SI units."""
-        variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
+        variance = np.add.reduce((self.spread @ belief.factor) ** 2, axis=1) + self._outside.diagonal()
         return self.spread @ belief.mean, np.sqrt(variance)
 
     def open(self, *, force: bool = False, mass: float | None = None) -> Belief:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -255,6 +256,7 @@ def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Arra
     return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
 
 
+@cache
 def _telescoped(count: int, spacing: float) -> float:
     """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
     return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
@@ -265,6 +267,7 @@ def _total(values: Array) -> Array:
     return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
 
 
+@cache
 def _weights(count: int) -> Array:
     """Return the (m,) weights of a window's twists: a parabola that vanishes at its ends."""
     place = (np.arange(count) + 0.5) / count * 2.0 - 1.0

@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
+from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.midpoints import Midpoints
@@ -167,10 +167,9 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     -------
     (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
     """
-    joints = kernel.model.joints
-    by_joints = sensitivity_of_known(kernel, bodies.states)[..., : 2 * joints]
-    gains = -bodies.mobility @ by_joints
-    return gains[..., joints:], gains[..., :joints]
+    by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
+    back = -bodies.mobility
+    return back @ by_rate, back @ by_position
 
 
 def gains_by_bodies(kernel: MomentumKernel, bodies: Bodies, by_rate: Array, uncertain: Sequence[int] = ()) -> Array:
