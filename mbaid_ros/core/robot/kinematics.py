@@ -52,7 +52,6 @@ class Kinematics:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         count = model.joints
-        self._parents = np.array(model.parents, dtype=int)
         self._sliding = np.flatnonzero(model.prismatic)
         # Joint j's rotation in its parent is A + sin(q) B + cos(q) C: Rodrigues with the constant placement in front.
         generator = skew(model.axes)
@@ -62,6 +61,7 @@ class Kinematics:
         self._sine = np.where(turns, model.rotations @ generator, 0.0)
         self._cosine = np.where(turns, -model.rotations @ square, 0.0)
         self.axes = rotate(model.rotations, model.axes)
+        self._fixed = np.stack((model.positions, self.axes), axis=-1)
         self.ancestors = np.zeros((count + 1, count))
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
@@ -85,13 +85,15 @@ class Kinematics:
         model = self.model
         count, joints = joint_position.shape
         angle = joint_position[..., None, None]
-        local = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
-        rotation = np.empty((count, joints + 1, 3, 3))
-        rotation[:, 0] = base_rotation
+        # Each joint's rotation, where it is, and its axis, in the axes of its parent body: turned in one product.
+        local = np.empty((count, joints, 3, 5))
+        local[..., :3] = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
+        local[..., 3:] = self._fixed
+        frames = np.empty((count, joints + 1, 3, 5))
+        frames[:, 0, :, :3] = base_rotation
         for joint, parent in enumerate(model.parents):
-            np.matmul(rotation[:, parent], local[:, joint], out=rotation[:, joint + 1])
-        carrier = rotation[:, self._parents]
-        axis, place = (rotate(carrier, vectors) for vectors in (self.axes, model.positions))
+            np.matmul(frames[:, parent, :, :3], local[:, joint], out=frames[:, joint + 1])
+        rotation, place, axis = frames[..., :3].copy(), frames[:, 1:, :, 3], frames[:, 1:, :, 4]
         if len(self._sliding):
             place += axis * np.where(model.prismatic, joint_position, 0.0)[..., None]
         position = np.zeros((count, joints + 1, 3))
