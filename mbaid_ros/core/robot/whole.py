@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.inertia import pseudo_inertia
 from mbaid_ros.core.robot.kinematics import Configuration
 
-_AXES = np.arange(3)
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # the cyclic neighbours of each axis
 
 
 def whole(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
-    """Return the locked inertia and the momentum of all bodies, about the base's origin, odometry axes.
+    """Return the inverse of the locked inertia and the momentum of all bodies, about the base's origin, odometry axes.
 
     A point y of a body is at x = P (y, 1) and moves with v = V (y, 1), for P = (R, r) and V = [w]x P + (0, u). With the
     body's pseudo-inertia J, the integral of (y, 1) (y, 1)^T over its mass, those of x x^T, x v^T, x and v are
@@ -27,7 +26,8 @@ def whole(parameters: Array, configuration: Configuration, body_twist: Array) ->
 
     Returns
     -------
-    (N, 6, 6) M with momentum = M twist for a robot that moves as one body, and the (N, 6) momentum (P, L) at the twists
+    (N, 6, 6) M^-1 with twist = M^-1 momentum for a robot that moves as one body, and the (N, 6) momentum (P, L) at the
+    twists
     """
     count, bodies = configuration.position.shape[:2]
     place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)
@@ -40,13 +40,26 @@ def whole(parameters: Array, configuration: Configuration, body_twist: Array) ->
     both = columns.reshape(count, 4 * bodies, 7)
     moments = weighed @ both  # (N, 3, 7): of x x^T, x, x v^T
     second, first, moving = moments[..., :3], moments[..., 3], moments[..., 4:]
-    locked = np.zeros((count, 6, 6))
-    lever = skew(first)
-    locked[:, _AXES, _AXES] = np.sum(parameters[:, 0])
-    locked[:, :3, 3:], locked[:, 3:, :3] = -lever, lever
-    locked[:, 3:, 3:] = -second
-    locked[:, 3 + _AXES, 3 + _AXES] += (second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2])[:, None]
     momentum = np.empty((count, 6))
     momentum[:, :3] = pseudo[..., 3].ravel() @ both[..., 4:]
     momentum[:, 3:] = moving[:, _NEXT, _LAST] - moving[:, _LAST, _NEXT]
-    return locked, momentum
+    return _mobility(float(np.sum(parameters[:, 0])), first, second), momentum
+
+
+def _mobility(mass: float, first: Array, second: Array) -> Array:
+    """Return M^-1 (N, 6, 6) of a mass, the integrals (N, 3) of x and (N, 3, 3) of x x^T over it.
+
+    With c the centre of mass and K the inverse of the inertia about it, w = K (L - c x P) and u = P / m + c x w.
+    """
+    centre = first / mass
+    about = second - mass * centre[:, :, None] * centre[:, None]
+    turned = skew(centre)
+    inertia = np.trace(about, axis1=1, axis2=2)[:, None, None] * np.eye(3) - about
+    # By its cofactors: LAPACK's calls take longer, for so small a matrix.
+    cofactors = cross(inertia[:, _NEXT], inertia[:, _LAST])
+    inverse = cofactors / np.add.reduce(inertia[:, 0] * cofactors[:, 0], axis=-1)[:, None, None]
+    across = turned @ inverse
+    mobility = np.empty((len(first), 6, 6))
+    mobility[:, :3, :3] = np.eye(3) / mass - across @ turned
+    mobility[:, :3, 3:], mobility[:, 3:, :3], mobility[:, 3:, 3:] = across, across.swapaxes(1, 2), inverse
+    return mobility

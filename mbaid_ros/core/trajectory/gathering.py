@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, averages, bridged
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST
@@ -56,6 +57,7 @@ class Gathering:
         self._latest: WindowNoise | None = None  # of the last of them
         self._lowest = np.full(joints, np.inf)
         self._highest = np.full(joints, -np.inf)
+        self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Taken]:
         """Return what closed windows add to the chain."""
@@ -67,20 +69,20 @@ class Gathering:
         own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
         nodes = own if self._kept is None else Nodes.concatenate([self._kept, own])
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
-        empty = nodes.empty
+        empty = nodes.empty.tolist()
         taken = []
         each = zip(numbers, _noises(windows, self._noise), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(nodes) // count - len(windows)):
             ready, still_open = self._collect(nodes, empty, place, number, noise)
-            if self._linked:
+            if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
-            moved = bool((self._highest - self._lowest > _MOVED * self._noise.joint_position).any())
-            taken.append(Taken(ready, still_open, moved))
+                self._moved = bool(np.any(self._highest - self._lowest > _MOVED * self._noise.joint_position))
+            taken.append(Taken(ready, still_open, self._moved))
         self._kept = nodes[-2 * count :]
         return taken
 
     def _collect(
-        self, nodes: Nodes, empty: Flags, place: int, number: int, noise_now: WindowNoise
+        self, nodes: Nodes, empty: list[bool], place: int, number: int, noise_now: WindowNoise
     ) -> tuple[Window | None, Window | None]:
         """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself.
 
@@ -93,7 +95,7 @@ class Gathering:
         """
         count = self._nodes_a_window
         begin, end = place * count, (place + 1) * count
-        gap = bool((empty[begin + 1 : end] & empty[begin : end - 1]).any())
+        gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
         if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
             self._linked = 0  # a gap: what comes next is linked to the past by momentum and body alone
         self._number = number
@@ -107,7 +109,7 @@ class Gathering:
         still_open = None if empty[end - 1] else self._window(nodes, empty, place, 0, noise_now)
         return ready, still_open
 
-    def _window(self, nodes: Nodes, empty: Flags, place: int, after: int, noise: WindowNoise) -> Window:
+    def _window(self, nodes: Nodes, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
         """Return a window with the neighbours it has; the last interval of one without a successor is missing.
 
         Parameters
@@ -127,7 +129,7 @@ class Gathering:
             end -= 1
         own = nodes[first:end]
         return Window(
-            nodes=bridged(own) if empty[first:end].any() else own,
+            nodes=bridged(own) if any(empty[first:end]) else own,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=noise,
@@ -148,13 +150,8 @@ def nodes_a_window(window: Samples, length: float) -> int:
     return max(round(length / max(_NODE, spacing)), _FEWEST_NODES)
 
 
-def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
-    """Return the noise of a window's means; a twist's covariance as given, whether or not it is measured."""
-    return _noises([window], noise)[0]
-
-
 def _noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
-    """Return the same of several windows."""
+    """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
     poses, twists = (
         np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
             :, ANGULAR_FIRST[:, None], ANGULAR_FIRST

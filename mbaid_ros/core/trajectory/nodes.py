@@ -76,12 +76,16 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     count : number of nodes in each
     origin : (3,) m, subtracted from the positions
     """
-    samples = Samples.concatenate(list(windows))
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(each, name) for each in windows])
+
+    stamps, rotation = joined('time'), joined('base_rotation')
     window = np.repeat(np.arange(len(windows)), [len(each) for each in windows])
-    inside = np.clip(np.floor((samples.time - starts[window] + 1e-9) / spacing).astype(int), 0, count - 1)
+    inside = np.clip(np.floor((stamps - starts[window] + 1e-9) / spacing).astype(int), 0, count - 1)
     number = window * count + inside
     first = np.searchsorted(number, np.arange(len(windows) * count))
-    sizes = np.diff(np.append(first, len(samples)))
+    sizes = np.diff(np.append(first, len(stamps)))
     empty = sizes == 0
     share = sizes[~empty].astype(float)
 
@@ -91,21 +95,21 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         result[~empty] = total / share.reshape(-1, *(1,) * (values.ndim - 1))
         return result
 
-    time = mean(samples.time)
-    middle = samples.base_rotation[np.minimum(first + sizes // 2, len(samples) - 1)]
-    turns = log(samples.base_rotation @ np.swapaxes(middle[number], 1, 2))
-    moving = [samples.joint_position, samples.base_position - origin]
-    moving += [samples.base_linear_velocity, samples.base_angular_velocity, _about(samples.impulse, origin)]
-    joints = samples.joint_position.shape[1]
-    means = mean(np.concatenate(moving, axis=1))
+    time = mean(stamps)
+    middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
+    turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
+    moving = [joined('joint_position'), joined('base_position') - origin]
+    moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
+    joints = moving[0].shape[1]
+    means = mean(np.concatenate((*moving, turns), axis=1))
     return Nodes(
         joint_position=means[:, :joints],
-        base_rotation=exp(mean(turns)) @ middle,
+        base_rotation=exp(means[:, joints + 15 :]) @ middle,
         base_position=means[:, joints : joints + 3],
         base_twist=means[:, joints + 3 : joints + 9],
-        spread=mean((samples.time - time[number]) ** 2) / spacing**2,
+        spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
-        impulse=means[:, joints + 9 :],
+        impulse=means[:, joints + 9 : joints + 15],
     )
 
 

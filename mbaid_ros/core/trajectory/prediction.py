@@ -120,9 +120,7 @@ def predicted(
     known[target.body] += express(parameters[6:16], target.rotation, target.position)
     bodies = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(bodies, middle.joint_velocity, np.zeros((len(middle), 6)))
-    locked, moving = whole(known, bodies, body_twist)
-    # Inverted once: there are many derivatives to apply it to.
-    mobility = np.linalg.inv(locked)
+    mobility, moving = whole(known, bodies, body_twist)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
