@@ -29,7 +29,8 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 _UNLIKELY = 0.01
 _MASS = BODY.start - PARAMETERS.start
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
-_PART = 10  # windows passed over at a time
+_PART = 10  # windows whose linearisation is told of at a time
+_STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
 
@@ -134,7 +135,7 @@ class Start:
         point : found earlier; None where there is none
         """
         count = len(windows)
-        stacks = [stacked(windows[k : min(k + _PART, count)]) for k in range(0, count, _PART)]
+        stacks = [stacked(windows[k : min(k + _STACK, count)]) for k in range(0, count, _STACK)]
         results: list[_Result] = []
         sound = other_leads = False
         if point is not None and not _massless(point.parameters):
@@ -218,7 +219,8 @@ class Start:
         steps: list[tuple[Window, Step]] = []
         for part in stacks:
             more = self.linearised.steps(part, point)
-            yield _LINEARISED * len(more)
+            for begin in range(0, len(more), _PART):
+                yield _LINEARISED * len(more[begin : begin + _PART])
             steps += more
         return _Pass(point, steps)
 
