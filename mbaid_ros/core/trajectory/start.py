@@ -29,7 +29,7 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 _UNLIKELY = 0.01
 _MASS = BODY.start - PARAMETERS.start
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
-_PART = 10  # windows whose linearisation is told of at a time
+_PART = 10  # windows whose linearisation counts as one piece of work
 _STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
