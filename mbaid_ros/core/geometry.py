@@ -103,7 +103,7 @@ def exp(rotation_vector: Array) -> Array:
     -------
     (..., 3, 3) array
     """
-    half = np.maximum(0.5 * np.sqrt(np.sum(rotation_vector**2, axis=-1))[..., None, None], _TINY)
+    half = np.maximum(0.5 * np.sqrt(np.add.reduce(rotation_vector**2, axis=-1))[..., None, None], _TINY)
     # With s = sin(a / 2) / (a / 2): sin(a) / a = s cos(a / 2), (1 - cos(a)) / a^2 = s^2 / 2.
     sine = np.sin(half) / half
     generator = skew(rotation_vector)
@@ -125,14 +125,14 @@ def log(rotation: Array) -> Array:
     -------
     (..., 3) array, rad, of length at most pi
     """
-    axial = 0.5 * (rotation[..., _LAST, _NEXT] - rotation[..., _NEXT, _LAST])
-    sine = np.sqrt(np.sum(axial**2, axis=-1))
+    axial = 0.5 * (rotation - np.swapaxes(rotation, -1, -2))[..., _LAST, _NEXT]
+    sine = np.sqrt(np.add.reduce(axial**2, axis=-1))
     cosine = 0.5 * (rotation[..., 0, 0] + rotation[..., 1, 1] + rotation[..., 2, 2] - 1.0)
     # At angle zero the ratio angle / sine tends to 1.
     ratio = np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, _TINY), 1.0)
     vector = np.asarray(ratio[..., None] * axial)
     large = cosine < _COSINE_OF_LARGE
-    if np.any(large):
+    if large.any():
         vector[large] = _log_of_large(rotation[large])
     return vector
 

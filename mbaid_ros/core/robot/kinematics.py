@@ -52,6 +52,7 @@ class Kinematics:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         count = model.joints
+        self._sliding = np.flatnonzero(model.prismatic)
         # Joint j's rotation in its parent is A + sin(q) B + cos(q) C: Rodrigues with the constant placement in front.
         generator = skew(model.axes)
         square = generator @ generator
@@ -60,6 +61,7 @@ class Kinematics:
         self._sine = np.where(turns, model.rotations @ generator, 0.0)
         self._cosine = np.where(turns, -model.rotations @ square, 0.0)
         self.axes = rotate(model.rotations, model.axes)
+        self._fixed = np.stack((model.positions, self.axes), axis=-1)
         self.ancestors = np.zeros((count + 1, count))
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
@@ -83,23 +85,24 @@ class Kinematics:
         model = self.model
         count, joints = joint_position.shape
         angle = joint_position[..., None, None]
-        local = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
-        rotation = np.empty((count, joints + 1, 3, 3))
-        position = np.zeros((count, joints + 1, 3))
-        twist = np.zeros((count, joints, 6))
-        rotation[:, 0] = base_rotation
+        # Each joint's rotation, where it is, and its axis, in the axes of its parent body: turned in one product.
+        local = np.empty((count, joints, 3, 5))
+        local[..., :3] = self._constant + np.sin(angle) * self._sine + np.cos(angle) * self._cosine
+        local[..., 3:] = self._fixed
+        frames = np.empty((count, joints + 1, 3, 5))
+        frames[:, 0, :, :3] = base_rotation
         for joint, parent in enumerate(model.parents):
-            carrier = rotation[:, parent]
-            axis = carrier @ self.axes[joint]
-            place = position[:, parent] + carrier @ model.positions[joint]
-            rotation[:, joint + 1] = carrier @ local[:, joint]
-            if model.prismatic[joint]:
-                position[:, joint + 1] = place + axis * joint_position[:, joint, None]
-                twist[:, joint, :3] = axis
-            else:
-                position[:, joint + 1] = place
-                twist[:, joint, :3] = cross(place, axis)
-                twist[:, joint, 3:] = axis
+            np.matmul(frames[:, parent, :, :3], local[:, joint], out=frames[:, joint + 1])
+        rotation, place, axis = frames[..., :3].copy(), frames[:, 1:, :, 3], frames[:, 1:, :, 4]
+        if len(self._sliding):
+            place += axis * np.where(model.prismatic, joint_position, 0.0)[..., None]
+        position = np.zeros((count, joints + 1, 3))
+        for joint, parent in enumerate(model.parents):
+            np.add(position[:, parent], place[:, joint], out=position[:, joint + 1])
+        twist = np.zeros((count, joints, 6))
+        twist[..., :3], twist[..., 3:] = cross(position[:, 1:], axis), axis
+        if len(self._sliding):
+            twist[:, self._sliding, :3], twist[:, self._sliding, 3:] = axis[:, self._sliding], 0.0
         return Configuration(rotation, position, twist)
 
     def body_twists(self, configuration: Configuration, joint_velocity: Array, base_twist: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.momentum import momentum, regressor
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,19 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
     momenta = members @ momentum(states.known, states.body_twist)  # of what the joints move, and of the whole
     joint_twist = states.configuration.joint_twist
     return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
+
+
+def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
+    """Return the (N, 6, n) derivatives of the known bodies' momentum by joint positions, and by joint velocities."""
+    subtrees = kernel.kinematics.ancestors.T
+    joint_twist = states.configuration.joint_twist
+    composite = inertia_matrix(subtrees @ states.known)
+    momenta = subtrees @ momentum(states.known, states.body_twist)
+    # As in `_moving`: the carrier's velocity is held.
+    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
+    moved = composite @ np.stack((carried, joint_twist), axis=-1)
+    positions = force_cross(joint_twist, momenta) - moved[..., 0]
+    return positions.swapaxes(1, 2), moved[..., 1].swapaxes(1, 2)
 
 
 def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:

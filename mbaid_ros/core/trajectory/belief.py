@@ -1,7 +1,8 @@
-"""What is believed of the state, in scaled variables, with the covariance as a factor."""
+"""What is believed of the state, in scaled variables, with the covariance as a factor; also of several hypotheses."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +22,8 @@ class Belief:
     ----------
     means : (v, 2) the mean, and beside it what is to be added to that: by so much has noise that rows and values share
         moved it the other way on average; innovations are those of the mean itself
-    factor : (v, c) of the covariance, which is factor factor^T; c is v after an update, and more after a step
+    factor : (v, c) of the covariance, which is factor factor^T; a lower triangle after an update, wider after a step
+    free : number of the first variables that may differ from zero
     surprise, measured : sum of the normalised innovations squared, and how many there were
     last_surprise, last_measured : the same of the last update
     evidence : log-likelihood of all measurements, up to a constant
@@ -29,6 +31,7 @@ class Belief:
 
     means: Array
     factor: Array
+    free: int
     surprise: float = 0.0
     measured: int = 0
     last_surprise: float = 0.0
@@ -51,13 +54,89 @@ class Belief:
         return np.asarray(self.factor @ self.factor.T)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Beliefs:
+    """The beliefs of h hypotheses that have met the same measurements, side by side: see `Belief`.
+
+    Attributes
+    ----------
+    columns : (h, v, 2 + c) the means, and beside them the factor: what is linear moves both alike
+    free : (h,) numbers of variables
+    surprises, last_surprises, evidences : (h,)
+    measured, last_measured : of all alike
+    """
+
+    columns: Array
+    free: tuple[int, ...]
+    surprises: Array
+    measured: int
+    last_surprises: Array
+    last_measured: int
+    evidences: Array
+
+    @staticmethod
+    def of(beliefs: Sequence[Belief]) -> Beliefs:
+        """Return beliefs side by side."""
+        first = beliefs[0]
+        most = max(each.factor.shape[1] for each in beliefs)
+        columns = np.zeros((len(beliefs), len(first.means), 2 + most))
+        for column, each in zip(columns, beliefs, strict=True):
+            column[:, :2] = each.means
+            column[:, 2 : 2 + each.factor.shape[1]] = each.factor
+        return Beliefs(
+            columns,
+            tuple(each.free for each in beliefs),
+            np.array([each.surprise for each in beliefs]),
+            first.measured,
+            np.array([each.last_surprise for each in beliefs]),
+            first.last_measured,
+            np.array([each.evidence for each in beliefs]),
+        )
+
+    def moved(self, columns: Array) -> Beliefs:
+        """Return the beliefs with other means and factors."""
+        known = (self.free, self.surprises, self.measured, self.last_surprises, self.last_measured, self.evidences)
+        return Beliefs(columns, *known)
+
+    def only(self, index: int) -> Beliefs:
+        """Return one of them, still as if beside others."""
+        part = slice(index, index + 1)
+        return Beliefs(
+            self.columns[part],
+            self.free[part],
+            self.surprises[part],
+            self.measured,
+            self.last_surprises[part],
+            self.last_measured,
+            self.evidences[part],
+        )
+
+    def __len__(self) -> int:
+        """Return how many hypotheses there are."""
+        return len(self.free)
+
+    def __getitem__(self, index: int) -> Belief:
+        """Return the belief of one of them."""
+        return Belief(
+            self.columns[index, :, :2],
+            self.columns[index, :, 2:],
+            self.free[index],
+            float(self.surprises[index]),
+            self.measured,
+            float(self.last_surprises[index]),
+            self.last_measured,
+            float(self.evidences[index]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Coordinates:
     """The variables of the filter: state = basis (scale * variables).
 
     Attributes
     ----------
-    basis : (s, v) orthonormal columns; fewer than s for a planar motion
+    basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors are first, what only some
+        hypotheses have is last
     scale : (v,) typical size of each variable
     measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
     open_factor : (s, f) of the covariance of the state when nothing has been measured
@@ -96,7 +175,7 @@ class Coordinates:
 
     def moments(self, belief: Belief) -> tuple[Array, Array]:
         """Return the mean (s,) and the standard deviations (s,) in SI units."""
-        variance = np.sum((self.spread @ belief.factor) ** 2, axis=1) + np.diag(self._outside)
+        variance = np.add.reduce((self.spread @ belief.factor) ** 2, axis=1) + self._outside.diagonal()
         return self.spread @ belief.mean, np.sqrt(variance)
 
     def open(self, *, force: bool = False, mass: float | None = None) -> Belief:
@@ -112,7 +191,9 @@ class Coordinates:
             evidence = float(np.log(deviation / factor[BODY.start, BODY.start]))
             mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
         means = np.column_stack((self.gather @ mean, np.zeros(len(self.scale))))
-        return Belief(means, _compressed(self.gather @ factor), evidence=evidence)
+        square = _compressed(self.gather @ factor)
+        free = int(np.flatnonzero(np.any(square != 0.0, axis=1))[-1]) + 1
+        return Belief(means, square, free, evidence=evidence)
 
 
 def _compressed(columns: Array) -> Array:

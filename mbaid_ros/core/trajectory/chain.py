@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
 PARAMETERS = slice(6, -7)  # all that enters the prediction
 FORCE = slice(-7, -1)
 DELAY = -1
+_IDENTITY = np.eye(6)
 _CLEAR = 4.0  # standard deviations, from which a delay is one
 
 
@@ -119,9 +121,9 @@ def window_models(
     """
     motions = [stack.motion(point.delay) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    whole, states = predicted(kernel, flat, point.parameters, uncertain)
+    whole, bodies = predicted(kernel, flat, point.parameters, uncertain)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, states, uncertain)
+    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, bodies, uncertain)
     models = [
         _models(stack, motion, prediction, point, noise)
         for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
@@ -174,15 +176,13 @@ def _integral(twist: Array, slope: Array, spacing: float) -> Array:
 
 def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
     """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
-    right = np.empty((*middle.turn.shape[:-1], 6, 6 + prediction.by_parameters.shape[-1] + 1))
-    right[..., 6:-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
-    right[..., :3, -1] = integral[..., 3:] - middle.turn
-    right[..., 3:, -1] = integral[..., :3] - middle.step
+    gain = np.empty((*middle.turn.shape[:-1], 6, prediction.by_parameters.shape[-1] + 1))
+    gain[..., :-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
+    gain[..., :3, -1] = integral[..., 3:] - middle.turn
+    gain[..., 3:, -1] = integral[..., :3] - middle.step
     # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
-    half = 0.5 * spacing * prediction.error_slope
-    right[..., :6] = np.eye(6) + half
-    solved = np.linalg.solve(np.eye(6) - half, right)
-    return solved[..., :6], solved[..., 6:]
+    back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
+    return 2.0 * back - _IDENTITY, back @ gain
 
 
 def _compose(transition: Array, gain: Array) -> Array:
@@ -256,6 +256,7 @@ def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Arra
     return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
 
 
+@cache
 def _telescoped(count: int, spacing: float) -> float:
     """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
     return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
@@ -266,6 +267,7 @@ def _total(values: Array) -> Array:
     return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
 
 
+@cache
 def _weights(count: int) -> Array:
     """Return the (m,) weights of a window's twists: a parabola that vanishes at its ends."""
     place = (np.arange(count) + 0.5) / count * 2.0 - 1.0

@@ -46,6 +46,8 @@ def coordinates(kernel: MomentumKernel, detector: PlaneDetector, delay_std: floa
     basis, measured = _planar(kernel, detector) if detector.planar else (np.eye(len(sizes)), np.eye(6))
     if delay_std <= 0.0:
         basis = basis[:, :DELAY]
+    acting = np.any(basis[FORCE] != 0.0, axis=0)
+    basis = np.concatenate((basis[:, ~acting], basis[:, acting]), axis=1)
     return Coordinates(basis, np.sqrt((basis**2).T @ sizes**2), measured, open_factor)
 
 

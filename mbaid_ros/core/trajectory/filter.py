@@ -7,16 +7,18 @@ covariances, and a factor's square is never negative.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dtrtrs
 
-from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.trajectory.belief import Belief, Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, FORCE, LINEAR, WindowModel
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
+from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
+from mbaid_ros.core.trajectory.nodes import Integers
 from mbaid_ros.core.trajectory.steps import Step
 
 _POSE = slice(0, 6)
@@ -46,73 +48,93 @@ class Walk:
         """Whether anything acts or drifts at all."""
         return self.force != 'none' or self.drifts
 
-    @cached_property
+    @property
     def drifts(self) -> bool:
         """Whether there is a random walk."""
-        return any((self.momentum, self.position, self.orientation))
+        return len(self.rates) > 0
+
+    @cached_property
+    def drifting(self) -> Integers:
+        """The numbers of the state that walk."""
+        return np.flatnonzero(self._intensities)
+
+    @cached_property
+    def rates(self) -> Array:
+        """Their intensities."""
+        return self._intensities[self.drifting]
+
+    @cached_property
+    def _intensities(self) -> Array:
+        """Of pose error and momentum, (12,)."""
+        return np.repeat((self.orientation, self.position, self.momentum), (3, 3, 6))
 
 
-def update(belief: Belief, step: Step) -> Belief:
-    """Return the belief after a window's measurements."""
-    rows, factor = step.rows, belief.factor
-    (count, size), columns = rows.shape, factor.shape[1]
+def update(beliefs: Beliefs, step: Step) -> Beliefs:
+    """Return the beliefs of several hypotheses after a window's measurements."""
+    rows, before, hypotheses = step.rows, beliefs.columns, len(beliefs)
+    count, size = rows.shape
+    predicted = rows @ before
     # The square of `stacked` holds the covariances of measurements and state, prior to the update; that of its
     # triangular factor the same, ordered so that the state's last block is what the measurements leave of it.
-    stacked = np.zeros((columns + count, count + size), order='F')
-    stacked[:columns, :count] = (rows @ factor).T
-    stacked[:columns, count:] = factor.T
-    stacked[columns:, :count] = _identity(count)
-    # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
-    triangle = dgeqrf(stacked, overwrite_a=True)[0]
-    root = triangle[:count, :count]
-    unexplained = -(rows @ belief.means)
-    unexplained[:, 0] += step.value
-    both, _ = dtrtrs(root, unexplained, trans=1)
-    normalised = both[:, 0]
-    surprise = float(normalised @ normalised)
-    likelihood = surprise + step.log_noise + 2.0 * float(np.log(np.abs(root.diagonal())).sum())
-    left = triangle[count : count + size, count:].T * _lower(size)
-    means = belief.means + triangle[:count, count:].T @ both
-    means[:, 1] += left @ (left.T @ step.shared)
-    return Belief(
-        means=means,
-        factor=left,
-        surprise=belief.surprise + surprise,
-        measured=belief.measured + count,
-        last_surprise=surprise,
-        last_measured=count,
-        evidence=belief.evidence - 0.5 * likelihood,
+    stacked = np.zeros((hypotheses, count + size, count + before.shape[2] - 2))
+    stacked[:, :count, :count] = _identity(count)
+    stacked[:, :count, count:] = predicted[..., 2:]
+    stacked[:, count:, count:] = before[..., 2:]
+    triangles = np.zeros((hypotheses, count + size, count + size))
+    normalised = step.value - predicted[..., :2]
+    for place, free in enumerate(beliefs.free):
+        used = count + free
+        # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
+        triangle = dgeqrf(stacked[place, :used].T, overwrite_a=True)[0]
+        triangles[place, :used, :used] = triangle[:used].T
+        normalised[place] = dtrtrs(triangle[:count, :count], normalised[place], trans=1)[0]
+    after = np.empty((hypotheses, size, 2 + size))
+    means, left = after[..., :2], after[..., 2:]
+    np.multiply(triangles[:, count:, count:], _lower(size), out=left)
+    np.add(before[..., :2], triangles[:, count:, :count] @ normalised, out=means)
+    means[..., 1] += (left @ (step.shared @ left)[..., None])[..., 0]
+    surprises = np.add.reduce(normalised[..., 0] ** 2, axis=1)
+    roots = np.abs(triangles.diagonal(axis1=1, axis2=2)[:, :count])
+    likelihoods = surprises + (step.log_noise + 2.0 * np.add.reduce(np.log(roots), axis=1))
+    return Beliefs(
+        after,
+        beliefs.free,
+        beliefs.surprises + surprises,
+        beliefs.measured + count,
+        surprises,
+        count,
+        beliefs.evidences - 0.5 * likelihoods,
     )
 
 
-def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
-    """Return the belief at the next window's first node; its factor is made square again by the next update."""
-    transition, noise = step.transition, [step.process]
-    gather, length = coordinates.gather, float(step.window.length)
-    if walk.force != 'none':
-        push = length * _push(step.window, walk)
-        transition = transition + gather[:, _MOMENTUM] @ (push @ coordinates.spread[FORCE])
-    if walk.drifts:
-        rates = np.repeat((walk.orientation, walk.position, walk.momentum), (3, 3, 6))
-        noise.append((gather[:, : _MOMENTUM.stop] * (rates * np.sqrt(length)))[:, rates > 0.0])
-    factor = np.concatenate((transition @ belief.factor, *noise), axis=1)
-    means = transition @ belief.means
-    means[:, 0] += step.drift
-    return replace(belief, means=means, factor=factor)
+def advance(beliefs: Beliefs, step: Step, coordinates: Coordinates, walks: Sequence[Walk]) -> Beliefs:
+    """Return the beliefs after an update, each under its walk, at the next window's first node.
 
-
-def _push(window: WindowModel, walk: Walk) -> Array:
-    """Return the (6, 6) change of (P, L) a second by a force and torque: on the base's origin, or inertial ones.
-
-    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
-    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
-    window, on a base that is on average where the two meet.
+    Their factors are made square again by the next update.
     """
-    push = np.eye(6)
-    if walk.force == 'body':
-        push[:3, :3] = push[3:, 3:] = window.rotation
-        push[3:, :3] = skew(window.position) @ window.rotation
-    return push
+    before, (poses, joints) = beliefs.columns, step.process.shape
+    hypotheses, size, width = before.shape
+    ends = [2 + free + len(walk.rates) for free, walk in zip(beliefs.free, walks, strict=True)]
+    most = max(width, *ends)
+    after = np.zeros((hypotheses, size, most + joints))
+    after[..., :width] = before
+    moved = after[:, :poses]
+    np.matmul(step.transition, before, out=moved[..., :width])
+    moved[..., :2] += step.drift
+    moved[..., most:] = step.process
+    for place, (walk, end) in enumerate(zip(walks, ends, strict=True)):
+        if walk.force != 'none':
+            after[place, :, :width] += (step.in_base_axes if walk.force == 'body' else step.inertial) @ before[place]
+        if walk.drifts:
+            # Where the factor of other hypotheses goes on.
+            after[place, :, end - len(walk.rates) : end] = np.sqrt(step.length) * _drift(walk, coordinates)
+    return beliefs.moved(after)
+
+
+@lru_cache(maxsize=64)
+def _drift(walk: Walk, coordinates: Coordinates) -> Array:
+    """Return the factor of the covariance of the variables that a walk makes in a second."""
+    return np.asarray(coordinates.gather[:, walk.drifting] * walk.rates)
 
 
 def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
@@ -137,8 +159,8 @@ def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -
     change = np.zeros((len(coordinates.basis), 12))
     change[_MOMENTUM, :6] = np.diag(sizes)
     # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
-    change[_POSE, :6] = 0.5 * step.window.transition[:, _MOMENTUM] * sizes
-    change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.window.transition[:, _MOMENTUM] * sizes
+    change[_POSE, :6] = 0.5 * step.moved * sizes
+    change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.moved * sizes
     moved = coordinates.gather @ change
     return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
 

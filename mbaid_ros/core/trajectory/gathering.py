@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,10 +52,12 @@ class Gathering:
         self.origin: Array = np.zeros(3)
         self._nodes_a_window = 0
         self._number = -1
-        self._sequence: list[Nodes] = []  # nodes of up to three consecutive windows
+        self._kept: Nodes | None = None  # those of the last windows of the call before, one after the other
+        self._linked = 0  # how many windows up to the last are linked, at most three
         self._latest: WindowNoise | None = None  # of the last of them
         self._lowest = np.full(joints, np.inf)
         self._highest = np.full(joints, -np.inf)
+        self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Taken]:
         """Return what closed windows add to the chain."""
@@ -62,45 +66,74 @@ class Gathering:
             self._nodes_a_window = nodes_a_window(windows[0], self._length)
         length, count = self._length, self._nodes_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
-        nodes = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
+        own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
+        nodes = own if self._kept is None else Nodes.concatenate([self._kept, own])
+        extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
+        empty = nodes.empty.tolist()
         taken = []
-        for number, window, own in zip(numbers, windows, nodes, strict=True):
-            ready, still_open = self._collect(number, own, window_noise(window, self._noise))
-            moved = bool(np.any(self._highest - self._lowest > _MOVED * self._noise.joint_position))
-            taken.append(Taken(ready, still_open, moved))
+        each = zip(numbers, _noises(windows, self._noise), *extremes, strict=True)
+        for place, (number, noise, lowest, highest) in enumerate(each, start=len(nodes) // count - len(windows)):
+            ready, still_open = self._collect(nodes, empty, place, number, noise)
+            if self._linked and not self._moved:
+                self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
+                self._moved = bool(np.any(self._highest - self._lowest > _MOVED * self._noise.joint_position))
+            taken.append(Taken(ready, still_open, self._moved))
+        self._kept = nodes[-2 * count :]
         return taken
 
-    def _collect(self, number: int, nodes: Nodes | None, noise_now: WindowNoise) -> tuple[Window | None, Window | None]:
-        """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself."""
-        linked = nodes is not None and bool(self._sequence) and number == self._number + 1
-        if nodes is None or not linked or (self._sequence[-1].empty[-1] and nodes.empty[0]):
-            self._sequence = []  # a gap: what comes next is linked to the past by momentum and body alone
+    def _collect(
+        self, nodes: Nodes, empty: list[bool], place: int, number: int, noise_now: WindowNoise
+    ) -> tuple[Window | None, Window | None]:
+        """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself.
+
+        Parameters
+        ----------
+        nodes, empty : of this window and those around it, and which are empty
+        place : of the window among these
+        number : of the window in the run
+        noise_now : its own
+        """
+        count = self._nodes_a_window
+        begin, end = place * count, (place + 1) * count
+        gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
+        if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
+            self._linked = 0  # a gap: what comes next is linked to the past by momentum and body alone
         self._number = number
-        if nodes is None or (nodes.empty[0] and not self._sequence):
+        if gap or (empty[begin] and not self._linked):
             return None, None
-        self._lowest = np.minimum(self._lowest, np.nanmin(nodes.joint_position, axis=0))
-        self._highest = np.maximum(self._highest, np.nanmax(nodes.joint_position, axis=0))
-        self._sequence = [*self._sequence[-2:], nodes]
+        self._linked = min(self._linked + 1, 3)
         noise, self._latest = self._latest, noise_now
         ready = None
-        if len(self._sequence) > 1 and noise is not None:
-            ready = self._linked(self._sequence[:-2], self._sequence[-2], nodes[:AFTER], noise)
-        still_open = None if nodes.empty[-1] else self._linked(self._sequence[:-1], nodes, nodes[:0], noise_now)
+        if self._linked > 1 and noise is not None:
+            ready = self._window(nodes, empty, place - 1, AFTER, noise)
+        still_open = None if empty[end - 1] else self._window(nodes, empty, place, 0, noise_now)
         return ready, still_open
 
-    def _linked(self, earlier: list[Nodes], nodes: Nodes, after: Nodes, noise: WindowNoise) -> Window:
-        """Return a window with the neighbours it has; the last interval of one without a successor is missing."""
-        before = earlier[-1][-BEFORE:] if earlier else nodes[:0]
-        number = self._number - 1 if len(after) else self._number
+    def _window(self, nodes: Nodes, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
+        """Return a window with the neighbours it has; the last interval of one without a successor is missing.
+
+        Parameters
+        ----------
+        nodes, empty, place : as for `_collect`
+        after : number of nodes after it
+        noise : its own
+        """
+        count = self._nodes_a_window
+        earlier = self._linked > (2 if after else 1)
+        begin, end = place * count, (place + 1) * count + after
+        first = begin - BEFORE if earlier else begin
         # An empty node is bridged from both sides: at the outer ends it is none of the neighbours.
-        before = before[1:] if len(before) and before.empty[0] else before
-        after = after[:-1] if len(after) and after.empty[-1] else after
+        if earlier and empty[first]:
+            first += 1
+        if after and empty[end - 1]:
+            end -= 1
+        own = nodes[first:end]
         return Window(
-            nodes=bridged(Nodes.concatenate([before, nodes, after])),
-            inside=slice(len(before), len(before) + len(nodes) - (0 if len(after) else 1)),
-            spacing=self._length / self._nodes_a_window,
+            nodes=bridged(own) if any(empty[first:end]) else own,
+            inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
+            spacing=self._length / count,
             noise=noise,
-            start=number * self._length,
+            start=(self._number - (1 if after else 0)) * self._length,
             fresh=not earlier,
         )
 
@@ -117,11 +150,20 @@ def nodes_a_window(window: Samples, length: float) -> int:
     return max(round(length / max(_NODE, spacing)), _FEWEST_NODES)
 
 
-def window_noise(window: Samples, noise: SensorNoise) -> WindowNoise:
-    """Return the noise of a window's means; a twist's covariance as given, whether or not it is measured."""
-    return WindowNoise(
-        samples=len(window),
-        joint_position=noise.joint_position,
-        pose=np.mean(window.pose_covariance, axis=0)[ANGULAR_FIRST[:, None], ANGULAR_FIRST],
-        twist=np.mean(window.twist_covariance, axis=0)[ANGULAR_FIRST[:, None], ANGULAR_FIRST],
+def _noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
+    """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
+    poses, twists = (
+        np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
+            :, ANGULAR_FIRST[:, None], ANGULAR_FIRST
+        ]
+        for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
+    return [
+        WindowNoise(len(window), noise.joint_position, pose, twist)
+        for window, pose, twist in zip(windows, poses, twists, strict=True)
+    ]
+
+
+def _by_window(values: Array, count: int) -> Array:
+    """Return (W count, n) values of nodes as (W, count, n)."""
+    return values.reshape(-1, count, values.shape[1])

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, gains_by_bodies, joint_gains
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_bodies, joint_gains
 from mbaid_ros.core.trajectory.windows import Stack
 
 
@@ -42,7 +42,7 @@ def joint_noise(
     stacks: Sequence[Stack],
     inside: Sequence[slice],
     predictions: Sequence[Prediction],
-    states: BodyStates,
+    bodies: Bodies,
     uncertain: Sequence[int],
 ) -> list[JointNoise]:
     """Return the noise of stacks of windows, followed at their first, middle and last intervals.
@@ -53,7 +53,7 @@ def joint_noise(
     stacks : Sequence of Stack
     inside : the windows' own intervals among those of each stack
     predictions : of each stack and the intervals beside, (m, B, ...)
-    states : of all these intervals, one after the other
+    bodies : of all these intervals, one after the other
     uncertain : indices of the uncertain bodies
     """
     places = [_places(each) for each in inside]
@@ -65,10 +65,9 @@ def joint_noise(
         ],
         axis=1,
     )
-    gains = (gain[:, ANGULAR_FIRST] for gain in joint_gains(kernel, states[index.ravel()]))
+    gains = (gain[:, ANGULAR_FIRST] for gain in joint_gains(kernel, bodies[index.ravel()]))
     by_rate, by_position = (gain.reshape(*index.shape, *gain.shape[1:]) for gain in gains)
     first, middle, last = by_rate
-    middles = states[index[1]]
     slope = np.concatenate([each[place[1]].error_slope for each, place in zip(predictions, places, strict=True)])
     size = [np.full((len(each.windows), 1, 1), each.windows[0].spacing) for each in stacks]
     apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
@@ -76,7 +75,7 @@ def joint_noise(
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
     # What is left behind at position level: the turn of A itself, and what F makes of A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
-    by_bodies = gains_by_bodies(kernel, middles, middle[:, ANGULAR_FIRST], uncertain)[:, ANGULAR_FIRST]
+    by_bodies = gains_by_bodies(kernel, bodies[index[1]], middle[:, ANGULAR_FIRST], uncertain)[:, ANGULAR_FIRST]
     whole = JointNoise(deviation * middle, deviation[..., None] * by_bodies, deviation * length * remainder)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]

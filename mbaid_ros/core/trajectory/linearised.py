@@ -10,7 +10,8 @@ from mbaid_ros.core.trajectory.chain import Point, window_models
 from mbaid_ros.core.trajectory.steps import Step, prepared
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
-_MOST = 64  # windows linearised at once
+_MOST = 128  # windows linearised at once
+_FEWEST = 8  # where as many are known to come: the others cost little more than the first
 
 
 class Linearised:
@@ -18,7 +19,7 @@ class Linearised:
 
     One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
     linearised together at the point at which the first one is asked for. That is in vain where the point moves before
-    their turn: there are no more than the point has served so far.
+    their turn: there are no more than it has served so far, or the one before did.
 
     Parameters
     ----------
@@ -35,7 +36,8 @@ class Linearised:
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, Step] = {}
         self._point: Point | None = None
-        self._served = 0
+        self._served = 0  # windows by this point
+        self._likely = 0  # by the one before
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to be asked for, in the order of their turn."""
@@ -47,7 +49,7 @@ class Linearised:
     def step(self, window: Window, point: Point) -> Step:
         """Return a window's step, linearised at a point."""
         if point is not self._point:
-            self._point, self._served = point, 0
+            self._point, self._served, self._likely = point, 0, self._served
             self._made.clear()
         if window not in self._made:
             together = self._next(window)
@@ -67,4 +69,4 @@ class Linearised:
         turn = self._turn.get(window)
         if turn is None:
             return [window]
-        return self._coming[turn : turn + min(2 + self._served, _MOST)]
+        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), _MOST)]

@@ -60,14 +60,13 @@ class Nodes(Stacked):
 
 
 def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Nodes | None:
-    """Return the nodes of one window (see `averages`)."""
-    return averages([window], np.array([start]), spacing, count, origin)[0]
+    """Return the nodes of one window (see `averages`), None where two nodes in a row have no sample."""
+    nodes = averages([window], np.array([start]), spacing, count, origin)
+    return None if np.any(nodes.empty[1:] & nodes.empty[:-1]) else nodes
 
 
-def averages(
-    windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array
-) -> list[Nodes | None]:
-    """Return the nodes of W windows, None for one in which two nodes in a row have no sample.
+def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Nodes:
+    """Return the nodes of W windows, one after the other.
 
     Parameters
     ----------
@@ -77,12 +76,16 @@ def averages(
     count : number of nodes in each
     origin : (3,) m, subtracted from the positions
     """
-    samples = Samples.concatenate(list(windows))
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(each, name) for each in windows])
+
+    stamps, rotation = joined('time'), joined('base_rotation')
     window = np.repeat(np.arange(len(windows)), [len(each) for each in windows])
-    inside = np.clip(np.floor((samples.time - starts[window] + 1e-9) / spacing).astype(int), 0, count - 1)
+    inside = np.clip(np.floor((stamps - starts[window] + 1e-9) / spacing).astype(int), 0, count - 1)
     number = window * count + inside
     first = np.searchsorted(number, np.arange(len(windows) * count))
-    sizes = np.diff(np.append(first, len(samples)))
+    sizes = np.diff(np.append(first, len(stamps)))
     empty = sizes == 0
     share = sizes[~empty].astype(float)
 
@@ -92,25 +95,22 @@ def averages(
         result[~empty] = total / share.reshape(-1, *(1,) * (values.ndim - 1))
         return result
 
-    time = mean(samples.time)
-    middle = samples.base_rotation[np.minimum(first + sizes // 2, len(samples) - 1)]
-    turns = log(samples.base_rotation @ np.swapaxes(middle[number], 1, 2))
-    moving = [samples.joint_position, samples.base_position - origin]
-    moving += [samples.base_linear_velocity, samples.base_angular_velocity, _about(samples.impulse, origin)]
-    joints = samples.joint_position.shape[1]
-    means = mean(np.concatenate(moving, axis=1))
-    nodes = Nodes(
+    time = mean(stamps)
+    middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
+    turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
+    moving = [joined('joint_position'), joined('base_position') - origin]
+    moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
+    joints = moving[0].shape[1]
+    means = mean(np.concatenate((*moving, turns), axis=1))
+    return Nodes(
         joint_position=means[:, :joints],
-        base_rotation=exp(mean(turns)) @ middle,
+        base_rotation=exp(means[:, joints + 15 :]) @ middle,
         base_position=means[:, joints : joints + 3],
         base_twist=means[:, joints + 3 : joints + 9],
-        spread=mean((samples.time - time[number]) ** 2) / spacing**2,
+        spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
-        impulse=means[:, joints + 9 :],
+        impulse=means[:, joints + 9 : joints + 15],
     )
-    several = empty.reshape(-1, count)
-    gaps = np.any(several[:, 1:] & several[:, :-1], axis=1)
-    return [None if gap else nodes[k * count : (k + 1) * count] for k, gap in enumerate(gaps)]
 
 
 def bridged(nodes: Nodes) -> Nodes:

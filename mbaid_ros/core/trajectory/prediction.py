@@ -7,17 +7,20 @@ M and the momentum b of the joint motion at a resting base, both linear in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.robot.sensitivity import sensitivity_of_known
+from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.model import Link, express
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
+from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.midpoints import Midpoints
+from mbaid_ros.core.trajectory.nodes import Integers
 
 # Rows of a twist (v, w) in the order (angular, linear) of a pose error.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
@@ -55,6 +58,44 @@ class Prediction(Stacked):
         ]
 
 
+@dataclass(frozen=True)
+class Bodies:
+    """The bodies of a robot that moves as predicted, at N instants; all of them are known.
+
+    Attributes
+    ----------
+    parameters : (n + 1, 10) standard parameters of each, in its own frame
+    target : the link that was unknown
+    configuration : Configuration
+    twist : (N, n + 1, 6) of each
+    mobility : (N, 6, 6) M^-1
+    """
+
+    parameters: Array
+    target: Link
+    configuration: Configuration
+    twist: Array
+    mobility: Array
+
+    def __getitem__(self, index: Integers) -> Bodies:
+        """Return those of some instants."""
+        bodies = self.configuration
+        configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
+        return Bodies(self.parameters, self.target, configuration, self.twist[index], self.mobility[index])
+
+    @property
+    def states(self) -> BodyStates:
+        """The same as the momentum equations need it."""
+        bodies = self.configuration
+        return BodyStates(
+            bodies,
+            self.twist,
+            express(self.parameters, bodies.rotation, bodies.position),
+            *bodies.link(self.target),
+            self.twist[:, self.target.body],
+        )
+
+
 def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Prediction:
     """Return the twist that conservation predicts at midpoints.
 
@@ -71,41 +112,36 @@ def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncert
 
 def predicted(
     kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()
-) -> tuple[Prediction, BodyStates]:
-    """Return the same with the states of a robot that moves so, all bodies of which are known."""
+) -> tuple[Prediction, Bodies]:
+    """Return the same with the bodies of a robot that moves so."""
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
-    body = parameters[6:16]
-    kernel = with_errors(kernel, parameters[16:], uncertain)
-    still = np.zeros((len(middle), 6))
-    states = kernel.states_of(middle.base_rotation, middle.joint_position, middle.joint_velocity, still)
-    target = express(body, states.rotation, states.position)
-    locked = inertia_matrix(np.sum(states.known, axis=1) + target)
+    target, kinematics = kernel.target, kernel.kinematics
+    known = with_errors(kernel, parameters[16:], uncertain).known.copy()
+    known[target.body] += express(parameters[6:16], target.rotation, target.position)
+    bodies = kinematics.configure(middle.base_rotation, middle.joint_position)
+    body_twist = kinematics.body_twists(bodies, middle.joint_velocity, np.zeros((len(middle), 6)))
+    mobility, moving = whole(known, bodies, body_twist)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
-    moving = states.known_momentum + momentum(target, states.twist)
-    twist = np.linalg.solve(locked, (total - moving)[..., None])[..., 0]
+    twist = (mobility @ (total - moving)[..., None])[..., 0]
+    body_twist += twist[:, None]
     # M dV = dh - (dM V + db): the second is the target's regressor at the predicted motion.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(middle.base_position)
-    right[..., 6:16] = -regressor(states.rotation, states.position, states.twist + twist)
-    bodies = states.configuration
+    right[..., 6:16] = -regressor(*bodies.link(target), body_twist[:, target.body])
     for place, index in enumerate(uncertain):
-        motion = states.body_twist[:, index] + twist
-        columns = regressor(bodies.rotation[:, index], bodies.position[:, index], motion)
+        columns = regressor(bodies.rotation[:, index], bodies.position[:, index], body_twist[:, index])
         right[..., 16 + 10 * place : 26 + 10 * place] = -columns
     # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
     turned = skew(linear)
     right[:, :3, count : count + 3] = turned
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
-    solved = np.linalg.solve(locked, right)
-    known = states.known.copy()
-    known[:, kernel.target.body] += target
-    return Prediction(twist, solved[..., :count], solved[..., count:]), replace(
-        states, body_twist=states.body_twist + twist[:, None], known=known, twist=states.twist + twist
-    )
+    solved = mobility @ right
+    prediction = Prediction(twist, solved[..., :count], solved[..., count:])
+    return prediction, Bodies(known, target, bodies, body_twist, mobility)
 
 
 def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int]) -> MomentumKernel:
@@ -117,25 +153,24 @@ def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int])
     return kernel.corrected(change)
 
 
-def joint_gains(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
+def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     """Return how joint errors move the prediction.
 
     Parameters
     ----------
     kernel : MomentumKernel
-    states : of N instants, as predicted
+    bodies : at N instants, as predicted
 
     Returns
     -------
     (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
     """
-    joints = kernel.model.joints
-    by_joints = sensitivity_of_known(kernel, states)[..., : 2 * joints]
-    gains = -np.linalg.solve(inertia_matrix(np.sum(states.known, axis=1)), by_joints)
-    return gains[..., joints:], gains[..., :joints]
+    by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
+    back = -bodies.mobility
+    return back @ by_rate, back @ by_position
 
 
-def gains_by_bodies(kernel: MomentumKernel, states: BodyStates, by_rate: Array, uncertain: Sequence[int] = ()) -> Array:
+def gains_by_bodies(kernel: MomentumKernel, bodies: Bodies, by_rate: Array, uncertain: Sequence[int] = ()) -> Array:
     """Return how the derivative A of the twist by the joint rates depends on the bodies.
 
     A joint at unit rate, where there is no momentum, makes the base move by its column of A and the bodies by that and
@@ -144,7 +179,7 @@ def gains_by_bodies(kernel: MomentumKernel, states: BodyStates, by_rate: Array, 
     Parameters
     ----------
     kernel : MomentumKernel
-    states : of N instants, as predicted
+    bodies : at N instants, as predicted
     by_rate : (N, 6, n) A there
     uncertain : indices of the uncertain known bodies
 
@@ -152,13 +187,12 @@ def gains_by_bodies(kernel: MomentumKernel, states: BodyStates, by_rate: Array, 
     -------
     (N, 6, u - 6, n) by phi, then by the errors of those bodies
     """
-    bodies, base = states.configuration, np.swapaxes(by_rate, 1, 2)
-    links = [(kernel.target.body, states.rotation, states.position)]
-    links += [(index, bodies.rotation[:, index], bodies.position[:, index]) for index in uncertain]
+    placed, base = bodies.configuration, np.swapaxes(by_rate, 1, 2)
+    links = [(bodies.target.body, *placed.link(bodies.target))]
+    links += [(index, placed.rotation[:, index], placed.position[:, index]) for index in uncertain]
     columns = []
     for index, rotation, position in links:
-        motion = base + kernel.kinematics.ancestors[index][:, None] * bodies.joint_twist
+        motion = base + kernel.kinematics.ancestors[index][:, None] * placed.joint_twist
         columns.append(regressor(rotation[:, None], position[:, None], motion))
     right = -np.moveaxis(np.concatenate(columns, axis=-1), 1, -1)  # (N, 6, u - 6, n)
-    locked = inertia_matrix(np.sum(states.known, axis=1))
-    return np.linalg.solve(locked, right.reshape(*right.shape[:2], -1)).reshape(right.shape)
+    return (bodies.mobility @ right.reshape(*right.shape[:2], -1)).reshape(right.shape)

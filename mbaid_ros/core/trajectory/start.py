@@ -15,7 +15,7 @@ from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
 from mbaid_ros.core.trajectory.steps import Step
-from mbaid_ros.core.trajectory.tracks import MARGIN, Track, best, far_better, follow, levelled
+from mbaid_ros.core.trajectory.tracks import MARGIN, Track, Tracks, far_better, follow, levelled
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _PASSES = 12
@@ -29,7 +29,8 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 _UNLIKELY = 0.01
 _MASS = BODY.start - PARAMETERS.start
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
-_PART = 10  # windows passed over at a time
+_PART = 10  # windows whose linearisation counts as one piece of work
+_STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
 
@@ -44,7 +45,7 @@ class Found:
     settled : whether that is one that stays
     """
 
-    tracks: tuple[Track, ...]
+    tracks: Tracks
     point: Point
     settled: bool
 
@@ -134,7 +135,7 @@ class Start:
         point : found earlier; None where there is none
         """
         count = len(windows)
-        stacks = [stacked(windows[k : min(k + _PART, count)]) for k in range(0, count, _PART)]
+        stacks = [stacked(windows[k : min(k + _STACK, count)]) for k in range(0, count, _STACK)]
         results: list[_Result] = []
         sound = other_leads = False
         if point is not None and not _massless(point.parameters):
@@ -150,9 +151,8 @@ class Start:
             more = windows[count : count + _PART]
             passed = yield from self._pass([stacked(more)], passed.point)
             count += len(more)
-            for place, track in enumerate(tracks):
-                tracks[place] = yield from self._follow(passed, track)
-        yield Found(tuple(tracks), passed.point, settled)
+            tracks = yield from self._follow(passed, tracks)
+        yield Found(tracks, passed.point, settled)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
         """Return what the windows lead to with the guessed masses, and from the best of these with any mass.
@@ -174,7 +174,7 @@ class Start:
 
     def _hypotheses(
         self, stacks: list[list[Stack]], result: _Result
-    ) -> Generator[int, None, tuple[_Pass, list[Track], bool]]:
+    ) -> Generator[int, None, tuple[_Pass, Tracks, bool]]:
         """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
 
         At its own solution another hypothesis must explain the windows and still be the better one; else its lead was
@@ -182,19 +182,18 @@ class Start:
         in its rows.
         """
         first, *others = self.walks
-        passed, tracks = result.passed, [result.track]
-        for walk in others:
-            track = yield from self._follow(passed, self._fresh(walk))
-            tracks.append(track)
-        leading = best(tracks).walk
+        passed, tracks = result.passed, Tracks.of([result.track])
+        if others:
+            beside = yield from self._follow(passed, Tracks.of([self._fresh(walk) for walk in others]))
+            tracks = Tracks.of([result.track, *beside])
+        leading = tracks.best.walk
         if leading is first:
             return passed, tracks, False
         other = yield from self._repeat(stacks, result.point, leading)
         needed = not result.sound or self._plain(other)
         if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
             return passed, levelled(tracks), False
-        for place, walk in enumerate(self.walks):
-            tracks[place] = yield from self._follow(other.passed, self._fresh(walk))
+        tracks = yield from self._follow(other.passed, Tracks.of([self._fresh(walk) for walk in self.walks]))
         return other.passed, tracks, True
 
     def _repeat(
@@ -204,7 +203,7 @@ class Start:
         mass = float(point.parameters[_MASS]) if held else None
         for _ in range(_PASSES):
             passed = yield from self._pass(stacks, point)
-            track = yield from self._follow(passed, self._fresh(walk, mass))
+            (track,) = yield from self._follow(passed, Tracks.of([self._fresh(walk, mass)]))
             mean, every_deviation = self.variables.moments(track.belief)
             deviation = every_deviation[PARAMETERS]
             step = mean[PARAMETERS] - point.parameters
@@ -220,7 +219,8 @@ class Start:
         steps: list[tuple[Window, Step]] = []
         for part in stacks:
             more = self.linearised.steps(part, point)
-            yield _LINEARISED * len(more)
+            for begin in range(0, len(more), _PART):
+                yield _LINEARISED * len(more[begin : begin + _PART])
             steps += more
         return _Pass(point, steps)
 
@@ -233,12 +233,13 @@ class Start:
         """Return a hypothesis before the first window, of any mass or near one."""
         return Track(walk, self.variables.open(force=walk.force != 'none', mass=mass))
 
-    def _follow(self, passed: _Pass, track: Track) -> Generator[int, None, Track]:
-        """Follow a hypothesis over windows."""
+    def _follow(self, passed: _Pass, tracks: Tracks) -> Generator[int, None, Tracks]:
+        """Follow hypotheses over windows."""
         for window, step in passed.steps:
-            track = follow(track, window, step, self.variables)
-            yield 1
-        return track
+            tracks = follow(tracks, window, step, self.variables)
+            for _ in range(len(tracks)):
+                yield 1
+        return tracks
 
     def _guesses(self) -> list[Point]:
         """Return the parameters of balls of some parts of the known mass, without momentum."""

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.belief import Coordinates
-from mbaid_ros.core.trajectory.chain import BODY, WindowModel
+from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
 
 _POSE = slice(0, 6)
+_MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,15 @@ class Step:
 
     Attributes
     ----------
-    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
+    value, rows : (k, 2), (k, v): the first value = rows variables + white noise of variance 1; the other is zero
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (v, v), (v,), (v, n): to the next window's first node, without force; a factor of the
-        covariance of what joint noise adds on the way
+    transition, drift, process : (p, v), (p, 2), (p, n): to the p pose errors at the next window's first node, which are
+        the first variables; what else there is stays, without force. The last is a factor of the covariance of what
+        joint noise adds on the way
     shared : (v,) the score that noise makes on average because rows and value share it
-    window : what it was made of
+    moved : (6, 6) what the momentum makes of the pose error at the next window's first node, SI units
+    inertial, in_base_axes : (v, v) what a constant force and torque makes of the variables on the way, beside all that
+    length : s
     """
 
     value: Array
@@ -34,7 +38,10 @@ class Step:
     drift: Array
     process: Array
     shared: Array
-    window: WindowModel
+    moved: Array
+    inertial: Array
+    in_base_axes: Array
+    length: float
 
 
 def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
@@ -45,55 +52,100 @@ def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
 
 def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
     """Return the steps of the filter for B windows."""
-    joints = (windows.joints, windows.joints_by_parameters)
-    *pose, shared = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, joints, coordinates)
-    moving = np.flatnonzero(np.all(np.isfinite(windows.twist_value), axis=-1))
-    own = windows[moving]
-    joints = (own.joints, own.joints_by_parameters)
-    *twist, own_shared = _whitened(own.twist_value, own.twist_rows, own.twist_covariance, joints, coordinates)
-    shared[moving] += own.joints_in_twist[:, None] * own_shared
-    measured = list(zip(*pose, strict=True))
-    both = [np.concatenate((part[moving], more), axis=1) for part, more in zip(pose, twist, strict=True)]
-    for index, parts in zip(moving.tolist(), zip(*both, strict=True), strict=True):
-        measured[index] = parts
-    gather, spread = coordinates.gather, coordinates.spread
-    # The whole state's transition is that of the pose error beside 1: 1 + turn (transition - (1, 0)) spread.
-    turn = gather[:, _POSE]
-    change = windows.transition - np.eye(6, len(spread))
-    transition = np.eye(len(gather)) + turn @ (change @ spread)
-    drift, process = (turn @ windows.drift[..., None])[..., 0], turn @ windows.process
-    steps = []
-    for index, (value, rows, deviation) in enumerate(measured):
-        step = Step(
-            value=value,
-            rows=rows,
-            log_noise=2.0 * float(np.sum(np.log(deviation))),
-            transition=transition[index],
-            drift=drift[index],
-            process=process[index],
-            shared=shared[index],
-            window=windows[index],
+    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, coordinates)
+    weighed = pose.weighed(windows.joints)
+    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index]) for index in range(len(weighed))]
+    moving = np.flatnonzero(np.isfinite(windows.twist_value).all(axis=-1))
+    if len(moving):
+        parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
+        value, rows, covariance = (part[moving] for part in parts)
+        twist = _whitened(value, rows, covariance, coordinates)
+        weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(windows.joints[moving])
+        values = np.concatenate((pose.value[moving], twist.value), axis=1)
+        both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
+        log_noise = pose.log_noise[moving] + twist.log_noise
+        for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
+            measured[index] = own
+    turn = coordinates.gather[: len(coordinates.measured), _POSE]
+    return [
+        Step(value, rows, float(log_noise), *rest)
+        for (value, rows, log_noise), *rest in zip(
+            measured,
+            turn @ (windows.transition @ coordinates.spread),
+            _beside_nothing((turn @ windows.drift[..., None])[..., 0]),
+            turn @ windows.process,
+            _shared(weighed, windows.joints_by_parameters, coordinates),
+            windows.transition[..., _MOMENTUM],
+            *_pushes(windows, coordinates),
+            windows.length.tolist(),
+            strict=True,
         )
-        steps.append(step)
-    return steps
+    ]
 
 
-def _whitened(
-    value: Array, rows: Array, covariance: Array, joints: tuple[Array, Array], coordinates: Coordinates
-) -> tuple[Array, Array, Array, Array]:
-    """Return (B, k) values and (B, k, v) rows in units of their noise, and the diagonal of its Cholesky factor.
+@dataclass(frozen=True)
+class _White:
+    """Measurements of B windows in units of their noise.
 
-    And last, for the joints' noise in the values (B, 6, n) and in the rows (B, 6, u - 6, n), the mean of the product of
-    both, the (B, v) score that this noise makes by itself.
+    Attributes
+    ----------
+    value, rows, log_noise : (B, k, 2), (B, k, v), (B,) as in `Step`
+    whiten : (B, k, 6) what made them so, of the measurements as they were
     """
+
+    value: Array
+    rows: Array
+    log_noise: Array
+    whiten: Array
+
+    def weighed(self, joints: Array) -> Array:
+        """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S."""
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ (self.whiten @ joints))
+
+
+def _whitened(value: Array, rows: Array, covariance: Array, coordinates: Coordinates) -> _White:
+    """Return measurements (B, 6), linear in the state by rows (B, 6, s), with noise of a covariance (B, 6, 6)."""
     select = coordinates.measured
     factor = np.linalg.cholesky(select @ covariance @ select.T)
-    noise, slope = joints
-    columns = slope.reshape(*slope.shape[:2], slope.shape[2] * slope.shape[3])
-    parts = (rows @ coordinates.spread, value[..., None], noise, columns)
-    white = np.linalg.solve(factor, select @ np.concatenate(parts, axis=-1))
-    ends = np.cumsum([part.shape[-1] for part in parts[:-1]])
-    own, known, noise, columns = np.split(white, ends, axis=-1)
-    score = np.sum(columns.reshape(*columns.shape[:2], *slope.shape[2:]) * noise[..., None, :], axis=(1, 3))
-    bodies = coordinates.spread[BODY.start : BODY.start + score.shape[-1]]
-    return known[..., 0], own, np.diagonal(factor, axis1=-2, axis2=-1), score @ bodies
+    whiten = np.linalg.inv(factor) @ select
+    return _White(
+        value=_beside_nothing((whiten @ value[..., None])[..., 0]),
+        rows=whiten @ (rows @ coordinates.spread),
+        # One after the other along the first axis, in the same order for one window as for many.
+        log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
+        whiten=whiten,
+    )
+
+
+def _beside_nothing(values: Array) -> Array:
+    """Return (B, k) values as (B, k, 2): what moves the mean moves nothing that is to be added to it."""
+    return np.stack((values, np.zeros_like(values)), axis=-1)
+
+
+def _shared(weighed: Array, slope: Array, coordinates: Coordinates) -> Array:
+    """Return the (B, v) score that the joints' noise makes by itself: the mean of its product in values and in rows.
+
+    Parameters
+    ----------
+    weighed : (B, 6, n) the joints' noise in the values, as `_weighed`
+    slope : (B, 6, u - 6, n) the same noise in the rows
+    coordinates : Coordinates
+    """
+    windows, _, parameters, _ = slope.shape
+    by_parameter = slope.transpose(0, 2, 1, 3).reshape(windows, parameters, -1)
+    score = (by_parameter @ weighed.reshape(windows, -1, 1))[..., 0]
+    return np.asarray((score[:, None] @ coordinates.spread[BODY.start : BODY.start + parameters])[:, 0])
+
+
+def _pushes(windows: WindowModel, coordinates: Coordinates) -> tuple[Array, Array]:
+    """Return the (B, v, v) change of (P, L) by a force and torque on the base's origin, in inertial and in its axes.
+
+    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
+    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
+    window, on a base that is on average where the two meet.
+    """
+    push = np.zeros((len(windows.length), 6, 6))
+    push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
+    push[:, 3:, :3] = skew(windows.position) @ windows.rotation
+    to_momentum, force = coordinates.gather[:, _MOMENTUM], windows.length[:, None, None] * coordinates.spread[FORCE]
+    return to_momentum @ force, to_momentum @ (push @ force)

@@ -8,12 +8,12 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.belief import Coordinates
+from mbaid_ros.core.trajectory.belief import Belief, Coordinates
 from mbaid_ros.core.trajectory.chain import PARAMETERS, Point
 from mbaid_ros.core.trajectory.filter import Walk
 from mbaid_ros.core.trajectory.linearised import Linearised
 from mbaid_ros.core.trajectory.start import Found, Search, Start
-from mbaid_ros.core.trajectory.tracks import Track, best, follow
+from mbaid_ros.core.trajectory.tracks import Follow, Track, Tracks, follow, met
 from mbaid_ros.core.trajectory.windows import Window
 
 # Mean normalised innovation squared from which the model is wrong rather than the run unlucky.
@@ -60,8 +60,8 @@ class Tracker:
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
         self._owed = 0  # steps of the filter that the search has to take before the next window
-        self._tracks: tuple[Track, ...] = ()
-        self._latest: tuple[Track, ...] = ()  # with the window that is still open
+        self._tracks: Tracks | None = None
+        self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
         self._point = Point(np.zeros(0))  # at which windows are linearised at present
@@ -71,7 +71,7 @@ class Tracker:
     @property
     def started(self) -> bool:
         """Whether there is a state."""
-        return bool(self._latest)
+        return self._latest is not None
 
     @property
     def searching(self) -> bool:
@@ -81,7 +81,8 @@ class Tracker:
     @property
     def best(self) -> Track:
         """The hypothesis to report: the first, unless another one explains the data far better."""
-        return best(self._latest)
+        assert self._latest is not None, 'there is a start'
+        return self._latest
 
     def state(self) -> tuple[Array, Array]:
         """Return mean (s,) and covariance (s, s) of the latest state under the best hypothesis."""
@@ -106,16 +107,19 @@ class Tracker:
             self._young.append(ready)
             if self._search is None:
                 self._begin(self._young, moved=moved)
-        if self._tracks:
-            # Once for both windows: a point one window old is as good.
-            self._point = self._held()
-        if ready is not None and self._tracks:
-            self._tracks = self._step(self._tracks, ready)
         if self._search is not None:
             self._owed = _SHARE if self.settled else _FIRST_SHARE
-        self._latest = self._tracks
-        if still_open is not None and self._tracks:
-            self._latest = self._step((best(self._tracks),), still_open)
+        if self._tracks is None:
+            return
+        # Once for both windows: a point one window old is as good.
+        self._point = self._held(self._tracks.best.belief)
+        if ready is not None:
+            self._tracks = self._step(self._tracks, ready, follow)
+        latest = self._tracks.best_alone
+        if still_open is not None:
+            # Where nothing acts or drifts, the pose error alone goes on from its first node.
+            latest = self._step(latest, still_open, follow if latest.walks[0].disturbed else met)
+        self._latest = latest[0]
 
     def work_off(self) -> None:
         """Do a part of what the search has to do before the next window, if anything."""
@@ -132,7 +136,7 @@ class Tracker:
         """Begin to linearise all of the young run again if it is time to."""
         if moved and len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(young, Point.of(*self._moments()) if self.settled else None)
+            self._search = self._start.search(young, self._found() if self.settled else None)
         elif len(young) > self._kept:
             self._young = young[len(young) // 2 :]
 
@@ -145,7 +149,7 @@ class Tracker:
         # A start is confirmed once before it counts, however late it was found.
         if self._next_pass <= self._kept or (anew and self.settled):
             return
-        belief = best(self._tracks).belief
+        belief = self._tracks.best.belief
         if self.settled and belief.surprise < LARGEST_SURPRISE * belief.measured:
             self._young = None
         else:
@@ -157,18 +161,18 @@ class Tracker:
         """Return at how many windows to pass over all of them again."""
         return int(np.ceil(_GROWTH * windows)) if self.settled else windows + _RETRY
 
-    def _moments(self) -> tuple[Array, Array]:
-        return self._variables.moments(best(self._tracks).belief)
+    def _found(self) -> Point | None:
+        """Return the point of the best hypothesis."""
+        return None if self._tracks is None else Point.of(*self._variables.moments(self._tracks.best.belief))
 
-    def _held(self) -> Point:
+    def _held(self, belief: Belief) -> Point:
         """Return the point at which windows are linearised, while the estimate stays near it; else, a new one."""
-        mean, deviation = self._moments()
+        mean, deviation = self._variables.moments(belief)
         away = np.abs(mean[PARAMETERS] - self._point.parameters)
         if np.all(away <= _HELD * deviation[PARAMETERS]):
             return self._point
         # What follows has to be linked to the windows before: at their delay.
         return Point(mean[PARAMETERS], self._point.delay)
 
-    def _step(self, tracks: tuple[Track, ...], window: Window) -> tuple[Track, ...]:
-        step = self._linearised.step(window, self._point)
-        return tuple(follow(track, window, step, self._variables) for track in tracks)
+    def _step(self, tracks: Tracks, window: Window, work: Follow) -> Tracks:
+        return work(tracks, window, self._linearised.step(window, self._point), self._variables)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.belief import Belief, Coordinates
+from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
 from mbaid_ros.core.trajectory.filter import Walk, advance, jolted, unlinked, update
 from mbaid_ros.core.trajectory.steps import Step
@@ -53,30 +53,102 @@ class Track:
         return self.belief.surprise - 2.0 * len(self.jumps) * float(np.log(_FALSE_ALARM))
 
 
-def follow(track: Track, window: Window, step: Step, variables: Coordinates) -> Track:
-    """Return a track after a window; a momentum that must have jumped is let jump, once."""
-    before = unlinked(track.belief, variables) if window.fresh else track.belief
-    belief = update(before, step)
-    jumps, jumped = track.jumps, False
-    if _surprised(belief) and not track.just_jumped and belief.measured > belief.last_measured:
-        # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
-        evidence = belief.evidence + 0.5 * (belief.last_surprise - belief.last_measured) + np.log(_FALSE_ALARM)
-        sizes = _JUMP * np.sqrt(variables.open_variance[_MOMENTUM])
-        belief = update(jolted(before, step, variables, sizes), step)
-        if _surprised(belief):
-            # More than a jump: nothing links this window to the ones before.
-            belief = update(unlinked(jolted(before, step, variables, sizes), variables), step)
-        belief = replace(belief, evidence=float(evidence))
-        jumps, jumped = (*jumps, Jump(window.start, variables.spread[_MOMENTUM] @ before.mean)), True
-    belief = advance(belief, step, variables, track.walk)
-    return Track(track.walk, belief, jumps, just_jumped=jumped)
+@dataclass(frozen=True)
+class Tracks:
+    """Several hypotheses side by side, over the same windows: the walk of each, what is believed, the jumps met."""
+
+    walks: tuple[Walk, ...]
+    beliefs: Beliefs
+    jumps: tuple[tuple[Jump, ...], ...]
+    just_jumped: tuple[bool, ...]
+
+    @staticmethod
+    def of(tracks: Sequence[Track]) -> Tracks:
+        """Return tracks side by side."""
+        return Tracks(
+            tuple(track.walk for track in tracks),
+            Beliefs.of([track.belief for track in tracks]),
+            tuple(track.jumps for track in tracks),
+            tuple(track.just_jumped for track in tracks),
+        )
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.walks)
+
+    def __getitem__(self, index: int) -> Track:
+        """Return one of them."""
+        return Track(self.walks[index], self.beliefs[index], self.jumps[index], just_jumped=self.just_jumped[index])
+
+    def __iter__(self) -> Iterator[Track]:
+        """Yield them one by one."""
+        return (self[index] for index in range(len(self)))
+
+    @property
+    def leading(self) -> int:
+        """Which one is the best: the first, unless another one explains the data far better."""
+        evidences = self.beliefs.evidences.tolist()
+        most = max(evidences)
+        return evidences.index(most) if most > evidences[0] + MARGIN else 0
+
+    @property
+    def best(self) -> Track:
+        """The best one."""
+        return self[self.leading]
+
+    @property
+    def best_alone(self) -> Tracks:
+        """The same without the others."""
+        index = self.leading
+        part = slice(index, index + 1)
+        return Tracks(self.walks[part], self.beliefs.only(index), self.jumps[part], self.just_jumped[part])
 
 
-def best(tracks: Sequence[Track]) -> Track:
-    """Return the first track, unless another one explains the data far better."""
-    first = tracks[0]
-    other = max(tracks, key=lambda track: track.belief.evidence)
-    return other if other.belief.evidence > first.belief.evidence + MARGIN else first
+Follow = Callable[[Tracks, Window, Step, Coordinates], Tracks]
+
+
+def follow(tracks: Tracks, window: Window, step: Step, variables: Coordinates) -> Tracks:
+    """Return tracks at the node after a window; a momentum that must have jumped is let jump, once."""
+    after = met(tracks, window, step, variables)
+    return replace(after, beliefs=advance(after.beliefs, step, variables, tracks.walks))
+
+
+def met(tracks: Tracks, window: Window, step: Step, variables: Coordinates) -> Tracks:
+    """Return the same at the window's first node."""
+    before = tracks.beliefs
+    if window.fresh:
+        before = Beliefs.of([unlinked(before[k], variables) for k in range(len(before))])
+    after, jumps, jumped = update(before, step), tracks.jumps, (False,) * len(tracks)
+    surprising = after.last_surprises > _limit(after.last_measured)
+    if surprising.any() and after.measured > after.last_measured:
+        may = [bool(surprises) and not just for surprises, just in zip(surprising, tracks.just_jumped, strict=True)]
+        each = [
+            _jumped(before[k], after[k], window, step, variables) if may[k] else (after[k], ())
+            for k in range(len(tracks))
+        ]
+        after = Beliefs.of([belief for belief, _ in each])
+        jumps = tuple((*old, *new) for old, (_, new) in zip(jumps, each, strict=True))
+        jumped = tuple(may)
+    return Tracks(tracks.walks, after, jumps, jumped)
+
+
+def _jumped(
+    before: Belief, after: Belief, window: Window, step: Step, variables: Coordinates
+) -> tuple[Belief, tuple[Jump]]:
+    """Return what is believed after a window if the momentum has jumped before it, and the jump.
+
+    Parameters
+    ----------
+    before, after : what was believed before the window, and is after it without a jump
+    """
+    # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
+    evidence = after.evidence + 0.5 * (after.last_surprise - after.last_measured) + float(np.log(_FALSE_ALARM))
+    loose = jolted(before, step, variables, _JUMP * np.sqrt(variables.open_variance[_MOMENTUM]))
+    belief = update(Beliefs.of([loose]), step)[0]
+    if belief.last_surprise > _limit(belief.last_measured):
+        # More than a jump: nothing links this window to the ones before.
+        belief = update(Beliefs.of([unlinked(loose, variables)]), step)[0]
+    return replace(belief, evidence=evidence), (Jump(window.start, variables.spread[_MOMENTUM] @ before.mean),)
 
 
 def far_better(other: Track, first: Track) -> bool:
@@ -89,14 +161,10 @@ def far_better(other: Track, first: Track) -> bool:
     return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
 
 
-def levelled(tracks: Sequence[Track]) -> list[Track]:
+def levelled(tracks: Tracks) -> Tracks:
     """Return the tracks without any lead over the first."""
-    most = tracks[0].belief.evidence
-    return [replace(track, belief=replace(track.belief, evidence=min(track.belief.evidence, most))) for track in tracks]
-
-
-def _surprised(belief: Belief) -> bool:
-    return belief.last_surprise > _limit(belief.last_measured)
+    evidences = tracks.beliefs.evidences
+    return replace(tracks, beliefs=replace(tracks.beliefs, evidences=np.minimum(evidences, evidences[0])))
 
 
 @cache

@@ -10,7 +10,7 @@ from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross, sensitivity
+from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross, sensitivity, sensitivity_to_joints
 from random_robots import random_state, random_urdf
 
 SEEDS = range(8)
@@ -84,3 +84,13 @@ def test_products_of_twists_and_momenta() -> None:
     # Power does not depend on the frame: (S x V) . h + V . (S x* h) = 0.
     power = np.sum(motion_cross(left, right) * momentum, axis=1) + np.sum(right * force_cross(left, momentum), axis=1)
     assert power == pytest.approx(np.zeros(20), abs=1e-13)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_joints_alone_are_as_among_all(seed: int) -> None:
+    measured = Measured(seed)
+    states = measured.states(np.zeros(measured.sources))
+    known = sensitivity(measured.kernel, states).known
+    positions, velocities = sensitivity_to_joints(measured.kernel, states)
+    assert positions == pytest.approx(known[..., : measured.joints], rel=1e-10, abs=1e-10)
+    assert velocities == pytest.approx(known[..., measured.joints : 2 * measured.joints], rel=1e-10, abs=1e-10)

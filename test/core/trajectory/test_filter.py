@@ -9,10 +9,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.belief import Belief, Coordinates
+from mbaid_ros.core.trajectory import filter as kalman
+from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
-from mbaid_ros.core.trajectory.filter import Walk, advance, jolted, unlinked, update
-from mbaid_ros.core.trajectory.steps import prepare
+from mbaid_ros.core.trajectory.filter import Walk, jolted, unlinked
+from mbaid_ros.core.trajectory.steps import Step, prepare
 
 STATE = 29
 STILL = Walk('nothing drifts')
@@ -45,6 +46,14 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         rotation=np.eye(3),
         position=rng.normal(size=3),
     )
+
+
+def update(belief: Belief, step: Step) -> Belief:
+    return kalman.update(Beliefs.of([belief]), step)[0]
+
+
+def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
+    return kalman.advance(Beliefs.of([belief]), step, coordinates, [walk])[0]
 
 
 def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, Array, float, Array]:
@@ -123,7 +132,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     step = prepare(model, coordinates)
     state = rng.normal(size=STATE)
-    belief = Belief(np.column_stack((coordinates.gather @ state, np.zeros(STATE))), np.eye(STATE))
+    belief = Belief(np.column_stack((coordinates.gather @ state, np.zeros(STATE))), np.eye(STATE), STATE)
     force, torque = state[FORCE][:3], state[FORCE][3:]
     turned = model.rotation @ force
     acting = {
@@ -214,3 +223,20 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     belief = update(coordinates.open(force=True), step)
     spread = np.sum((step.rows @ belief.factor) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
+
+
+def test_hypotheses_side_by_side_are_those_one_by_one() -> None:
+    rng = np.random.default_rng(7)
+    coordinates = variables(rng)
+    walks = [STILL, Walk('', force='inertial'), Walk('', force='body'), Walk('', momentum=0.3), Walk('', position=0.2)]
+    alone = [coordinates.open(force=walk.force != 'none') for walk in walks]
+    together = Beliefs.of(alone)
+    for model in [window(rng, 1e-2) for _ in range(4)]:
+        step = prepare(model, coordinates)
+        together = kalman.advance(kalman.update(together, step), step, coordinates, walks)
+        alone = [advance(update(each, step), step, coordinates, walk) for each, walk in zip(alone, walks, strict=True)]
+    for index, each in enumerate(alone):
+        assert together[index].means == pytest.approx(each.means, rel=1e-10, abs=1e-10)
+        assert together[index].covariance == pytest.approx(each.covariance, rel=1e-10, abs=1e-12)
+        assert together[index].evidence == pytest.approx(each.evidence, rel=1e-12)
+        assert together[index].last_surprise == pytest.approx(each.last_surprise, rel=1e-10)
