@@ -116,10 +116,16 @@ class White(Stacked):
         return float(np.sum(self.residual**2))
 
 
+def noise_at(blocks: Blocks, x: Array) -> Array:
+    """Return the whitened derivatives G of the residuals at x, (K, r, z)."""
+    shape = blocks.noise_rows.shape
+    return blocks.noise + (blocks.noise_rows.reshape(-1, shape[-1]) @ x).reshape(shape[:-1])
+
+
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
     residual = blocks.rows @ x + blocks.offset
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     factor = _factor(noise)
     if factor is None:
         return np.inf
@@ -136,7 +142,7 @@ def whitened(blocks: Blocks, x: Array) -> White:
         The covariance of a block is not positive definite at this x.
     """
     residual = blocks.rows @ x + blocks.offset
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     whitener = whitener_of(noise)
     white_residual = (whitener @ residual[..., None])[..., 0]
     white_noise = whitener @ noise
@@ -179,7 +185,7 @@ def own_information(blocks: Blocks, white: White) -> Array:
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
     seen = white.noise[:, None] @ rows
-    return np.array([square(rows[k]) - square(seen[k]) for k in range(len(blocks))])
+    return _square_of_each(rows) - _square_of_each(seen)
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
@@ -202,7 +208,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
     FloatingPointError
         The covariance of a block is not positive definite.
     """
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     count, equations = blocks.offset.shape
     uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
     whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
@@ -227,7 +233,7 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
     FloatingPointError
         The covariance of a block is not positive definite.
     """
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
     whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
     residual = (whitener @ blocks.offset[..., None])[..., 0]
@@ -237,7 +243,7 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
 def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
     """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
     count, equations = blocks.offset.shape
-    whitener = whitener_of(blocks.noise + blocks.noise_rows @ x)
+    whitener = whitener_of(noise_at(blocks, x))
     uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
     return float(np.sum(uncertain**2)) / blocks.offset.size
 
@@ -246,6 +252,12 @@ def square(rows: Array) -> Array:
     """Return the (u, u) sum of rows^T rows, for rows (..., u)."""
     flat = rows.reshape(-1, rows.shape[-1])
     return np.asarray(flat.T @ flat)
+
+
+def _square_of_each(rows: Array) -> Array:
+    """Return the sums of rows^T rows over each block, (K, u, u), for rows (K, ..., u)."""
+    flat = rows.reshape(len(rows), -1, rows.shape[-1])
+    return np.asarray(np.swapaxes(flat, 1, 2) @ flat)
 
 
 def _weighted_square(weight: Array, rows: Array) -> Array:

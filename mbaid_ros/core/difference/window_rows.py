@@ -133,7 +133,7 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
 
 def _by_errors(derivative: Array, factor: Array) -> Array:
     """Return derivatives (K, 6, z, u) by unit errors, from those by what they are factors (K, z, z) of."""
-    return np.swapaxes(np.swapaxes(derivative, 2, 3) @ factor[:, None], 2, 3)
+    return np.asarray(np.swapaxes(factor, 1, 2)[:, None] @ derivative)
 
 
 def _tilts(samples: Samples, counts: Counts) -> Array:
