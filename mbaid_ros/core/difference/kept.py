@@ -6,14 +6,40 @@ deviation away, the parabola of that linearisation is the likelihood, and only a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.stacked import Queue, Stacked
+
+
+@dataclass(frozen=True)
+class _Windows(Blocks):
+    """The equations of K windows.
+
+    Attributes
+    ----------
+    columns : (K, r, e) how they depend on the effects
+    """
+
+    columns: Array
+
+
+@dataclass(frozen=True)
+class _Told(Stacked):
+    """What else is said of K windows where they are linearised.
+
+    Attributes
+    ----------
+    effects : (K, r, e) how they depend on the effects, in units of their noise
+    own : (K, u, u) the information that noise brings to each
+    """
+
+    effects: Array
+    own: Array
 
 
 class KeptWindows:
@@ -29,30 +55,22 @@ class KeptWindows:
     """
 
     def __init__(self, x: Array) -> None:
-        self._blocks: list[Blocks] = []
-        self._columns: list[Array] = []
-        self.x = x
-        self._white = White.nothing()  # of the first windows; of the others as soon as it is asked for
-        self._own: Array = np.zeros((0, len(x), len(x)))  # likewise: the information that noise brings to each
+        self._windows = Queue(_Windows(*np.zeros((5, 0))))
+        self.linearise(x)
 
     def __len__(self) -> int:
         """Return their number."""
-        return len(self._blocks)
+        return len(self._windows)
 
     @property
     def blocks(self) -> Blocks:
         """Their equations."""
-        return Blocks.concatenate(self._blocks)
-
-    @property
-    def newest(self) -> Blocks:
-        """The equations of the latest one."""
-        return self._blocks[-1]
+        return self._windows.entries
 
     @property
     def columns(self) -> Array:
-        """How their equations depend on the effects, (K, r, e)."""
-        return np.concatenate(self._columns)
+        """How they depend on the effects, (K, r, e)."""
+        return self._windows.entries.columns
 
     @property
     def white(self) -> White:
@@ -65,24 +83,25 @@ class KeptWindows:
         """
         done = len(self._white)
         if done < len(self):
-            new = eiv.whitened(Blocks.concatenate(self._blocks[done:]), self.x)
-            self._white = White.concatenate([self._white, new]) if done else new
-        return self._white
+            self._white.append(eiv.whitened(self.blocks[done:], self.x))
+        return self._white.entries
+
+    @property
+    def effects(self) -> Array:
+        """How they depend on the effects, (K, r, e), in units of their noise at x."""
+        return self._all_told.effects
 
     @property
     def noise_information(self) -> Array:
         """The (u, u) part of the information at x that noise alone has brought, in expectation."""
-        done = len(self._own)
-        if done < len(self):
-            new = eiv.own_information(Blocks.concatenate(self._blocks[done:]), self.white[done:])
-            self._own = np.concatenate((self._own, new))
-        return np.asarray(np.sum(self._own, axis=0))
+        return np.asarray(self._all_told.own.sum(axis=0))
 
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Linearise all windows at another place; `white` are they there, where that is known already."""
         self.x = x
-        self._white = White.nothing() if white is None else white
-        self._own = np.zeros((0, len(x), len(x)))
+        # Of the first windows; of the others as soon as it is asked for.
+        self._white = Queue(White.nothing() if white is None else white)
+        self._told = Queue(_Told(*np.zeros((2, 0))))
 
     def at(self, x: Array) -> White:
         """Return the windows at a place close by, by the linearisation."""
@@ -91,29 +110,49 @@ class KeptWindows:
 
     def append(self, block: Blocks, columns: Array) -> None:
         """Take the next window and how it depends on the effects, (1, r, e)."""
-        self._blocks.append(block)
-        self._columns.append(columns)
+        self._windows.append(_Windows(block.rows, block.offset, block.noise, block.noise_rows, columns))
 
     def pop(self) -> KeptWindows:
         """Give up the oldest window and return it, linearised as it is."""
         oldest = KeptWindows(self.x)
-        oldest._blocks, oldest._columns = self._blocks[:1], self._columns[:1]
-        oldest._white, oldest._own = self._white[:1], self._own[:1]
+        oldest._windows = Queue(self._windows.entries[:1])
+        oldest._white, oldest._told = Queue(self._white.entries[:1]), Queue(self._told.entries[:1])
         self.drop(0, 1)
         return oldest
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
-        del self._blocks[first:last], self._columns[first:last]
+        self._windows.drop(first, last)
         # What has been looked at are the first windows: behind a gap, it will be looked at again.
-        left = slice(last, None) if first == 0 else slice(first)
-        self._white, self._own = self._white[left], self._own[left]
+        self._white.drop(first, last if first == 0 else len(self._white))
+        self._told.drop(first, last if first == 0 else len(self._told))
 
-    def replace(self, blocks: Sequence[Blocks], x: Array) -> None:
+    def replace(self, blocks: Blocks, x: Array) -> None:
         """Go over to equations in other unknowns, with x in these."""
-        self._blocks = list(blocks)
+        self._go_over(blocks, self.columns, x)
+
+    def solve_for(self, effects: slice, weight: Array, x: Array) -> None:
+        """Go over to equations with combinations of effects among the unknowns, after the others; they are gone.
+
+        Parameters
+        ----------
+        effects : which
+        weight : (n, w) the effects are weight times the new unknowns
+        x : (u + w,)
+        """
+        columns = self.columns.copy()
+        blocks = self.blocks.widened(columns[..., effects] @ weight)
+        columns[..., effects] = 0.0
+        self._go_over(blocks, columns, x)
+
+    def _go_over(self, blocks: Blocks, columns: Array, x: Array) -> None:
+        self._windows = Queue(_Windows(blocks.rows, blocks.offset, blocks.noise, blocks.noise_rows, columns))
         self.linearise(x)
 
-    def each(self) -> list[tuple[Blocks, Array]]:
-        """Return each window's equations and how they depend on the effects."""
-        return list(zip(self._blocks, self._columns, strict=True))
+    @property
+    def _all_told(self) -> _Told:
+        done = len(self._told)
+        if done < len(self):
+            new, white = self._windows.entries[done:], self.white[done:]
+            self._told.append(_Told(white.whitener @ new.columns, eiv.own_information(new, white)))
+        return self._told.entries

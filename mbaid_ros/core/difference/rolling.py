@@ -9,7 +9,6 @@ quadratic as it is, and its weights allow for the uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -98,7 +97,7 @@ class RollingLikelihood:
     def solve(self) -> Linearisation:
         """Solve again and return the likelihood's quadratic form at the solution `x`."""
         if not self._sure:
-            self._kept.linearise(self._start(self._kept.blocks))
+            self._start()
         linear = self._maximise(_ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
         own = self._kept.noise_information
@@ -112,33 +111,33 @@ class RollingLikelihood:
 
         The former, (K, r, e), in units of their noise.
         """
-        white = self._kept.at(self.x)
-        effects = white.whitener @ self._kept.columns
+        white, effects = self._kept.at(self.x), self._kept.effects
         return white, effects, self.coupling + Coupling.of(white, effects, self.x)
 
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        return self._sure or eiv.uncertain_share(self._kept.newest, *self._plausible()) < _LARGEST_SHARE
+        return self._sure or eiv.uncertain_share(self._kept.blocks[-1:], *self._plausible()) < _LARGEST_SHARE
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1 of those that are solved again."""
         self._kept.drop(first, last)
 
-    def substitute(self, bases: Sequence[Array], earlier: Array, prior: Array) -> None:
-        """Go over to more unknowns x', with x = basis x'; those that are new come last and begin at zero.
+    def substitute(self, place: int, earlier: Array, prior: Array) -> None:
+        """Go over to more unknowns x', with x = earlier x' before a window; those that are new come last, from zero on.
+
+        From that window on x is the first part of x'.
 
         Parameters
         ----------
-        bases : (u, w) of each window that is solved again
+        place : of that window, among those that are solved again
         earlier : (u, w) of the windows before, and of what was known beforehand
         prior : (w - u,) information of the new ones about zero
         """
-        old = len(self.x)
-        blocks = [
-            block.restrict(np.eye(block.offset.shape[1]), basis)
-            for (block, _), basis in zip(self._kept.each(), bases, strict=True)
-        ]
+        old, blocks = len(self.x), self._kept.blocks
+        before, after = blocks[:place], blocks[place:]
+        before = before.restrict(np.eye(blocks.offset.shape[1]), earlier)
+        after = after.widened(np.zeros((*after.offset.shape, len(prior))))
         self._prior = earlier.T @ self._prior @ earlier
         self._prior[old:, old:] += np.diag(prior)
         self._folded.substitute(earlier, self._prior)
@@ -146,7 +145,7 @@ class RollingLikelihood:
         self._signal = earlier.T @ self._signal @ earlier
         self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
         self.x = np.concatenate((self.x, np.zeros(len(prior))))
-        self._kept.replace(blocks, self.x)
+        self._kept.replace(Blocks.concatenate([before, after]), self.x)
 
     def solve_for(self, effects: slice, weight: Array, prior: Array) -> None:
         """Take combinations of effects among the unknowns; they come last and begin at zero; the effects are gone.
@@ -157,9 +156,6 @@ class RollingLikelihood:
         weight : (n, w) the effects are weight times the new unknowns
         prior : (w,) information about zero
         """
-        blocks = [block.widened(columns[..., effects] @ weight) for block, columns in self._kept.each()]
-        for _, columns in self._kept.each():
-            columns[..., effects] = 0.0
         more = len(prior)
         self._prior = np.asarray(block_diag(self._prior, np.diag(prior)))
         self._folded.extend(self.coupling.mixed(effects, weight), self._prior)
@@ -167,7 +163,7 @@ class RollingLikelihood:
         self._signal = np.pad(self._signal, (0, more))
         self._typical = np.concatenate((self._typical, 1.0 / np.sqrt(prior)))
         self.x = np.concatenate((self.x, np.zeros(more)))
-        self._kept.replace(blocks, self.x)
+        self._kept.solve_for(effects, weight, self.x)
 
     def eliminate(self, gone: Places, prior: Array) -> None:
         """Minimise over unknowns that only folded windows depend on.
@@ -181,29 +177,35 @@ class RollingLikelihood:
         information, right_side = self._folded.eliminate(self._prior, keep, gone, prior)
         self.coupling = self.coupling.eliminate(information, right_side, keep, gone)
         basis = np.eye(len(self.x))[:, keep]
-        blocks = [block.restrict(np.eye(block.offset.shape[1]), basis) for block, _ in self._kept.each()]
+        blocks = self._kept.blocks
+        blocks = blocks.restrict(np.eye(blocks.offset.shape[1]), basis)
         self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
         self._kept.replace(blocks, self.x)
         self._signal = self._signal[np.ix_(keep, keep)]
 
-    def _start(self, blocks: Blocks) -> Array:
-        """Return where to search from: where the last search ended, unless that fails to explain the data so far."""
-        cost = self._whole(eiv.cost(blocks, self.x), self.x)
+    def _start(self) -> None:
+        """Linearise where to search from: where the last search ended, unless that fails to explain the data so far."""
+        blocks = self._kept.blocks
         redundancy = blocks.offset.size + self._folded.equations - len(self.x)
-        if self.x[0] > 0.0 and redundancy >= _ENOUGH and cost < chi_square.limit(_UNLIKELY, redundancy):
-            return self.x
+        if self.x[0] > 0.0 and redundancy >= _ENOUGH:
+            white = _whitened(blocks, self.x)
+            limit = chi_square.limit(_UNLIKELY, redundancy)
+            if white is not None and self._whole(white.cost, self.x) < limit:
+                self._kept.linearise(self.x, white)
+                return
         known = self._folded.information + self._prior
         starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
-        return min(starts, key=lambda x: (x[0] <= 0.0, self._whole(eiv.cost(blocks, x), x)))
+        possible = [x for x in starts if x[0] > 0.0] or starts
+        self._kept.linearise(min(possible, key=lambda x: self._whole(eiv.cost(blocks, x), x)))
 
     def _fold(self) -> None:
         oldest = self._kept.pop()
         if self._forgetting < 1.0 and self.folded:
-            kept = self._kept.blocks
-            recent = eiv.maximum_likelihood(kept, self.x).information
-            idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
-            root = self._folded.forget(self._forgetting, recent, idle)
+            white = eiv.whitened(self._kept.blocks, self.x)
+            recent = eiv.normal_equations(white).information
+            own = eiv.own_information(self._kept.blocks, white).sum(axis=0)
+            root = self._folded.forget(self._forgetting, recent, _EXCITED * own + self._prior)
             self.coupling = self.coupling.forget(root, self._forgetting)
         block, own = oldest.blocks, oldest.noise_information
         if self._sure:
@@ -214,7 +216,7 @@ class RollingLikelihood:
         if self._sure:
             linear = eiv.normal_equations(oldest.white)
             self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
-            self.coupling += Coupling.of(oldest.white, oldest.white.whitener @ oldest.columns, oldest.x)
+            self.coupling += Coupling.of(oldest.white, oldest.effects, oldest.x)
         else:
             zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)

@@ -236,11 +236,9 @@ class SteppedLikelihood:
             return False
         likelihood, places = self.likelihood, np.arange(len(self.likelihood.x))[self._momentum]
         old, more = len(likelihood.x), len(places)
-        same = np.eye(old, old + more)
-        earlier = same.copy()
+        earlier = np.eye(old, old + more)
         earlier[places, old + np.arange(more)] = -1.0
-        bases = [earlier if index < place else same for index in range(len(self._spans))]
-        likelihood.substitute(bases, earlier, self._start)
+        likelihood.substitute(place, earlier, self._start)
         jump = Jump(*span, np.zeros(more), np.diag(1.0 / self._start))
         self.jumps = [*self.jumps[1 - _REMEMBERED :], jump]
         item = _Open(jump, old + np.arange(more), place)

@@ -13,7 +13,7 @@ from mbaid_ros.core.difference.coupling import Coupling
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import weighted
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.difference.steps import SteppedLikelihood
@@ -64,8 +64,8 @@ def test_a_jump_is_the_same_as_two_constants(kept: int, places: list[int]) -> No
     blocks = changed(blocks, after(60, places)[:, None] * JUMP)
     run = follow(blocks, kept)
     assert [jump.start for jump in run.jumps] == [0.5 * place for place in places]
-    information, right_side = weighted(
-        with_jump_columns(blocks, places), np.zeros(4 + 2 * len(places)), compensate=False
+    information, right_side = Sums(with_jump_columns(blocks, places), np.zeros(4 + 2 * len(places))).weighted(
+        compensate=False
     )
     expected = np.linalg.solve(information + 1e-6 * np.eye(len(right_side)), right_side)
     # Also once the jumps have been folded and minimised over.
@@ -140,7 +140,7 @@ def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
     (found,) = run.found
     assert found.kind == 'inertial'
     assert not run.jumps
-    information, right_side = weighted(pushed.widened(gain), np.zeros(6), compensate=False)
+    information, right_side = Sums(pushed.widened(gain), np.zeros(6)).weighted(compensate=False)
     expected = np.linalg.solve(information + 1e-6 * np.eye(6), right_side)
     assert run.likelihood.x == pytest.approx(expected, rel=1e-6, abs=1e-8)
     assert run.part(found.place)[0] == pytest.approx(force, abs=2e-3)
@@ -148,19 +148,19 @@ def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
 
 def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     blocks = linear_blocks(20, 8)
-    information, right_side = weighted(blocks, TRUE, compensate=False)
+    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
     x = np.linalg.solve(information, right_side)
     white = eiv.whitened(blocks, x)
     nuisance = Nuisance.of(information, np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, 0)), np.zeros(0))
     fall = monitor.jumps(white, np.zeros((20, EQUATIONS, 0)), MOMENTUM, 0, nuisance)
     for place in (3, 10, 19):
         wider = with_jump_columns(blocks, [place])
-        more, right = weighted(wider, np.zeros(6), compensate=False)
+        more, right = Sums(wider, np.zeros(6)).weighted(compensate=False)
         best = eiv.cost(wider, np.linalg.solve(more, right))
         assert fall[place] == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
     columns = np.random.default_rng(8).normal(size=(20, EQUATIONS, 2))
     coupling = Coupling.of(white, white.whitener @ columns, x)
-    more, right = weighted(blocks.widened(columns), np.zeros(6), compensate=False)
+    more, right = Sums(blocks.widened(columns), np.zeros(6)).weighted(compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
     acting: dict[Kind, tuple[slice, Array]] = {'inertial': (slice(0, 2), np.eye(2))}
     found = monitor.falls(coupling, x, acting, np.zeros(0, dtype=np.int64), nuisance)
@@ -178,9 +178,8 @@ def test_uncertain_effects_widen_by_what_they_do_to_the_solution(kept: int) -> N
     spread = uncertain.spread(np.linalg.inv(linear.information))
     for index in range(2):
         offset = blocks.offset + columns[..., index] * size[index]
-        information, right_side = weighted(
-            Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows), TRUE, compensate=False
-        )
+        moved_blocks = Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows)
+        information, right_side = Sums(moved_blocks, TRUE).weighted(compensate=False)
         moved = np.linalg.solve(information + PRIOR, right_side)
         assert rolling.x - moved == pytest.approx(spread[:, index], rel=1e-4, abs=1e-7)
     assert not uncertain.jumps
