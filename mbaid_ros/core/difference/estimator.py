@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.difference.effects import delay_columns, with_joints_later
+from mbaid_ros.core.difference.delay import delay_columns, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.problem import Beside, Problem, Surroundings, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -109,7 +109,7 @@ class DifferenceEstimator:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
         rows = joined_rows(self._observed, samples, counts, self._settings.noise, start)
         if self._settings.beside.delay_std > 0.0:
-            return rows, delay_columns(self._kernel, samples, counts, rows)
+            return rows, delay_columns(self._kernel, samples, counts)
         return rows, np.zeros((len(counts), 6, 11))
 
     def _equations_later(self, window: Samples, around: Surroundings, run: Run, late: float) -> tuple[Blocks, Array]:

@@ -55,7 +55,7 @@ def joined_rows(kernel: MomentumKernel, samples: Samples, counts: Counts, noise:
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
-    points = [_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
+    points = [starts_of(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
     first, second = zip(*map(np.split, _derivatives(kernel, samples[np.concatenate(points)]), (2, 2)), strict=True)
     mean = _error_factors(samples, counts, noise)
     tilt = np.sqrt(_tilts(samples, counts))[..., None] * mean
@@ -83,7 +83,7 @@ def mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tuple
     # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
     thrust = samples.impulse.copy()
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    starts = _starts(counts)
+    starts = starts_of(counts)
     means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
     known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
     return known, np.concatenate(regressors, axis=2)
@@ -96,10 +96,10 @@ def mean_of_each(values: Array, counts: Counts) -> Array:
 
 def sum_of_each(values: Array, counts: Counts) -> Array:
     """Return the sums (K, ...) of values (N, ...) over each window."""
-    return np.add.reduceat(values, _starts(counts), axis=0)
+    return np.add.reduceat(values, starts_of(counts), axis=0)
 
 
-def _starts(counts: Counts) -> Counts:
+def starts_of(counts: Counts) -> Counts:
     """Return the place of each window's first sample."""
     return np.cumsum(counts) - counts
 
