@@ -10,6 +10,7 @@ from mbaid_ros.core.geometry import Array
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
 _DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
+_HUGE = 1e300  # beyond any square
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -56,6 +57,38 @@ def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
     if failed or not (left > _DOUBTFUL * diagonal).all() or (least is not None and not (left > least).all()):
         return None
     return np.asarray(dtrtri(factor, lower=True)[0])
+
+
+def inverse_roots(matrices: Array) -> Array | None:
+    """Return the inverse Cholesky factors of symmetric matrices (K, u, u); None where one is not positive definite."""
+    if len(matrices) == 1:
+        factor, failed = dpotrf(matrices[0], lower=True)
+        return None if failed or not np.isfinite(factor).all() else np.asarray(dtrtri(factor, lower=True)[0][None])
+    try:
+        factors = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return None
+    return np.asarray(np.linalg.inv(factors)) if np.isfinite(factors).all() else None
+
+
+def whitened(vectors: Array, covariances: Array) -> Array | None:
+    """Return L^-1 a of vectors a, L the Cholesky factors of their covariances; None where one of these may be singular.
+
+    Parameters
+    ----------
+    vectors, covariances : (K, c), (K, c, c)
+    """
+    count = vectors.shape[1]
+    # With a as a row more below the covariance, what is asked for is a row more below the factor.
+    bordered = np.empty((len(vectors), count + 1, count + 1))
+    bordered[:, :count, :count], bordered[:, count, :count], bordered[:, count, count] = covariances, vectors, _HUGE
+    try:
+        factor = np.linalg.cholesky(bordered)
+    except np.linalg.LinAlgError:
+        return None
+    left, right = factor[:, :count, :count], factor[:, count, :count]
+    doubtful = left.diagonal(axis1=1, axis2=2) ** 2 <= _DOUBTFUL * covariances.diagonal(axis1=1, axis2=2)
+    return None if doubtful.any() else np.asarray(right)
 
 
 def is_positive(matrix: Array) -> bool:

@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.samples import Samples
 
 _LATER = 1e-3  # s, for the rate by the joints' motion
-_MOST = 16  # samples of a window that say this rate: what it is multiplied by is small
+_MOST = 8  # samples of a window that say this rate: what it is multiplied by is small
 _DEGREE = 3  # of the joint rates over a window
 _POWERS = np.arange(_DEGREE + 1)
 _RESOLUTION = 1e-10  # part of the largest eigenvalue of its normal equations that counts

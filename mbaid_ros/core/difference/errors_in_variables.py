@@ -18,6 +18,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.symmetric import inverse_roots
 
 
 @dataclass(frozen=True)
@@ -124,13 +125,12 @@ def noise_at(blocks: Blocks, x: Array) -> Array:
 
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
-    residual = blocks.rows @ x + blocks.offset
-    noise = noise_at(blocks, x)
-    factor = _factor(noise)
-    if factor is None:
+    try:
+        whitener = whitener_of(noise_at(blocks, x))
+    except FloatingPointError:
         return np.inf
-    whitened = np.linalg.solve(factor, residual[..., None])
-    return float(np.sum(whitened**2))
+    residual = blocks.rows @ x + blocks.offset
+    return float(np.sum((whitener @ residual[..., None]) ** 2))
 
 
 def whitened(blocks: Blocks, x: Array) -> White:
@@ -266,13 +266,6 @@ def _weighted_square(weight: Array, rows: Array) -> Array:
     return rows.reshape(weighted_rows.shape).T @ weighted_rows
 
 
-def _factor(noise: Array) -> Array | None:
-    try:
-        return np.asarray(np.linalg.cholesky(noise @ np.swapaxes(noise, 1, 2)))
-    except np.linalg.LinAlgError:
-        return None
-
-
 def whitener_of(noise: Array) -> Array:
     """Return W (K, r, r) with W^T W the inverse of G G^T, for G (K, r, z).
 
@@ -281,7 +274,7 @@ def whitener_of(noise: Array) -> Array:
     FloatingPointError
         A covariance is not positive definite.
     """
-    factor = _factor(noise)
-    if factor is None or not np.all(np.isfinite(factor)):
+    whitener = inverse_roots(noise @ np.swapaxes(noise, 1, 2))
+    if whitener is None:
         raise FloatingPointError('the covariance of the momentum equations is not positive definite')
-    return np.linalg.inv(factor)
+    return whitener

@@ -87,9 +87,9 @@ class DifferenceEstimator:
                 around = run.problem.surroundings(*(joined(windows[k:]) if k else (samples, counts)))
                 equations = run.problem.of(around, rows[k:], delays[k:])
             place = slice(k - begun, k - begun + 1)
-            late = float(np.nan_to_num(delay(run)[0]))
-            if late == 0.0:
-                own = equations[0][place], equations[1][place]
+            late = delay(run)[0]
+            if np.isnan(late):
+                late, own = 0.0, (equations[0][place], equations[1][place])
             else:
                 own = self._equations_later(window, around[place], run, late)
             time = float(window.time[-1])
@@ -134,7 +134,7 @@ class DifferenceEstimator:
         spreads = [run.likelihood.spread(matrix) for matrix in plain]
         run.blame = _blame(plain[0], spreads[0], problem.momentum.start, self._kernel.errors)
         covariance, cautious = (
-            present @ space.lift((matrix + spread @ spread.T)[np.ix_(own, own)], variance) @ present.T
+            present @ space.lift((matrix + spread @ spread.T)[own[:, None], own], variance) @ present.T
             for matrix, spread in zip(plain, spreads, strict=True)
         )
         redundancy = linear.equations - len(likelihood.x)

@@ -42,6 +42,26 @@ class _Told(Stacked):
     own: Array
 
 
+@dataclass(frozen=True)
+class OldWindow:
+    """A window that is given up.
+
+    Attributes
+    ----------
+    block : its equations
+    columns : (1, r, e) how they depend on the effects
+    white : it at the x where it was linearised
+    effects : the columns in units of its noise there
+    own : (u, u) the information that noise has brought to it
+    """
+
+    block: Blocks
+    columns: Array
+    white: White
+    effects: Array
+    own: Array
+
+
 class KeptWindows:
     """Windows in the order of their time.
 
@@ -68,11 +88,6 @@ class KeptWindows:
         return self._windows.entries
 
     @property
-    def columns(self) -> Array:
-        """How they depend on the effects, (K, r, e)."""
-        return self._windows.entries.columns
-
-    @property
     def white(self) -> White:
         """The windows at x.
 
@@ -81,20 +96,17 @@ class KeptWindows:
         FloatingPointError
             The covariance of a window is not positive definite there.
         """
-        done = len(self._white)
-        if done < len(self):
-            self._white.append(eiv.whitened(self.blocks[done:], self.x))
-        return self._white.entries
+        return self._white_of(len(self))
 
     @property
     def effects(self) -> Array:
         """How they depend on the effects, (K, r, e), in units of their noise at x."""
-        return self._all_told.effects
+        return self._told_of(len(self)).effects
 
     @property
     def noise_information(self) -> Array:
         """The (u, u) part of the information at x that noise alone has brought, in expectation."""
-        return np.asarray(self._all_told.own.sum(axis=0))
+        return np.asarray(self._told_of(len(self)).own.sum(axis=0))
 
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Linearise all windows at another place; `white` are they there, where that is known already."""
@@ -112,13 +124,11 @@ class KeptWindows:
         """Take the next window and how it depends on the effects, (1, r, e)."""
         self._windows.append(_Windows(block.rows, block.offset, block.noise, block.noise_rows, columns))
 
-    def pop(self) -> KeptWindows:
-        """Give up the oldest window and return it, linearised as it is."""
-        oldest = KeptWindows(self.x)
-        oldest._windows = Queue(self._windows.entries[:1])
-        oldest._white, oldest._told = Queue(self._white.entries[:1]), Queue(self._told.entries[:1])
+    def pop(self) -> OldWindow:
+        """Give up the oldest window and return it."""
+        window, white, told = self._windows.entries[:1], self._white_of(1)[:1], self._told_of(1)[:1]
         self.drop(0, 1)
-        return oldest
+        return OldWindow(window, window.columns, white, told.effects, told.own[0])
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
@@ -129,7 +139,7 @@ class KeptWindows:
 
     def replace(self, blocks: Blocks, x: Array) -> None:
         """Go over to equations in other unknowns, with x in these."""
-        self._go_over(blocks, self.columns, x)
+        self._go_over(blocks, self._windows.entries.columns, x)
 
     def solve_for(self, effects: slice, weight: Array, x: Array) -> None:
         """Go over to equations with combinations of effects among the unknowns, after the others; they are gone.
@@ -140,7 +150,7 @@ class KeptWindows:
         weight : (n, w) the effects are weight times the new unknowns
         x : (u + w,)
         """
-        columns = self.columns.copy()
+        columns = self._windows.entries.columns.copy()
         blocks = self.blocks.widened(columns[..., effects] @ weight)
         columns[..., effects] = 0.0
         self._go_over(blocks, columns, x)
@@ -149,10 +159,17 @@ class KeptWindows:
         self._windows = Queue(_Windows(blocks.rows, blocks.offset, blocks.noise, blocks.noise_rows, columns))
         self.linearise(x)
 
-    @property
-    def _all_told(self) -> _Told:
+    def _white_of(self, count: int) -> White:
+        """Return the first windows, or more, at x."""
+        done = len(self._white)
+        if done < count:
+            self._white.append(eiv.whitened(self.blocks[done:count], self.x))
+        return self._white.entries
+
+    def _told_of(self, count: int) -> _Told:
+        """Return what else is said of the first windows, or more."""
         done = len(self._told)
-        if done < len(self):
-            new, white = self._windows.entries[done:], self.white[done:]
+        if done < count:
+            new, white = self._windows.entries[done:count], self._white_of(count)[done:count]
             self._told.append(_Told(white.whitener @ new.columns, eiv.own_information(new, white)))
         return self._told.entries

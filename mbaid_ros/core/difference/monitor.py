@@ -15,7 +15,7 @@ from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.effects import Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import inverse_root
+from mbaid_ros.core.symmetric import inverse_root, whitened
 
 _ROUNDING = 1e-12  # part of a whole, of which what is left after subtraction is nothing
 _DOUBTFUL = 1e-9  # the same, from which on each direction has to be looked at
@@ -90,9 +90,9 @@ def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: N
     unknowns = rows.shape[-1]
     beside = np.concatenate((rows, white.residual[first:, :, None], effects[first:]), axis=2)
     sums = _from_the_end(np.swapaxes(rows[..., momentum], 1, 2) @ beside)
-    cross, gradient, coupled = np.split(sums, [unknowns, unknowns + 1], axis=2)
+    cross, gradient, coupled = sums[..., :unknowns], sums[..., unknowns], sums[..., unknowns + 1 :]
     own = cross[..., momentum]
-    return _squared(*_left(cross, own, gradient[..., 0], coupled, nuisance), own)
+    return _squared(*_left(cross, own, gradient, coupled, nuisance), own)
 
 
 def falls(
@@ -155,10 +155,11 @@ def _squared(slope: Array, covariance: Array, whole: Array) -> Array:
         if root is not None:
             white = root @ slope
             return np.asarray(white @ white)
-    size, _, factor = _scaled(covariance, whole)
-    if factor is None:
-        return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
-    return np.asarray(np.sum(np.linalg.solve(factor, (slope * size)[..., None]) ** 2, axis=(-2, -1)))
+    elif (covariance.diagonal(axis1=1, axis2=2) > _ROUNDING * whole.diagonal(axis1=1, axis2=2)).all():
+        several = whitened(slope, covariance)
+        if several is not None:
+            return np.asarray((several**2).sum(axis=-1))
+    return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
 
 
 def inverse(information: Array, whole: Array | None = None) -> Array:

@@ -207,7 +207,7 @@ class RollingLikelihood:
             own = eiv.own_information(self._kept.blocks, white).sum(axis=0)
             root = self._folded.forget(self._forgetting, recent, _EXCITED * own + self._prior)
             self.coupling = self.coupling.forget(root, self._forgetting)
-        block, own = oldest.blocks, oldest.noise_information
+        block, own, x = oldest.block, oldest.own, self._kept.x
         if self._sure:
             share = float(np.vdot(own, self._plausible_covariance())) / block.offset.size
         else:
@@ -215,8 +215,8 @@ class RollingLikelihood:
         self._sure = share < _LARGEST_SHARE
         if self._sure:
             linear = eiv.normal_equations(oldest.white)
-            self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
-            self.coupling += Coupling.of(oldest.white, oldest.effects, oldest.x)
+            self._folded.add(replace(linear, information=linear.information - own), own, x)
+            self.coupling += Coupling.of(oldest.white, oldest.effects, x)
         else:
             zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)

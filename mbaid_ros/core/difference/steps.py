@@ -136,17 +136,20 @@ class SteppedLikelihood:
         ----------
         covariance : (u, u) of the unknowns without them (consider covariance; Schmidt 1966)
         """
-        if self._view is None:
-            return np.zeros((len(covariance), len(self._uncertain.places)))
-        return np.asarray(covariance @ self._view.coupling.cross[:, self._uncertain.places] * self._uncertain.size)
+        places = self._uncertain.places
+        if self._view is None or not len(places):
+            return np.zeros((len(covariance), len(places)))
+        return np.asarray(covariance @ self._view.coupling.cross[:, places] * self._uncertain.size)
 
     def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
         white, effects, coupling = likelihood.whitened()
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
-        own = np.diag(coupling.own)[places] * size**2
-        left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
-        self.surplus = float(np.sum(np.maximum(left, 0.0)))
+        self.surplus = 0.0
+        if len(places):
+            own = np.diag(coupling.own)[places] * size**2
+            left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
+            self.surplus = float(np.sum(np.maximum(left, 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
         return View(white, effects[..., places], coupling, nuisance, linear.cost, expected)
 

@@ -212,9 +212,9 @@ def inverse(reference: Array, matrix: Array) -> Array:
     Directions in which the matrix is not positive (noise was all there was) get a variance of 1e12 times what the
     reference's diagonal says.
     """
-    size = 1.0 / np.sqrt(np.diag(reference))
+    size = 1.0 / np.sqrt(reference.diagonal())
     root = inverse_root(matrix)
-    if root is not None and np.sum((root / size) ** 2) < 1.0 / _LEAST:  # then no direction has as much variance
+    if root is not None and ((root / size) ** 2).sum() < 1.0 / _LEAST:  # then no direction has as much variance
         return np.asarray(root.T @ root)
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
     inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
