@@ -52,31 +52,33 @@ class Queue(Generic[S]):
 
     def __init__(self, entries: S) -> None:
         self.entries = self._room = entries
-        self._end = len(entries)
+        self._start, self._end = 0, len(entries)
 
     def __len__(self) -> int:
         """Return how many entries there are."""
-        return len(self.entries)
+        return self._end - self._start
 
     def append(self, more: S) -> None:
         """Take further entries."""
         if not len(self):
             self._hold(more)
             return
-        start, end = self._end - len(self), self._end + len(more)
+        end = self._end + len(more)
         if end <= len(self._room):
             for name in more.__dataclass_fields__:
                 getattr(self._room, name)[self._end : end] = getattr(more, name)
+            self._end = end
         else:
             # Room for twice as many: an entry moves but now and then.
             both = type(more).concatenate([self.entries, more])
-            start, end = 0, len(both)
             self._room = type(more).concatenate([both, both])
-        self.entries, self._end = self._room[start:end], end
+            self._start, self._end = 0, len(both)
+        self.entries = self._room[self._start : self._end]
 
     def drop(self, first: int, last: int) -> None:
         """Give up entries first, ..., last - 1."""
         if first == 0:
+            self._start = min(self._start + last, self._end)
             self.entries = self.entries[last:]
         else:
             self._hold(type(self.entries).concatenate([self.entries[:first], self.entries[last:]]))
@@ -84,4 +86,4 @@ class Queue(Generic[S]):
     def _hold(self, entries: S) -> None:
         """Go over to entries in memory that has no room for more."""
         self.entries = self._room = entries
-        self._end = len(entries)
+        self._start, self._end = 0, len(entries)

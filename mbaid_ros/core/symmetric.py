@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
@@ -59,16 +59,28 @@ def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
     return np.asarray(dtrtri(factor, lower=True)[0])
 
 
-def inverse_roots(matrices: Array) -> Array | None:
-    """Return the inverse Cholesky factors of symmetric matrices (K, u, u); None where one is not positive definite."""
-    if len(matrices) == 1:
-        factor, failed = dpotrf(matrices[0], lower=True)
-        return None if failed or not np.isfinite(factor).all() else np.asarray(dtrtri(factor, lower=True)[0][None])
+def inverse_factor(matrix: Array) -> Array | None:
+    """Return the inverse of the Cholesky factor of a symmetric (u, u) matrix; None where it has none."""
+    factor, failed = dpotrf(matrix, lower=True)
+    return None if failed or not np.isfinite(factor).all() else np.asarray(dtrtri(factor, lower=True)[0])
+
+
+def inverse_factors(matrices: Array) -> Array | None:
+    """Return those of K symmetric matrices (K, u, u), to the last bit the same whichever are beside each other.
+
+    None where one has none.
+    """
     try:
         factors = np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
         return None
     return np.asarray(np.linalg.inv(factors)) if np.isfinite(factors).all() else None
+
+
+def are_doubtful(matrices: Array, inverses: Array) -> Flags:
+    """Return which of K matrices (K, u, u) may be singular, from the inverses of their factors (K, u, u)."""
+    left = inverses.diagonal(axis1=1, axis2=2) ** -2
+    return np.asarray((left <= _DOUBTFUL * matrices.diagonal(axis1=1, axis2=2)).any(axis=1))
 
 
 def whitened(vectors: Array, covariances: Array) -> Array | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.effects import Kind
-from mbaid_ros.core.difference.errors_in_variables import White
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.geometry import Array
 
@@ -51,19 +50,25 @@ class View:
 
     Attributes
     ----------
-    white : the windows that are solved again, at the solution
-    effects : (K, r, e) their uncertain effects, in units of their noise
+    rows : (K, r, u + 1 + e) the bordered rows of the windows that are solved again
+    step : (u,) from where they are linearised to the solution
     coupling : of all windows with all effects
     nuisance : what is unknown anyhow
     cost, expected : sum of the squared normalised residuals, and what it should be
     """
 
-    white: White
-    effects: Array
+    rows: Array
+    step: Array
     coupling: Coupling
     nuisance: Nuisance
     cost: float
     expected: float
+
+    def squared(self, window: int) -> float:
+        """Return the squared normalised residual of a window at the solution."""
+        count = len(self.step)
+        residual = self.rows[window, :, count] + self.rows[window, :, :count] @ self.step
+        return float(residual @ residual)
 
     @property
     def scale(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.stacked import Stacked
-from mbaid_ros.core.symmetric import inverse_roots
+from mbaid_ros.core.symmetric import inverse_factor, inverse_factors
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,9 @@ def whitener_of(noise: Array) -> Array:
     FloatingPointError
         A covariance is not positive definite.
     """
-    whitener = inverse_roots(noise @ np.swapaxes(noise, 1, 2))
+    covariance = noise @ np.swapaxes(noise, 1, 2)
+    one = len(covariance) == 1  # as often as not, and it takes much less time
+    whitener = inverse_factor(covariance[0]) if one else inverse_factors(covariance)
     if whitener is None:
         raise FloatingPointError('the covariance of the momentum equations is not positive definite')
-    return whitener
+    return whitener[None] if one else whitener

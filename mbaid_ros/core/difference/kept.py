@@ -6,11 +6,12 @@ deviation away, the parabola of that linearisation is the likelihood, and only a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.coupling import bordered
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.stacked import Queue, Stacked
@@ -29,17 +30,17 @@ class _Windows(Blocks):
 
 
 @dataclass(frozen=True)
-class _Told(Stacked):
-    """What else is said of K windows where they are linearised.
+class _Bordered(Stacked):
+    """The bordered rows of K windows, (K, r, u + 1 + e), as `bordered` of coupling.py has them."""
 
-    Attributes
-    ----------
-    effects : (K, r, e) how they depend on the effects, in units of their noise
-    own : (K, u, u) the information that noise brings to each
-    """
+    rows: Array
 
-    effects: Array
-    own: Array
+
+@dataclass(frozen=True)
+class _Own(Stacked):
+    """The information that noise brings to K windows, (K, u, u)."""
+
+    information: Array
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,13 @@ class OldWindow:
     ----------
     block : its equations
     columns : (1, r, e) how they depend on the effects
-    white : it at the x where it was linearised
-    effects : the columns in units of its noise there
+    bordered : (1, r, u + 1 + e) its bordered rows at the x where it was linearised
     own : (u, u) the information that noise has brought to it
     """
 
     block: Blocks
     columns: Array
-    white: White
-    effects: Array
+    bordered: Array
     own: Array
 
 
@@ -88,37 +87,28 @@ class KeptWindows:
         return self._windows.entries
 
     @property
-    def white(self) -> White:
-        """The windows at x.
+    def bordered(self) -> Array:
+        """The bordered rows of each at x, (K, r, u + 1 + e), as `bordered` of coupling.py has them.
 
         Raises
         ------
         FloatingPointError
             The covariance of a window is not positive definite there.
         """
-        return self._white_of(len(self))
-
-    @property
-    def effects(self) -> Array:
-        """How they depend on the effects, (K, r, e), in units of their noise at x."""
-        return self._told_of(len(self)).effects
+        return self._bordered_of(len(self))
 
     @property
     def noise_information(self) -> Array:
         """The (u, u) part of the information at x that noise alone has brought, in expectation."""
-        return np.asarray(self._told_of(len(self)).own.sum(axis=0))
+        return np.asarray(self._own_of(len(self)).sum(axis=0))
 
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Linearise all windows at another place; `white` are they there, where that is known already."""
         self.x = x
         # Of the first windows; of the others as soon as it is asked for.
         self._white = Queue(White.nothing() if white is None else white)
-        self._told = Queue(_Told(*np.zeros((2, 0))))
-
-    def at(self, x: Array) -> White:
-        """Return the windows at a place close by, by the linearisation."""
-        white = self.white
-        return replace(white, residual=white.residual + white.rows @ (x - self.x))
+        self._bordered = Queue(_Bordered(np.zeros(0)))
+        self._own = Queue(_Own(np.zeros(0)))
 
     def append(self, block: Blocks, columns: Array) -> None:
         """Take the next window and how it depends on the effects, (1, r, e)."""
@@ -126,16 +116,19 @@ class KeptWindows:
 
     def pop(self) -> OldWindow:
         """Give up the oldest window and return it."""
-        window, white, told = self._windows.entries[:1], self._white_of(1)[:1], self._told_of(1)[:1]
+        oldest = OldWindow(
+            self.blocks[:1], self._windows.entries.columns[:1], self._bordered_of(1)[:1], self._own_of(1)[0]
+        )
         self.drop(0, 1)
-        return OldWindow(window, window.columns, white, told.effects, told.own[0])
+        return oldest
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
         self._windows.drop(first, last)
         # What has been looked at are the first windows: behind a gap, it will be looked at again.
         self._white.drop(first, last if first == 0 else len(self._white))
-        self._told.drop(first, last if first == 0 else len(self._told))
+        self._bordered.drop(first, last if first == 0 else len(self._bordered))
+        self._own.drop(first, last if first == 0 else len(self._own))
 
     def replace(self, blocks: Blocks, x: Array) -> None:
         """Go over to equations in other unknowns, with x in these."""
@@ -166,10 +159,18 @@ class KeptWindows:
             self._white.append(eiv.whitened(self.blocks[done:count], self.x))
         return self._white.entries
 
-    def _told_of(self, count: int) -> _Told:
-        """Return what else is said of the first windows, or more."""
-        done = len(self._told)
+    def _bordered_of(self, count: int) -> Array:
+        """Return the bordered rows of the first windows, or more, at x."""
+        done = len(self._bordered)
         if done < count:
-            new, white = self._windows.entries[done:count], self._white_of(count)[done:count]
-            self._told.append(_Told(white.whitener @ new.columns, eiv.own_information(new, white)))
-        return self._told.entries
+            new = self._white_of(count)[done:count]
+            self._bordered.append(_Bordered(bordered(new, new.whitener @ self._windows.entries.columns[done:count])))
+        return self._bordered.entries.rows
+
+    def _own_of(self, count: int) -> Array:
+        """Return the information that noise brings to the first windows, or more, at x."""
+        done = len(self._own)
+        if done < count:
+            new = eiv.own_information(self.blocks[done:count], self._white_of(count)[done:count])
+            self._own.append(_Own(new))
+        return self._own.entries.information

@@ -75,6 +75,7 @@ class Problem:
 
     Attributes
     ----------
+    origin : as given
     space : which equations hold, in which unknowns
     prior : (v, v) information about zero in these
     open_prior : (v, v) the same where nothing is known of the momentum
@@ -90,6 +91,7 @@ class Problem:
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
         self._kernel = kernel
+        self.origin = origin
         # Of the known bodies' errors the independent numbers of variance one are unknowns or effects.
         errors = np.ones(kernel.errors.count)
         self.estimated = beside.known_mode == 'estimate' and len(errors) > 0

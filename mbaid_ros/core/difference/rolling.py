@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.coupling import Coupling, Places, bordered, normal_equations
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
 from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
@@ -71,6 +71,7 @@ class RollingLikelihood:
         self.information: Array = prior
         self.coupling = Coupling.nothing(len(prior), effects)
         self._kept = KeptWindows(self.x)
+        self._squares: Array = np.zeros((len(prior) + 1 + effects, len(prior) + 1 + effects))  # of the kept windows
 
     def __len__(self) -> int:
         """Return the number of windows that are solved again."""
@@ -106,13 +107,20 @@ class RollingLikelihood:
         self.information = linear.information
         return replace(linear, information=linear.information + self._folded.noise_information)
 
-    def whitened(self) -> tuple[White, Array, Coupling]:
-        """Return the windows that are solved again, at the solution, and how they, and all, depend on the effects.
+    @property
+    def bordered(self) -> Array:
+        """The bordered rows of each window that is solved again, where it is linearised."""
+        return self._kept.bordered
 
-        The former, (K, r, e), in units of their noise.
-        """
-        white, effects = self._kept.at(self.x), self._kept.effects
-        return white, effects, self.coupling + Coupling.of(white, effects, self.x)
+    @property
+    def past_linearisation(self) -> Array:
+        """How far the solution is from where the windows are linearised, (u,)."""
+        return self.x - self._kept.x
+
+    @property
+    def coupling_of_all(self) -> Coupling:
+        """How all windows, with those that are solved again, depend on the effects."""
+        return self.coupling + Coupling.of(self._squares, self._kept.x)
 
     @property
     def certain(self) -> bool:
@@ -214,14 +222,15 @@ class RollingLikelihood:
             share = eiv.uncertain_share(block, *self._plausible())
         self._sure = share < _LARGEST_SHARE
         if self._sure:
-            linear = eiv.normal_equations(oldest.white)
+            squares = eiv.square(oldest.bordered)
+            linear = normal_equations(squares, len(x), block.offset.size)
             self._folded.add(replace(linear, information=linear.information - own), own, x)
-            self.coupling += Coupling.of(oldest.white, oldest.effects, x)
+            self.coupling += Coupling.of(squares, x)
         else:
             zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)
             white = eiv.whitened_at_zero(block, plausible, spread)
-            self.coupling += Coupling.of(white, white.whitener @ oldest.columns, zero)
+            self.coupling += Coupling.of(eiv.square(bordered(white, white.whitener @ oldest.columns)), zero)
 
     def _plausible(self) -> tuple[Array, Array]:
         """Return the solution and a factor of its covariance, both held within the typical sizes.
@@ -285,7 +294,9 @@ class RollingLikelihood:
 
     def _linearised(self) -> Linearisation:
         """Return the likelihood's quadratic form where the kept windows are linearised."""
-        x, linear = self._kept.x, eiv.normal_equations(self._kept.white)
+        x, kept = self._kept.x, self._kept
+        self._squares = eiv.square(kept.bordered)
+        linear = normal_equations(self._squares, len(x), kept.blocks.offset.size)
         return Linearisation(
             cost=linear.cost + self._folded.cost(x),
             gradient=linear.gradient + self._folded.gradient(x) + self._prior @ x,

@@ -129,21 +129,21 @@ class SteppedLikelihood:
             return value, np.full((len(place), len(place)), np.inf)
         return value, self._view.nuisance.inverse[np.ix_(place, place)] * self._view.scale
 
-    def spread(self, covariance: Array) -> Array:
-        """Return what the uncertain effects do to the unknowns: (u, e), for one standard deviation of each effect.
+    @property
+    def uncertain_cross(self) -> Array:
+        """What ties the uncertain effects, each in its standard deviation, to the unknowns: (u, e).
 
-        Parameters
-        ----------
-        covariance : (u, u) of the unknowns without them (consider covariance; Schmidt 1966)
+        The covariance of the unknowns without them times this is what they do to the unknowns (consider covariance;
+        Schmidt 1966).
         """
         places = self._uncertain.places
         if self._view is None or not len(places):
-            return np.zeros((len(covariance), len(places)))
-        return np.asarray(covariance @ self._view.coupling.cross[:, places] * self._uncertain.size)
+            return np.zeros((len(self.likelihood.x), len(places)))
+        return self._view.coupling.cross[:, places] * self._uncertain.size
 
     def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
-        white, effects, coupling = likelihood.whitened()
+        coupling = likelihood.coupling_of_all
         nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
         self.surplus = 0.0
         if len(places):
@@ -151,7 +151,7 @@ class SteppedLikelihood:
             left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
             self.surplus = float(np.sum(np.maximum(left, 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
-        return View(white, effects[..., places], coupling, nuisance, linear.cost, expected)
+        return View(likelihood.bordered, likelihood.past_linearisation, coupling, nuisance, linear.cost, expected)
 
     def _padded(self, block: Blocks, columns: Array, delay: float) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects.
@@ -196,7 +196,7 @@ class SteppedLikelihood:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
         limit = chi_square.limit(_FALSE_ALARM, len(self._start))
         first = max([2, *(item.after + _APART for item in self._open)])
-        jumps = monitor.jumps(view.white, view.effects, self._momentum, first, view.nuisance)
+        jumps = monitor.jumps(view.rows[first:], view.step, self._momentum, self._uncertain.places, view.nuisance)
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
         falls = self._falls(view)
         kind = max(falls, key=lambda name: falls[name], default=None)
@@ -247,7 +247,7 @@ class SteppedLikelihood:
         item = _Open(jump, old + np.arange(more), place)
         self._open.append(item)
         # The window before may already hold part of it.
-        misfit = float(np.sum(view.white.residual[place - 1] ** 2)) / view.scale
+        misfit = view.squared(place - 1) / view.scale
         if misfit > chi_square.limit(_PART, more) and place > 1:
             likelihood.drop(place - 1, place)
             jump.start = self._spans.pop(place - 1)[0]

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference import monitor
-from mbaid_ros.core.difference.coupling import Coupling
+from mbaid_ros.core.difference.coupling import Coupling, bordered
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks
@@ -152,14 +152,15 @@ def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     x = np.linalg.solve(information, right_side)
     white = eiv.whitened(blocks, x)
     nuisance = Nuisance.of(information, np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, 0)), np.zeros(0))
-    fall = monitor.jumps(white, np.zeros((20, EQUATIONS, 0)), MOMENTUM, 0, nuisance)
+    rows = bordered(white, np.zeros((20, EQUATIONS, 0)))
+    fall = monitor.jumps(rows, np.zeros(UNKNOWNS), MOMENTUM, np.zeros(0, dtype=np.int64), nuisance)
     for place in (3, 10, 19):
         wider = with_jump_columns(blocks, [place])
         more, right = Sums(wider, np.zeros(6)).weighted(compensate=False)
         best = eiv.cost(wider, np.linalg.solve(more, right))
         assert fall[place] == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
     columns = np.random.default_rng(8).normal(size=(20, EQUATIONS, 2))
-    coupling = Coupling.of(white, white.whitener @ columns, x)
+    coupling = Coupling.of(eiv.square(bordered(white, white.whitener @ columns)), x)
     more, right = Sums(blocks.widened(columns), np.zeros(6)).weighted(compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
     acting: dict[Kind, tuple[slice, Array]] = {'inertial': (slice(0, 2), np.eye(2))}
@@ -175,7 +176,7 @@ def test_uncertain_effects_widen_by_what_they_do_to_the_solution(kept: int) -> N
     uncertain = SteppedLikelihood(rolling, MOMENTUM, PRIOR, Uncertain(np.arange(2), size), NOTHING)
     for k in range(60):
         linear = uncertain.add(blocks[k : k + 1], columns[k : k + 1], (0.5 * k, 0.5 * k + 0.49))
-    spread = uncertain.spread(np.linalg.inv(linear.information))
+    spread = np.linalg.inv(linear.information) @ uncertain.uncertain_cross
     for index in range(2):
         offset = blocks.offset + columns[..., index] * size[index]
         moved_blocks = Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows)
