@@ -49,14 +49,15 @@ def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
     matrix : (u, u)
     least : what has to be left of each unknown's information once those before it are known
     """
-    diagonal = matrix.diagonal()
     # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
     factor, failed = dpotrf(matrix, lower=True)
-    # The square of a pivot: what is left of an unknown's information once those before it are known.
-    left = factor.diagonal() ** 2
-    if failed or not (left > _DOUBTFUL * diagonal).all() or (least is not None and not (left > least).all()):
+    if failed:
         return None
-    return np.asarray(dtrtri(factor, lower=True)[0])
+    # The square of a pivot: what is left of an unknown's information once those before it are known.
+    left, enough = factor.diagonal() ** 2, _DOUBTFUL * matrix.diagonal()
+    if least is not None:
+        enough = np.maximum(enough, least)
+    return np.asarray(dtrtri(factor, lower=True)[0]) if (left > enough).all() else None
 
 
 def inverse_factor(matrix: Array) -> Array | None:

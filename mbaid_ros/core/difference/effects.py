@@ -43,8 +43,9 @@ class ConstantForces:
     def __init__(self, axes: Sequence[Axes], origin: Array) -> None:
         self._axes = axes
         self._origin = origin
-        self._last: tuple[float, Array] | None = None  # time, (A; [p]x A) of each, (f, 2, 3, 3)
-        self._integral: Array = np.zeros((len(axes), 2, 3, 3))
+        self._began: float | None = None  # s
+        self._last: tuple[float, Array] | None = None  # s, (A; [p]x A) in base axes, (2, 3, 3)
+        self._integral: Array = np.zeros((2, 3, 3))  # of that over time
 
     def columns(self, samples: Samples, counts: Counts) -> tuple[Array, Array]:
         """Take the next K windows' samples; return the means of -T C over each, and C at its end, both (K, f, 6, 6).
@@ -52,21 +53,28 @@ class ConstantForces:
         T refers (P, L) to the base's origin; `counts` says how many samples each window has.
         """
         position = skew(samples.base_position - self._origin)
-        rate = np.zeros((len(samples), len(self._axes), 2, 3, 3))
+        integral = np.zeros((len(samples), len(self._axes), 2, 3, 3))
         for number, axes in enumerate(self._axes):
-            if axes == 'body':
-                rate[:, number, 0], rate[:, number, 1] = samples.base_rotation, position @ samples.base_rotation
-            else:
-                rate[:, number, 0] = np.eye(3)
-        time, before = self._last or (float(samples.time[0]), rate[0])
-        step = np.diff(samples.time, prepend=time)[:, None, None, None, None]
-        mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))
-        # On from the last sum: added up one by one, it is the same to the last bit however the windows come.
-        integral = np.cumsum(np.concatenate((self._integral[None], step * mean)), axis=0)[1:]
-        self._last, self._integral = (float(samples.time[-1]), rate[-1]), integral[-1].copy()
+            integral[:, number] = self._in_base_axes(samples, position) if axes == 'body' else self._inertial(samples)
         at_end = _gain(integral[np.cumsum(counts) - 1])
         integral[:, :, 1] -= position[:, None] @ integral[:, :, 0]
         return -_gain(mean_of_each(integral, counts)), at_end
+
+    def _inertial(self, samples: Samples) -> Array:
+        """Return the integrals of (1; 0) until N samples, (N, 2, 3, 3)."""
+        self._began = float(samples.time[0]) if self._began is None else self._began
+        return (samples.time - self._began)[:, None, None, None] * np.stack((np.eye(3), np.zeros((3, 3))))
+
+    def _in_base_axes(self, samples: Samples, position: Array) -> Array:
+        """Return the integrals of (A; [p]x A) until N samples, (N, 2, 3, 3), for (N, 3, 3) [p]x."""
+        rate = np.stack((samples.base_rotation, position @ samples.base_rotation), axis=1)
+        time, before = self._last or (float(samples.time[0]), rate[0])
+        step = np.diff(samples.time, prepend=time)[:, None, None, None]
+        mean = 0.5 * (rate + np.concatenate((before[None], rate[:-1])))
+        # On from the last sum: added up one by one, it is the same to the last bit however the windows come.
+        integral = np.cumsum(np.concatenate((self._integral[None], step * mean)), axis=0)[1:]
+        self._last, self._integral = (float(samples.time[-1]), rate[-1]), integral[-1]
+        return integral
 
 
 def _gain(integral: Array) -> Array:

@@ -125,12 +125,22 @@ def noise_at(blocks: Blocks, x: Array) -> Array:
 
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
+    return float(costs(blocks, x[None])[0])
+
+
+def costs(blocks: Blocks, several: Array) -> Array:
+    """Return the same at each of several x, (C, u): (C,)."""
+    shape = blocks.noise_rows.shape
+    noise = (several @ blocks.noise_rows.reshape(-1, shape[-1]).T).reshape(-1, *shape[:-1]) + blocks.noise
     try:
-        whitener = whitener_of(noise_at(blocks, x))
+        whitener = whitener_of(noise.reshape(-1, *shape[1:-1]))
     except FloatingPointError:
-        return np.inf
-    residual = blocks.rows @ x + blocks.offset
-    return float(np.sum((whitener @ residual[..., None]) ** 2))
+        if len(several) == 1:
+            return np.array([np.inf])
+        return np.concatenate([costs(blocks, x[None]) for x in several])
+    residual = (blocks.rows @ several.T).transpose(2, 0, 1) + blocks.offset
+    white = whitener @ residual.reshape(-1, shape[1], 1)
+    return np.asarray((white.reshape(len(several), -1) ** 2).sum(axis=1))
 
 
 def whitened(blocks: Blocks, x: Array) -> White:

@@ -205,7 +205,8 @@ class RollingLikelihood:
         starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
         possible = [x for x in starts if x[0] > 0.0] or starts
-        self._kept.linearise(min(possible, key=lambda x: self._whole(eiv.cost(blocks, x), x)))
+        costs = [self._whole(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
+        self._kept.linearise(possible[int(np.argmin(costs))])
 
     def _fold(self) -> None:
         oldest = self._kept.pop()
