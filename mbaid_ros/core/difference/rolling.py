@@ -206,7 +206,7 @@ class RollingLikelihood:
         # A negative mass can fit better while little is known, and the way back leads through infinity.
         possible = [x for x in starts if x[0] > 0.0] or starts
         costs = [self._whole(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
-        self._kept.linearise(possible[int(np.argmin(costs))])
+        self._kept.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
 
     def _fold(self) -> None:
         oldest = self._kept.pop()

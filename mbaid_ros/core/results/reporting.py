@@ -113,12 +113,13 @@ class Reporting:
         covariance = np.array([one.covariance[:10, :10] for one in solutions])
         cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
         momentum, momentum_covariance = _about_odometry_origin(solutions)
-        identifiable = self._identifiable(bodies, cautious)
+        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
+        identifiable = self._identifiable(parameters, jacobian, cautious)
         planes = [one.plane for one in solutions]
         possible, corrections = self._possible(bodies, covariance, identifiable, planes)
         if possible is not bodies:
-            bodies, identifiable = possible, self._identifiable(possible, cautious)
-        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
+            parameters, jacobian = physical(possible), physical_jacobian(possible)
+            identifiable = self._identifiable(parameters, jacobian, cautious)
         published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
@@ -167,10 +168,9 @@ class Reporting:
                 possible[k], corrections[k] = project_planar(bodies[k], covariance[k], self.scale, plane)
         return possible, corrections
 
-    def _identifiable(self, bodies: Array, cautious_covariance: Array) -> Flags:
-        jacobian = physical_jacobian(bodies)
+    def _identifiable(self, parameters: Array, jacobian: Array, cautious_covariance: Array) -> Flags:
         covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2)
-        relative = relative_std(covariance, self.sizes(physical(bodies)))
+        relative = relative_std(covariance, self.sizes(parameters))
         of_the_mass = relative[:, :1] < _OF_THE_MASS * self.identifiable_std
         return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
