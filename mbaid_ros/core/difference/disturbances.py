@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.effects import Kind
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.geometry import Array
@@ -52,14 +52,14 @@ class View:
     ----------
     rows : (K, r, u + 1 + e) the bordered rows of the windows that are solved again
     step : (u,) from where they are linearised to the solution
-    coupling : of all windows with all effects
+    uncertain : (u, e) what ties the uncertain effects, each in its standard deviation, to the unknowns
     nuisance : what is unknown anyhow
     cost, expected : sum of the squared normalised residuals, and what it should be
     """
 
     rows: Array
     step: Array
-    coupling: Coupling
+    uncertain: Array
     nuisance: Nuisance
     cost: float
     expected: float

@@ -71,9 +71,11 @@ class KeptWindows:
     Attributes
     ----------
     x : where they are linearised now
+    forms : how often what they say has changed otherwise than by windows that come or leave in their order
     """
 
     def __init__(self, x: Array) -> None:
+        self.forms = 0
         self._windows = Queue(_Windows(*np.zeros((5, 0))))
         self.linearise(x)
 
@@ -102,9 +104,17 @@ class KeptWindows:
         """The (u, u) part of the information at x that noise alone has brought, in expectation."""
         return np.asarray(self._own_of(len(self)).sum(axis=0))
 
+    def at(self, x: Array) -> White | None:
+        """Return the windows at another place, None where that cannot be computed."""
+        try:
+            return eiv.whitened(self.blocks, x)
+        except FloatingPointError:
+            return None
+
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Linearise all windows at another place; `white` are they there, where that is known already."""
         self.x = x
+        self.forms += 1
         # Of the first windows; of the others as soon as it is asked for.
         self._white = Queue(White.nothing() if white is None else white)
         self._bordered = Queue(_Bordered(np.zeros(0)))
@@ -124,6 +134,7 @@ class KeptWindows:
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
+        self.forms += first > 0
         self._windows.drop(first, last)
         # What has been looked at are the first windows: behind a gap, it will be looked at again.
         self._white.drop(first, last if first == 0 else len(self._white))

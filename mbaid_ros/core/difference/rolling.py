@@ -17,12 +17,13 @@ from scipy.linalg import block_diag
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.coupling import Coupling, Places, bordered, normal_equations
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.difference.kept import KeptWindows
+from mbaid_ros.core.difference.plausible import Plausible
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import inverse_root, is_positive, solve_definite, solve_symmetric
+from mbaid_ros.core.symmetric import solve_definite, solve_symmetric
 
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
@@ -113,6 +114,11 @@ class RollingLikelihood:
         return self._kept.bordered
 
     @property
+    def form(self) -> int:
+        """Number of the quadratic form that is solved: the same while windows are only added to it."""
+        return self._kept.forms if self._forgetting == 1.0 else len(self._folded) + self._kept.forms
+
+    @property
     def past_linearisation(self) -> Array:
         """How far the solution is from where the windows are linearised, (u,)."""
         return self.x - self._kept.x
@@ -125,7 +131,13 @@ class RollingLikelihood:
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        return self._sure or eiv.uncertain_share(self._kept.blocks[-1:], *self._plausible()) < _LARGEST_SHARE
+        if self._sure:
+            return True
+        return eiv.uncertain_share(self._kept.blocks[-1:], *self._plausible.solution(self.x)) < _LARGEST_SHARE
+
+    @property
+    def _plausible(self) -> Plausible:
+        return Plausible(self._signal, self._typical)
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1 of those that are solved again."""
@@ -196,7 +208,7 @@ class RollingLikelihood:
         blocks = self._kept.blocks
         redundancy = blocks.offset.size + self._folded.equations - len(self.x)
         if self.x[0] > 0.0 and redundancy >= _ENOUGH:
-            white = _whitened(blocks, self.x)
+            white = self._kept.at(self.x)
             limit = chi_square.limit(_UNLIKELY, redundancy)
             if white is not None and self._whole(white.cost, self.x) < limit:
                 self._kept.linearise(self.x, white)
@@ -218,9 +230,9 @@ class RollingLikelihood:
             self.coupling = self.coupling.forget(root, self._forgetting)
         block, own, x = oldest.block, oldest.own, self._kept.x
         if self._sure:
-            share = float(np.vdot(own, self._plausible_covariance())) / block.offset.size
+            share = float(np.vdot(own, self._plausible.covariance)) / block.offset.size
         else:
-            share = eiv.uncertain_share(block, *self._plausible())
+            share = eiv.uncertain_share(block, *self._plausible.solution(self.x))
         self._sure = share < _LARGEST_SHARE
         if self._sure:
             squares = eiv.square(oldest.bordered)
@@ -228,29 +240,10 @@ class RollingLikelihood:
             self._folded.add(replace(linear, information=linear.information - own), own, x)
             self.coupling += Coupling.of(squares, x)
         else:
-            zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
+            zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible.solution(self.x)
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)
             white = eiv.whitened_at_zero(block, plausible, spread)
             self.coupling += Coupling.of(eiv.square(bordered(white, white.whitener @ oldest.columns)), zero)
-
-    def _plausible(self) -> tuple[Array, Array]:
-        """Return the solution and a factor of its covariance, both held within the typical sizes.
-
-        While the data determine little, the solution itself may be anywhere.
-        """
-        size = self._typical
-        values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
-        values = np.maximum(values, 0.0)
-        vectors = size[:, None] * vectors
-        coordinates = np.linalg.solve(vectors, self.x)
-        return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
-
-    def _plausible_covariance(self) -> Array:
-        """Return the covariance of which `_plausible` returns a factor."""
-        signal = self._signal
-        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
-        factor = self._plausible()[1] if root is None else root.T
-        return np.asarray(factor @ factor.T)
 
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
@@ -274,10 +267,10 @@ class RollingLikelihood:
 
     def _step(self, step: Array, current: float) -> bool:
         """Linearise the kept windows further on, as far as the cost allows; return whether there is such a place."""
-        kept, blocks = self._kept, self._kept.blocks
+        kept = self._kept
         for _ in range(_HALVINGS):
             trial = kept.x + step
-            white = _whitened(blocks, trial)
+            white = kept.at(trial)
             if white is not None and (trial[0] > 0.0 or kept.x[0] <= 0.0):
                 value = self._whole(white.cost, trial)
                 if np.isfinite(value) and value <= current:
@@ -289,6 +282,10 @@ class RollingLikelihood:
     def _whole(self, cost: float, x: Array) -> float:
         """Return the cost at x of everything, from that of the blocks."""
         return cost + self._folded.cost(x) + self._of_prior(x)
+
+    def whole(self, linear: Linearisation) -> float:
+        """Return the cost of a form at the solution, what was known beforehand included."""
+        return linear.cost + self._of_prior(self.x)
 
     def _of_prior(self, x: Array) -> float:
         return float(x @ self._prior @ x)
@@ -304,11 +301,3 @@ class RollingLikelihood:
             information=linear.information + self._folded.information + self._prior,
             equations=linear.equations + self._folded.equations,
         )
-
-
-def _whitened(blocks: Blocks, x: Array) -> White | None:
-    """Return blocks in units of their noise at x, None where that cannot be computed."""
-    try:
-        return eiv.whitened(blocks, x)
-    except FloatingPointError:
-        return None

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import monitor
+from mbaid_ros.core.difference.ceiling import Ceiling
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Found, Jump, Uncertain, View, Watched
 from mbaid_ros.core.difference.effects import Kind
@@ -30,6 +31,7 @@ _ENOUGH = 50
 # Fall of the sum of squared residuals by which one kind of force must be better than the other, and a jump than both.
 _CLEAR = 15.0
 _PRESSING = 6.0  # times the limit, at which one is taken even so
+_SUSPICIOUS = 0.5  # of the limit, below which the tests can wait: the likelihood is no parabola altogether
 _APART = 4  # windows between two jumps; with fewer they are one
 _REMEMBERED = 100  # jumps
 _MOST_JUMPS = 4  # among the windows that are solved again
@@ -82,6 +84,8 @@ class SteppedLikelihood:
         self._momentum = momentum
         self._prior = prior
         self._start = np.diag(prior)[momentum]
+        self._limit = chi_square.limit(_FALSE_ALARM, len(self._start))
+        self._ceiling = Ceiling()
         self._uncertain = uncertain
         self.watched = watched
         self._spans: list[tuple[float, float]] = []  # of the windows that are solved again
@@ -111,10 +115,12 @@ class SteppedLikelihood:
             for item in self._open:
                 item.after -= 1
             linear = self._close() or linear
-        view = self._look(linear)
+        view, ceiling = self._look(linear), self._ceiling.after(self.likelihood.whole(linear), self.likelihood.form)
         enough = linear.equations - len(self.likelihood.x) >= _ENOUGH
         self.ready = enough and self.likelihood.certain
-        if self.ready and self._look_back(view):
+        # Uncertain effects lower what the tests find: no window bounds by how much the next one may raise it.
+        suspicious = len(self._uncertain.places) > 0 or view.relative(ceiling) > _SUSPICIOUS * self._limit
+        if self.ready and suspicious and self._look_back(view):
             linear = self.likelihood.solve()
             view = self._look(linear)
         self._view = view
@@ -136,22 +142,23 @@ class SteppedLikelihood:
         The covariance of the unknowns without them times this is what they do to the unknowns (consider covariance;
         Schmidt 1966).
         """
-        places = self._uncertain.places
-        if self._view is None or not len(places):
-            return np.zeros((len(self.likelihood.x), len(places)))
-        return self._view.coupling.cross[:, places] * self._uncertain.size
+        if self._view is None:
+            return np.zeros((len(self.likelihood.x), len(self._uncertain.places)))
+        return self._view.uncertain
 
     def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
-        coupling = likelihood.coupling_of_all
-        nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
+        cross: Array = np.zeros((len(likelihood.x), len(places)))
         self.surplus = 0.0
         if len(places):
+            coupling = likelihood.coupling_of_all
+            cross = coupling.cross[:, places]
+        nuisance = Nuisance.of(likelihood.information, linear.gradient, cross, size)
+        if len(places):
             own = np.diag(coupling.own)[places] * size**2
-            left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
-            self.surplus = float(np.sum(np.maximum(left, 0.0)))
+            self.surplus = float(np.sum(np.maximum(own - np.sum(cross * size * nuisance.spread, axis=0), 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
-        return View(likelihood.bordered, likelihood.past_linearisation, coupling, nuisance, linear.cost, expected)
+        return View(likelihood.bordered, likelihood.past_linearisation, cross * size, nuisance, linear.cost, expected)
 
     def _padded(self, block: Blocks, columns: Array, delay: float) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects.
@@ -194,12 +201,13 @@ class SteppedLikelihood:
 
     def _look_back(self, view: View) -> bool:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
-        limit = chi_square.limit(_FALSE_ALARM, len(self._start))
+        limit = self._limit
         first = max([2, *(item.after + _APART for item in self._open)])
         jumps = monitor.jumps(view.rows[first:], view.step, self._momentum, self._uncertain.places, view.nuisance)
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
         falls = self._falls(view)
         kind = max(falls, key=lambda name: falls[name], default=None)
+        self._ceiling.found(max([explained, *falls.values()]))
         # A jump may be anywhere, a force is one; and where one kind acts already, it may just be of the other kind.
         rival = 0.5 * explained if self.found else explained - _CLEAR * view.left(explained)
         if kind is not None and falls[kind] > rival and view.relative(falls[kind]) > limit:
@@ -218,7 +226,9 @@ class SteppedLikelihood:
         acting = {
             kind: (effects, self._weight(kind)) for kind, effects in self.watched.effects.items() if kind not in found
         }
-        return monitor.falls(view.coupling, self.likelihood.x, acting, self._uncertain.places, view.nuisance)
+        return monitor.falls(
+            self.likelihood.coupling_of_all, self.likelihood.x, acting, self._uncertain.places, view.nuisance
+        )
 
     def _weight(self, kind: Kind) -> Array:
         """Return what the watched effects are of the unknowns that they would become, (n, k)."""
