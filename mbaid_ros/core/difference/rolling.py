@@ -116,7 +116,7 @@ class RollingLikelihood:
     @property
     def form(self) -> int:
         """Number of the quadratic form that is solved: the same while windows are only added to it."""
-        return self._kept.forms if self._forgetting == 1.0 else len(self._folded) + self._kept.forms
+        return self._kept.forms + (len(self._folded) if self._forgetting < 1.0 else 0)
 
     @property
     def past_linearisation(self) -> Array:
@@ -131,9 +131,8 @@ class RollingLikelihood:
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        if self._sure:
-            return True
-        return eiv.uncertain_share(self._kept.blocks[-1:], *self._plausible.solution(self.x)) < _LARGEST_SHARE
+        latest = self._kept.blocks[-1:]
+        return self._sure or eiv.uncertain_share(latest, *self._plausible.solution(self.x)) < _LARGEST_SHARE
 
     @property
     def _plausible(self) -> Plausible:
@@ -193,12 +192,10 @@ class RollingLikelihood:
         gone : indices
         prior : (k, k) information about zero of the others, from now on
         """
-        keep = np.setdiff1d(np.arange(len(self.x)), gone)
+        keep, blocks = np.setdiff1d(np.arange(len(self.x)), gone), self._kept.blocks
         information, right_side = self._folded.eliminate(self._prior, keep, gone, prior)
         self.coupling = self.coupling.eliminate(information, right_side, keep, gone)
-        basis = np.eye(len(self.x))[:, keep]
-        blocks = self._kept.blocks
-        blocks = blocks.restrict(np.eye(blocks.offset.shape[1]), basis)
+        blocks = blocks.restrict(np.eye(blocks.offset.shape[1]), np.eye(len(self.x))[:, keep])
         self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
         self._kept.replace(blocks, self.x)
         self._signal = self._signal[np.ix_(keep, keep)]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference import monitor
+from mbaid_ros.core.difference import monitor, steps
 from mbaid_ros.core.difference.coupling import Coupling, bordered
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Kind
@@ -126,6 +128,27 @@ def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     run = follow(noisy_blocks(60, seed, 0.2, 0.05), 30)
     assert run.ready
     assert not run.jumps
+
+
+@pytest.mark.parametrize('places', [[], [25], [25, 60]])
+def test_the_tests_wait_only_while_they_can_find_nothing(monkeypatch: pytest.MonkeyPatch, places: list[int]) -> None:
+    # Small jumps, that no window tells by itself.
+    blocks = changed(noisy_blocks(90, 5, 0.3, 0.0), after(90, places)[:, None] * 0.5 * JUMP)
+    made: list[float] = []
+    exact = monitor.jumps
+
+    def counted(*arguments: Any) -> Array:
+        made.append(float(np.max(exact(*arguments), initial=0.0)))
+        return exact(*arguments)
+
+    monkeypatch.setattr(monitor, 'jumps', counted)
+    waiting = follow(blocks, 20)
+    few = len(made)
+    monkeypatch.setattr(steps, '_SUSPICIOUS', -1.0)
+    always = follow(blocks, 20)
+    assert 0 < few < 0.8 * (len(made) - few)
+    assert [jump.start for jump in waiting.jumps] == [jump.start for jump in always.jumps]
+    assert np.array_equal(waiting.likelihood.x, always.likelihood.x)
 
 
 @pytest.mark.parametrize('kept', [10, 100])
