@@ -89,6 +89,11 @@ class KeptWindows:
         return self._windows.entries
 
     @property
+    def newest(self) -> Blocks:
+        """The equations of the latest one."""
+        return self.blocks[-1:]
+
+    @property
     def bordered(self) -> Array:
         """The bordered rows of each at x, (K, r, u + 1 + e), as `bordered` of coupling.py has them.
 

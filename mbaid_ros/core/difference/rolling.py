@@ -131,8 +131,7 @@ class RollingLikelihood:
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        latest = self._kept.blocks[-1:]
-        return self._sure or eiv.uncertain_share(latest, *self._plausible.solution(self.x)) < _LARGEST_SHARE
+        return self._sure or eiv.uncertain_share(self._kept.newest, *self._plausible.solution(self.x)) < _LARGEST_SHARE
 
     @property
     def _plausible(self) -> Plausible:
