@@ -46,9 +46,13 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
     for link in kernel.unknown:
         moves = members[:, link.body]  # 1 where the joint moves the link
         rotation, position = states.configuration.link(link)
-        part = regressor(rotation[:, None], position[:, None], twists) * moves[owner, None, None]
-        own = states.regressor_of(link)[:, None] * moves[:, None, None]  # (N, n + 1, 6, 10)
-        parts.append(_assembled(joint_twist, np.moveaxis(part, -1, 1), np.moveaxis(own, -1, 1)))
+        # The regressor is linear in the twist: that of the unit twists, (N, 6, 60), makes all others.
+        units = regressor(rotation[:, None], position[:, None], np.eye(6)).reshape(-1, 6, 60)
+        moving = np.concatenate(
+            (twists * moves[owner, None], states.body_twist[:, None, link.body] * moves[:, None]), 1
+        )
+        products = np.moveaxis((moving @ units).reshape(*moving.shape, 10), -1, 1)
+        parts.append(_assembled(joint_twist, *np.split(products, [twists.shape[1]], axis=2)))
     return Sensitivity(sensitivity_of_known(kernel, states), np.concatenate(parts, axis=-1))
 
 
