@@ -120,11 +120,12 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     derivative = sensitivity(kernel, kernel.states(point))
     joints = kernel.model.joints
     count, sources, bodies = len(point), 2 * joints + 12, derivative.target.shape[-1]
-    place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
     known = np.zeros((count, 6, sources, 1))
     target = np.zeros((count, 6, sources, bodies + 6))
-    known[:, :, place, 0] = derivative.known
-    target[:, :, place, :bodies] = derivative.target
+    # The base's position comes between the joints and the rest.
+    for there, here in ((slice(2 * joints), slice(2 * joints)), (slice(2 * joints + 3, None), slice(2 * joints, None))):
+        known[:, :, there, 0] = derivative.known[:, :, here]
+        target[:, :, there, :bodies] = derivative.target[:, :, here]
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3, 0] = -skew(point.impulse[:, :3])
