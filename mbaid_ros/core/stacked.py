@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,3 +36,54 @@ class Stacked:
         if len(parts) == 1:
             return parts[0]
         return cls(*[np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__])
+
+
+class Queue(Generic[S]):
+    """Entries that join at the end and leave mostly at the front, in one piece of memory: all are there uncopied.
+
+    Parameters
+    ----------
+    entries : the first ones
+
+    Attributes
+    ----------
+    entries : those that are in it, in order; not to be written to
+    """
+
+    def __init__(self, entries: S) -> None:
+        self.entries = self._room = entries
+        self._start, self._end = 0, len(entries)
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return self._end - self._start
+
+    def append(self, more: S) -> None:
+        """Take further entries."""
+        if not len(self):
+            self._hold(more)
+            return
+        end = self._end + len(more)
+        if end <= len(self._room):
+            for name in more.__dataclass_fields__:
+                getattr(self._room, name)[self._end : end] = getattr(more, name)
+            self._end = end
+        else:
+            # Room for twice as many: an entry moves but now and then.
+            both = type(more).concatenate([self.entries, more])
+            self._room = type(more).concatenate([both, both])
+            self._start, self._end = 0, len(both)
+        self.entries = self._room[self._start : self._end]
+
+    def drop(self, first: int, last: int) -> None:
+        """Give up entries first, ..., last - 1."""
+        if first == 0:
+            self._start = min(self._start + last, self._end)
+            self.entries = self.entries[last:]
+        else:
+            self._hold(type(self.entries).concatenate([self.entries[:first], self.entries[last:]]))
+
+    def _hold(self, entries: S) -> None:
+        """Go over to entries in memory that has no room for more."""
+        self.entries = self._room = entries
+        self._start, self._end = 0, len(entries)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
 _DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
+_HUGE = 1e300  # beyond any square
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -48,14 +49,59 @@ def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
     matrix : (u, u)
     least : what has to be left of each unknown's information once those before it are known
     """
-    diagonal = matrix.diagonal()
     # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
     factor, failed = dpotrf(matrix, lower=True)
-    # The square of a pivot: what is left of an unknown's information once those before it are known.
-    left = factor.diagonal() ** 2
-    if failed or not (left > _DOUBTFUL * diagonal).all() or (least is not None and not (left > least).all()):
+    if failed:
         return None
-    return np.asarray(dtrtri(factor, lower=True)[0])
+    # The square of a pivot: what is left of an unknown's information once those before it are known.
+    left, enough = factor.diagonal() ** 2, _DOUBTFUL * matrix.diagonal()
+    if least is not None:
+        enough = np.maximum(enough, least)
+    return np.asarray(dtrtri(factor, lower=True)[0]) if (left > enough).all() else None
+
+
+def inverse_factor(matrix: Array) -> Array | None:
+    """Return the inverse of the Cholesky factor of a symmetric (u, u) matrix; None where it has none."""
+    factor, failed = dpotrf(matrix, lower=True)
+    return None if failed or not np.isfinite(factor).all() else np.asarray(dtrtri(factor, lower=True)[0])
+
+
+def inverse_factors(matrices: Array) -> Array | None:
+    """Return those of K symmetric matrices (K, u, u), to the last bit the same whichever are beside each other.
+
+    None where one has none.
+    """
+    try:
+        factors = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return None
+    return np.asarray(np.linalg.inv(factors)) if np.isfinite(factors).all() else None
+
+
+def are_doubtful(matrices: Array, inverses: Array) -> Flags:
+    """Return which of K matrices (K, u, u) may be singular, from the inverses of their factors (K, u, u)."""
+    left = inverses.diagonal(axis1=1, axis2=2) ** -2
+    return np.asarray((left <= _DOUBTFUL * matrices.diagonal(axis1=1, axis2=2)).any(axis=1))
+
+
+def whitened(vectors: Array, covariances: Array) -> Array | None:
+    """Return L^-1 a of vectors a, L the Cholesky factors of their covariances; None where one of these may be singular.
+
+    Parameters
+    ----------
+    vectors, covariances : (K, c), (K, c, c)
+    """
+    count = vectors.shape[1]
+    # With a as a row more below the covariance, what is asked for is a row more below the factor.
+    bordered = np.empty((len(vectors), count + 1, count + 1))
+    bordered[:, :count, :count], bordered[:, count, :count], bordered[:, count, count] = covariances, vectors, _HUGE
+    try:
+        factor = np.linalg.cholesky(bordered)
+    except np.linalg.LinAlgError:
+        return None
+    left, right = factor[:, :count, :count], factor[:, count, :count]
+    doubtful = left.diagonal(axis1=1, axis2=2) ** 2 <= _DOUBTFUL * covariances.diagonal(axis1=1, axis2=2)
+    return None if doubtful.any() else np.asarray(right)
 
 
 def is_positive(matrix: Array) -> bool:

@@ -16,7 +16,7 @@ import scipy.linalg
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import weighted
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
@@ -188,7 +188,7 @@ class Likelihood:
             information: Array = np.zeros_like(self.root)
             right_side: Array = np.zeros(len(x))
             for place, blocks in self._parts():
-                part = weighted(blocks, x[place], compensate=compensate)
+                part = Sums(blocks, x[place]).weighted(compensate=compensate)
                 information[np.ix_(place, place)] += part[0]
                 right_side[place] += part[1]
             # Around the prior's mean, in its units.

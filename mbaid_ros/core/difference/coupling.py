@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.difference.errors_in_variables import White
+from mbaid_ros.core.difference.errors_in_variables import Linearisation, White
 from mbaid_ros.core.geometry import Array
 
 Places = npt.NDArray[np.int64]
@@ -39,19 +39,17 @@ class Coupling:
         return Coupling(np.zeros((unknowns, effects)), np.zeros((effects, effects)), np.zeros(effects))
 
     @staticmethod
-    def of(white: White, effects: Array, x: Array) -> Coupling:
-        """Return the sums over blocks whose residuals were taken at x.
+    def of(squares: Array, x: Array) -> Coupling:
+        """Return the sums over equations whose residuals were taken at x.
 
         Parameters
         ----------
-        white : K blocks
-        effects : (K, r, e) E, in units of the blocks' noise like them
+        squares : (u + 1 + e, u + 1 + e) of their bordered rows
         x : (u,)
         """
-        equations = white.residual.size
-        weighed = effects.reshape(equations, effects.shape[-1])
-        cross = white.rows.reshape(equations, -1).T @ weighed
-        return Coupling(cross, weighed.T @ weighed, weighed.T @ white.residual.reshape(-1) - cross.T @ x)
+        count = len(x)
+        cross = squares[:count, count + 1 :]
+        return Coupling(cross, squares[count + 1 :, count + 1 :], squares[count, count + 1 :] - x @ cross)
 
     def __add__(self, other: Coupling) -> Coupling:
         """Return the sums over the blocks of both."""
@@ -98,3 +96,33 @@ class Coupling:
             self.own - lost.T @ by_effects,
             self.offset + lost.T @ best[:, 0],
         )
+
+
+def bordered(white: White, effects: Array) -> Array:
+    """Return rows, residuals and effects of K blocks beside each other, (K, r, u + 1 + e).
+
+    Their squares, summed over the equations, hold the information, the gradient, the cost and what ties the effects to
+    them.
+
+    Parameters
+    ----------
+    white : K blocks
+    effects : (K, r, e) E, in units of the blocks' noise like them
+    """
+    return np.concatenate((white.rows, white.residual[..., None], effects), axis=2)
+
+
+def normal_equations(squares: Array, unknowns: int, equations: int) -> Linearisation:
+    """Return the normal equations of blocks where they were linearised.
+
+    Parameters
+    ----------
+    squares : (u + 1 + e, u + 1 + e) of their bordered rows
+    unknowns, equations : numbers u, and of the equations
+    """
+    return Linearisation(
+        cost=float(squares[unknowns, unknowns]),
+        gradient=squares[:unknowns, unknowns],
+        information=squares[:unknowns, :unknowns],
+        equations=equations,
+    )

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mbaid_ros.core.difference.coupling import Coupling, Places
+from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.effects import Kind
-from mbaid_ros.core.difference.errors_in_variables import White
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.geometry import Array
 
@@ -51,19 +50,25 @@ class View:
 
     Attributes
     ----------
-    white : the windows that are solved again, at the solution
-    effects : (K, r, e) their uncertain effects, in units of their noise
-    coupling : of all windows with all effects
+    rows : (K, r, u + 1 + e) the bordered rows of the windows that are solved again
+    step : (u,) from where they are linearised to the solution
+    uncertain : (u, e) what ties the uncertain effects, each in its standard deviation, to the unknowns
     nuisance : what is unknown anyhow
     cost, expected : sum of the squared normalised residuals, and what it should be
     """
 
-    white: White
-    effects: Array
-    coupling: Coupling
+    rows: Array
+    step: Array
+    uncertain: Array
     nuisance: Nuisance
     cost: float
     expected: float
+
+    def squared(self, window: int) -> float:
+        """Return the squared normalised residual of a window at the solution."""
+        count = len(self.step)
+        residual = self.rows[window, :, count] + self.rows[window, :, :count] @ self.step
+        return float(residual @ residual)
 
     @property
     def scale(self) -> float:

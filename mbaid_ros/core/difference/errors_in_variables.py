@@ -18,6 +18,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.symmetric import inverse_factor, inverse_factors
 
 
 @dataclass(frozen=True)
@@ -116,15 +117,30 @@ class White(Stacked):
         return float(np.sum(self.residual**2))
 
 
+def noise_at(blocks: Blocks, x: Array) -> Array:
+    """Return the whitened derivatives G of the residuals at x, (K, r, z)."""
+    shape = blocks.noise_rows.shape
+    return blocks.noise + (blocks.noise_rows.reshape(-1, shape[-1]) @ x).reshape(shape[:-1])
+
+
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
-    residual = blocks.rows @ x + blocks.offset
-    noise = blocks.noise + blocks.noise_rows @ x
-    factor = _factor(noise)
-    if factor is None:
-        return np.inf
-    whitened = np.linalg.solve(factor, residual[..., None])
-    return float(np.sum(whitened**2))
+    return float(costs(blocks, x[None])[0])
+
+
+def costs(blocks: Blocks, several: Array) -> Array:
+    """Return the same at each of several x, (C, u): (C,)."""
+    shape = blocks.noise_rows.shape
+    noise = (several @ blocks.noise_rows.reshape(-1, shape[-1]).T).reshape(-1, *shape[:-1]) + blocks.noise
+    try:
+        whitener = whitener_of(noise.reshape(-1, *shape[1:-1]))
+    except FloatingPointError:
+        if len(several) == 1:
+            return np.array([np.inf])
+        return np.concatenate([costs(blocks, x[None]) for x in several])
+    residual = (blocks.rows @ several.T).transpose(2, 0, 1) + blocks.offset
+    white = whitener @ residual.reshape(-1, shape[1], 1)
+    return np.asarray((white.reshape(len(several), -1) ** 2).sum(axis=1))
 
 
 def whitened(blocks: Blocks, x: Array) -> White:
@@ -136,7 +152,7 @@ def whitened(blocks: Blocks, x: Array) -> White:
         The covariance of a block is not positive definite at this x.
     """
     residual = blocks.rows @ x + blocks.offset
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     whitener = whitener_of(noise)
     white_residual = (whitener @ residual[..., None])[..., 0]
     white_noise = whitener @ noise
@@ -179,7 +195,7 @@ def own_information(blocks: Blocks, white: White) -> Array:
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
     seen = white.noise[:, None] @ rows
-    return np.array([square(rows[k]) - square(seen[k]) for k in range(len(blocks))])
+    return _square_of_each(rows) - _square_of_each(seen)
 
 
 def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
@@ -202,7 +218,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
     FloatingPointError
         The covariance of a block is not positive definite.
     """
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     count, equations = blocks.offset.shape
     uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
     whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
@@ -227,7 +243,7 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
     FloatingPointError
         The covariance of a block is not positive definite.
     """
-    noise = blocks.noise + blocks.noise_rows @ x
+    noise = noise_at(blocks, x)
     uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
     whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
     residual = (whitener @ blocks.offset[..., None])[..., 0]
@@ -237,7 +253,7 @@ def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
 def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
     """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
     count, equations = blocks.offset.shape
-    whitener = whitener_of(blocks.noise + blocks.noise_rows @ x)
+    whitener = whitener_of(noise_at(blocks, x))
     uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
     return float(np.sum(uncertain**2)) / blocks.offset.size
 
@@ -248,17 +264,16 @@ def square(rows: Array) -> Array:
     return np.asarray(flat.T @ flat)
 
 
+def _square_of_each(rows: Array) -> Array:
+    """Return the sums of rows^T rows over each block, (K, u, u), for rows (K, ..., u)."""
+    flat = rows.reshape(len(rows), -1, rows.shape[-1])
+    return np.asarray(np.swapaxes(flat, 1, 2) @ flat)
+
+
 def _weighted_square(weight: Array, rows: Array) -> Array:
     """Return the (u, u) sum over k, z of rows^T W rows, for W (K, r, r) and rows (K, r, z, u)."""
     weighted_rows = (weight @ rows.reshape(*rows.shape[:2], -1)).reshape(-1, rows.shape[-1])
     return rows.reshape(weighted_rows.shape).T @ weighted_rows
-
-
-def _factor(noise: Array) -> Array | None:
-    try:
-        return np.asarray(np.linalg.cholesky(noise @ np.swapaxes(noise, 1, 2)))
-    except np.linalg.LinAlgError:
-        return None
 
 
 def whitener_of(noise: Array) -> Array:
@@ -269,7 +284,9 @@ def whitener_of(noise: Array) -> Array:
     FloatingPointError
         A covariance is not positive definite.
     """
-    factor = _factor(noise)
-    if factor is None or not np.all(np.isfinite(factor)):
+    covariance = noise @ np.swapaxes(noise, 1, 2)
+    one = len(covariance) == 1  # as often as not, and it takes much less time
+    whitener = inverse_factor(covariance[0]) if one else inverse_factors(covariance)
+    if whitener is None:
         raise FloatingPointError('the covariance of the momentum equations is not positive definite')
-    return np.linalg.inv(factor)
+    return whitener[None] if one else whitener

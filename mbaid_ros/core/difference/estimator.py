@@ -11,20 +11,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
-from mbaid_ros.core.difference.effects import delay_columns, with_joints_later
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.difference.delay import delay_columns, with_joints_later
+from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.problem import Beside, Problem, Surroundings, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
-from mbaid_ros.core.difference.run import Disturbances, Run, delay, disturbances
+from mbaid_ros.core.difference.run import Disturbances, Run, blamed, delay, disturbances
+from mbaid_ros.core.difference.solutions import Knowledge, solutions
 from mbaid_ros.core.difference.steps import SteppedLikelihood
 from mbaid_ros.core.difference.window_rows import Counts, joined, joined_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import NOISE_MARGIN, Instant, Reporting, Solution, inverse
+from mbaid_ros.core.results.reporting import Instant, Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -87,29 +86,29 @@ class DifferenceEstimator:
                 around = run.problem.surroundings(*(joined(windows[k:]) if k else (samples, counts)))
                 equations = run.problem.of(around, rows[k:], delays[k:])
             place = slice(k - begun, k - begun + 1)
-            late = float(np.nan_to_num(delay(run)[0]))
-            if late == 0.0:
-                own = equations[0][place], equations[1][place]
+            late = delay(run)[0]
+            if np.isnan(late):
+                late, own = 0.0, (equations[0][place], equations[1][place])
             else:
                 own = self._equations_later(window, around[place], run, late)
             time = float(window.time[-1])
             linear = run.likelihood.add(*own, (float(window.time[0]), time), late)
             self._samples += len(window)
-            solution = self._solution(run, linear, around.gains[k - begun])
             instant = Instant(time, origin + round(time * 1e9), self._samples)
-            found.append((solution, instant, disturbances(run, self._kernel)))
-        solutions, instants, disturbed = zip(*found, strict=True)
-        estimates = self._reporting.estimates(self.method, solutions, instants)
+            found.append((Knowledge.of(run, linear, around.gains[k - begun]), instant, disturbances(run)))
+        known, instants, disturbed = zip(*found, strict=True)
+        solved, blames = solutions(known, self._kernel.errors)
+        estimates = self._reporting.estimates(self.method, solved, instants)
         return [
-            _judged(estimate.after_thrust(window.impulse[-1]), by)
-            for window, estimate, by in zip(windows, estimates, disturbed, strict=True)
+            _judged(estimate.after_thrust(window.impulse[-1]), by, blamed(blame, self._kernel))
+            for window, estimate, by, blame in zip(windows, estimates, disturbed, blames, strict=True)
         ]
 
     def _equations(self, samples: Samples, counts: Counts, start: Array) -> tuple[Blocks, Array]:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
         rows = joined_rows(self._observed, samples, counts, self._settings.noise, start)
         if self._settings.beside.delay_std > 0.0:
-            return rows, delay_columns(self._kernel, samples, counts, rows)
+            return rows, delay_columns(self._kernel, samples, counts)
         return rows, np.zeros((len(counts), 6, 11))
 
     def _equations_later(self, window: Samples, around: Surroundings, run: Run, late: float) -> tuple[Blocks, Array]:
@@ -117,38 +116,6 @@ class DifferenceEstimator:
         samples, counts = joined([window])
         rows, delays = self._equations(with_joints_later(samples, counts, late), counts, run.origin)
         return run.problem.of(around, rows, delays)
-
-    def _solution(self, run: Run, linear: Linearisation, gains: Array) -> Solution:
-        """Return the solution after a window, at whose end forces have changed the momentum by (f, 6, 6) gains."""
-        problem, likelihood = run.problem, run.likelihood.likelihood
-        forces = [(found, found.kind) for found in run.likelihood.found if found.kind != 'delay']
-        space, variance = problem.space, problem.open_variance
-        own = np.concatenate((np.arange(space.basis.shape[1]), *(force.place for force, _ in forces)))  # without jumps
-        if forces:
-            space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
-            more = np.full(6 * len(forces), 1.0 / np.min(problem.watched.prior['inertial']))
-            variance = np.concatenate((variance, more))
-        present = problem.present([axes for _, axes in forces], gains)
-        information, noise = linear.information, likelihood.noise_information
-        plain = [inverse(information, information - share * noise) for share in (1.0, NOISE_MARGIN)]
-        spreads = [run.likelihood.spread(matrix) for matrix in plain]
-        run.blame = _blame(plain[0], spreads[0], problem.momentum.start, self._kernel.errors)
-        covariance, cautious = (
-            present @ space.lift((matrix + spread @ spread.T)[np.ix_(own, own)], variance) @ present.T
-            for matrix, spread in zip(plain, spreads, strict=True)
-        )
-        redundancy = linear.equations - len(likelihood.x)
-        return Solution(
-            x=present @ (space.basis @ likelihood.x[own]),
-            covariance=covariance,
-            cautious_covariance=cautious,
-            # The uncertain bodies leave residuals that the noise does not explain.
-            cost=linear.cost * max(redundancy, 1) / (max(redundancy, 1) + run.likelihood.surplus),
-            redundancy=redundancy,
-            origin=run.origin,
-            plane=space.plane,
-            restarted=run.restarted,
-        )
 
     def _running(self, start: Array, time: float) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
@@ -168,31 +135,13 @@ class DifferenceEstimator:
         return Run(start, problem, likelihood, time, restarted=self._run is not None)
 
 
-def _judged(estimate: Estimate, disturbed: Disturbances) -> Estimate:
-    """Return the estimate with what has disturbed its run."""
+def _judged(estimate: Estimate, disturbed: Disturbances, warnings: tuple[str, ...]) -> Estimate:
+    """Return the estimate with what has disturbed its run, and further warnings."""
     return replace(
         estimate,
         status='inconsistent' if disturbed.too_many and estimate.status != 'not_identifiable' else estimate.status,
         events=disturbed.events,
-        warnings=(*estimate.warnings, *disturbed.warnings),
+        warnings=(*estimate.warnings, *disturbed.warnings, *warnings),
         time_offset=disturbed.delay[0],
         time_offset_std=disturbed.delay[1],
     )
-
-
-def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> Array:
-    """Return the share of the known bodies in the variance of the identified one, (1 + b,): of all, and of each.
-
-    A mean over its parameters.
-
-    Parameters
-    ----------
-    covariance : (u, u) without them
-    spread : (u, e) standard deviations due to each of the independent errors
-    body : number of the identified one's parameters, which come first
-    errors : of the known bodies
-    """
-    if not spread.shape[1]:
-        return np.zeros(1)
-    parts = np.column_stack((np.sum(spread[:body] ** 2, axis=1), errors.shares(spread[:body])))
-    return np.asarray(np.mean(parts / (np.diag(covariance)[:body] + parts[:, 0])[:, None], axis=0))

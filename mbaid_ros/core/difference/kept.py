@@ -6,14 +6,59 @@ deviation away, the parabola of that linearisation is the likelihood, and only a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.coupling import bordered
 from mbaid_ros.core.difference.errors_in_variables import Blocks, White
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.stacked import Queue, Stacked
+
+
+@dataclass(frozen=True)
+class _Windows(Blocks):
+    """The equations of K windows.
+
+    Attributes
+    ----------
+    columns : (K, r, e) how they depend on the effects
+    """
+
+    columns: Array
+
+
+@dataclass(frozen=True)
+class _Bordered(Stacked):
+    """The bordered rows of K windows, (K, r, u + 1 + e), as `bordered` of coupling.py has them."""
+
+    rows: Array
+
+
+@dataclass(frozen=True)
+class _Own(Stacked):
+    """The information that noise brings to K windows, (K, u, u)."""
+
+    information: Array
+
+
+@dataclass(frozen=True)
+class OldWindow:
+    """A window that is given up.
+
+    Attributes
+    ----------
+    block : its equations
+    columns : (1, r, e) how they depend on the effects
+    bordered : (1, r, u + 1 + e) its bordered rows at the x where it was linearised
+    own : (u, u) the information that noise has brought to it
+    """
+
+    block: Blocks
+    columns: Array
+    bordered: Array
+    own: Array
 
 
 class KeptWindows:
@@ -26,94 +71,122 @@ class KeptWindows:
     Attributes
     ----------
     x : where they are linearised now
+    forms : how often what they say has changed otherwise than by windows that come or leave in their order
     """
 
     def __init__(self, x: Array) -> None:
-        self._blocks: list[Blocks] = []
-        self._columns: list[Array] = []
-        self.x = x
-        self._white = White.nothing()  # of the first windows; of the others as soon as it is asked for
-        self._own: Array = np.zeros((0, len(x), len(x)))  # likewise: the information that noise brings to each
+        self.forms = 0
+        self._windows = Queue(_Windows(*np.zeros((5, 0))))
+        self.linearise(x)
 
     def __len__(self) -> int:
         """Return their number."""
-        return len(self._blocks)
+        return len(self._windows)
 
     @property
     def blocks(self) -> Blocks:
         """Their equations."""
-        return Blocks.concatenate(self._blocks)
+        return self._windows.entries
 
     @property
     def newest(self) -> Blocks:
         """The equations of the latest one."""
-        return self._blocks[-1]
+        return self.blocks[-1:]
 
     @property
-    def columns(self) -> Array:
-        """How their equations depend on the effects, (K, r, e)."""
-        return np.concatenate(self._columns)
-
-    @property
-    def white(self) -> White:
-        """The windows at x.
+    def bordered(self) -> Array:
+        """The bordered rows of each at x, (K, r, u + 1 + e), as `bordered` of coupling.py has them.
 
         Raises
         ------
         FloatingPointError
             The covariance of a window is not positive definite there.
         """
-        done = len(self._white)
-        if done < len(self):
-            new = eiv.whitened(Blocks.concatenate(self._blocks[done:]), self.x)
-            self._white = White.concatenate([self._white, new]) if done else new
-        return self._white
+        return self._bordered_of(len(self))
 
     @property
     def noise_information(self) -> Array:
         """The (u, u) part of the information at x that noise alone has brought, in expectation."""
-        done = len(self._own)
-        if done < len(self):
-            new = eiv.own_information(Blocks.concatenate(self._blocks[done:]), self.white[done:])
-            self._own = np.concatenate((self._own, new))
-        return np.asarray(np.sum(self._own, axis=0))
+        return np.asarray(self._own_of(len(self)).sum(axis=0))
+
+    def at(self, x: Array) -> White | None:
+        """Return the windows at another place, None where that cannot be computed."""
+        try:
+            return eiv.whitened(self.blocks, x)
+        except FloatingPointError:
+            return None
 
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Linearise all windows at another place; `white` are they there, where that is known already."""
         self.x = x
-        self._white = White.nothing() if white is None else white
-        self._own = np.zeros((0, len(x), len(x)))
-
-    def at(self, x: Array) -> White:
-        """Return the windows at a place close by, by the linearisation."""
-        white = self.white
-        return replace(white, residual=white.residual + white.rows @ (x - self.x))
+        self.forms += 1
+        # Of the first windows; of the others as soon as it is asked for.
+        self._white = Queue(White.nothing() if white is None else white)
+        self._bordered = Queue(_Bordered(np.zeros(0)))
+        self._own = Queue(_Own(np.zeros(0)))
 
     def append(self, block: Blocks, columns: Array) -> None:
         """Take the next window and how it depends on the effects, (1, r, e)."""
-        self._blocks.append(block)
-        self._columns.append(columns)
+        self._windows.append(_Windows(block.rows, block.offset, block.noise, block.noise_rows, columns))
 
-    def pop(self) -> KeptWindows:
-        """Give up the oldest window and return it, linearised as it is."""
-        oldest = KeptWindows(self.x)
-        oldest._blocks, oldest._columns = self._blocks[:1], self._columns[:1]
-        oldest._white, oldest._own = self._white[:1], self._own[:1]
+    def pop(self) -> OldWindow:
+        """Give up the oldest window and return it."""
+        oldest = OldWindow(
+            self.blocks[:1], self._windows.entries.columns[:1], self._bordered_of(1)[:1], self._own_of(1)[0]
+        )
         self.drop(0, 1)
         return oldest
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1."""
-        del self._blocks[first:last], self._columns[first:last]
+        self.forms += first > 0
+        self._windows.drop(first, last)
         # What has been looked at are the first windows: behind a gap, it will be looked at again.
-        left = slice(last, None) if first == 0 else slice(first)
-        self._white, self._own = self._white[left], self._own[left]
+        self._white.drop(first, last if first == 0 else len(self._white))
+        self._bordered.drop(first, last if first == 0 else len(self._bordered))
+        self._own.drop(first, last if first == 0 else len(self._own))
 
-    def replace(self, blocks: Sequence[Blocks], x: Array) -> None:
+    def replace(self, blocks: Blocks, x: Array) -> None:
         """Go over to equations in other unknowns, with x in these."""
-        self._blocks = list(blocks)
+        self._go_over(blocks, self._windows.entries.columns, x)
+
+    def solve_for(self, effects: slice, weight: Array, x: Array) -> None:
+        """Go over to equations with combinations of effects among the unknowns, after the others; they are gone.
+
+        Parameters
+        ----------
+        effects : which
+        weight : (n, w) the effects are weight times the new unknowns
+        x : (u + w,)
+        """
+        columns = self._windows.entries.columns.copy()
+        blocks = self.blocks.widened(columns[..., effects] @ weight)
+        columns[..., effects] = 0.0
+        self._go_over(blocks, columns, x)
+
+    def _go_over(self, blocks: Blocks, columns: Array, x: Array) -> None:
+        self._windows = Queue(_Windows(blocks.rows, blocks.offset, blocks.noise, blocks.noise_rows, columns))
         self.linearise(x)
 
-    def each(self) -> list[tuple[Blocks, Array]]:
-        """Return each window's equations and how they depend on the effects."""
-        return list(zip(self._blocks, self._columns, strict=True))
+    def _white_of(self, count: int) -> White:
+        """Return the first windows, or more, at x."""
+        done = len(self._white)
+        if done < count:
+            self._white.append(eiv.whitened(self.blocks[done:count], self.x))
+        return self._white.entries
+
+    def _bordered_of(self, count: int) -> Array:
+        """Return the bordered rows of the first windows, or more, at x."""
+        done = len(self._bordered)
+        if done < count:
+            new = self._white_of(count)[done:count]
+            self._bordered.append(_Bordered(bordered(new, new.whitener @ self._windows.entries.columns[done:count])))
+        return self._bordered.entries.rows
+
+    def _own_of(self, count: int) -> Array:
+        """Return the information that noise brings to the first windows, or more, at x."""
+        done = len(self._own)
+        if done < count:
+            new = eiv.own_information(self.blocks[done:count], self._white_of(count)[done:count])
+            self._own.append(_Own(new))
+        return self._own.entries.information

@@ -13,9 +13,9 @@ import numpy as np
 
 from mbaid_ros.core.difference.coupling import Coupling, Places
 from mbaid_ros.core.difference.effects import Kind
-from mbaid_ros.core.difference.errors_in_variables import Blocks, White
+from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import inverse_root
+from mbaid_ros.core.symmetric import inverse_root, whitened
 
 _ROUNDING = 1e-12  # part of a whole, of which what is left after subtraction is nothing
 _DOUBTFUL = 1e-9  # the same, from which on each direction has to be looked at
@@ -75,24 +75,22 @@ def innovation(block: Blocks, columns: Array, x: Array, nuisance: Nuisance) -> f
     return float(white @ white)
 
 
-def jumps(white: White, effects: Array, momentum: slice, first: int, nuisance: Nuisance) -> Array:
-    """Return by how much a momentum that jumped just before one of the latest K - first windows would lower the cost.
+def jumps(rows: Array, step: Array, momentum: slice, effects: Places, nuisance: Nuisance) -> Array:
+    """Return by how much a momentum that jumped just before one of K windows, the latest, would lower the cost.
 
     Parameters
     ----------
-    white : K windows at the solution
-    effects : (K, r, e) their uncertain effects, in units of their noise
+    rows : (K, r, u + 1 + e) these windows' bordered rows
+    step : (u,) from where they are linearised to the solution
     momentum : places of the momentum among the unknowns
-    first : the first of the windows in question
+    effects : indices of the effects that are uncertain anyhow
     nuisance : Nuisance
     """
-    rows = white.rows[first:]
-    unknowns = rows.shape[-1]
-    beside = np.concatenate((rows, white.residual[first:, :, None], effects[first:]), axis=2)
-    sums = _from_the_end(np.swapaxes(rows[..., momentum], 1, 2) @ beside)
-    cross, gradient, coupled = np.split(sums, [unknowns, unknowns + 1], axis=2)
-    own = cross[..., momentum]
-    return _squared(*_left(cross, own, gradient[..., 0], coupled, nuisance), own)
+    unknowns = len(step)
+    sums = _from_the_end(np.swapaxes(rows[..., momentum], 1, 2) @ rows)
+    cross = sums[..., :unknowns]
+    own, coupled = cross[..., momentum], sums[..., unknowns + 1 + effects]
+    return _squared(*_left(cross, own, sums[..., unknowns] + cross @ step, coupled, nuisance), own)
 
 
 def falls(
@@ -155,10 +153,11 @@ def _squared(slope: Array, covariance: Array, whole: Array) -> Array:
         if root is not None:
             white = root @ slope
             return np.asarray(white @ white)
-    size, _, factor = _scaled(covariance, whole)
-    if factor is None:
-        return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
-    return np.asarray(np.sum(np.linalg.solve(factor, (slope * size)[..., None]) ** 2, axis=(-2, -1)))
+    elif (covariance.diagonal(axis1=1, axis2=2) > _ROUNDING * whole.diagonal(axis1=1, axis2=2)).all():
+        several = whitened(slope, covariance)
+        if several is not None:
+            return np.asarray((several**2).sum(axis=-1))
+    return np.asarray(np.sum((inverse(covariance, whole) @ slope[..., None])[..., 0] * slope, axis=-1))
 
 
 def inverse(information: Array, whole: Array | None = None) -> Array:

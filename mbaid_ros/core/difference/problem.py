@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
-from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForce, Kind, body_columns
+from mbaid_ros.core.difference.effects import AXES, Axes, ConstantForces, Kind, body_columns
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.subspace import subspace
 from mbaid_ros.core.difference.window_rows import LINEAR, Counts
@@ -75,6 +75,7 @@ class Problem:
 
     Attributes
     ----------
+    origin : as given
     space : which equations hold, in which unknowns
     prior : (v, v) information about zero in these
     open_prior : (v, v) the same where nothing is known of the momentum
@@ -90,15 +91,16 @@ class Problem:
 
     def __init__(self, kernel: MomentumKernel, beside: Beside, plane: PlaneDetector, origin: Array) -> None:
         self._kernel = kernel
+        self.origin = origin
         # Of the known bodies' errors the independent numbers of variance one are unknowns or effects.
         errors = np.ones(kernel.errors.count)
         self.estimated = beside.known_mode == 'estimate' and len(errors) > 0
-        self._acting = () if beside.constant == 'none' else (ConstantForce(beside.constant, origin),)
-        self._watched = tuple(ConstantForce(axes, origin) for axes in AXES) if beside.constant == 'none' else ()
+        asked = beside.constant != 'none'
+        self._forces = ConstantForces((beside.constant,) if beside.constant != 'none' else AXES, origin)
         solved = errors if self.estimated else errors[:0]
-        self.space = subspace(plane, kernel, len(self._acting), len(solved))
+        self.space = subspace(plane, kernel, int(asked), len(solved))
         scale = unknown_scale(kernel)
-        sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * len(self._acting), solved))
+        sizes = np.concatenate((scale, *[scale[10:] / _FORCE_TIME] * asked, solved))
         deviation = NO_PRIOR * sizes
         deviation[len(sizes) - len(solved) :] = solved
         self.open_variance = deviation**2
@@ -115,10 +117,10 @@ class Problem:
         if beside.constant != 'none':
             self.acting = (np.arange(after, after + wrench), beside.constant)
         places: dict[Kind, slice] = {
-            axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(AXES[: len(self._watched)])
+            axes: slice(k * wrench, (k + 1) * wrench) for k, axes in enumerate(() if asked else AXES)
         }
         priors = dict.fromkeys(places, np.diag(self.open_prior)[self.momentum] * _FORCE_TIME**2)
-        count = len(self._watched) * wrench
+        count = len(places) * wrench
         self._delayed = beside.delay_std > 0.0
         if self._delayed:
             places['delay'], priors['delay'] = slice(count, count + 1 + body), np.array([1.0 / beside.delay_std**2])
@@ -130,14 +132,17 @@ class Problem:
 
     def surroundings(self, samples: Samples, counts: Counts) -> Surroundings:
         """Take the next K windows' samples and return what may act there, whatever the joints' stamps."""
-        nothing, known = np.zeros((len(counts), 6, 0)), self._kernel.errors
-        forces = [force.columns(samples, counts) for force in (*self._acting, *self._watched)]
-        columns = [each for each, _ in forces]
-        asked = columns[: len(self._acting)]
-        looked_for = [each @ self.space.rows.T for each in columns[len(self._acting) :]]
-        uncertain = [] if self.estimated else [body_columns(self._kernel, samples, counts, known.bodies) @ known.factor]
-        acting, watched, errors = (np.concatenate((nothing, *each), axis=2) for each in (asked, looked_for, uncertain))
-        return Surroundings(acting, watched, errors, np.stack([gain for _, gain in forces], axis=1))
+        acting: Array = np.zeros((len(counts), 6, 0))
+        watched = errors = acting
+        columns, gains = self._forces.columns(samples, counts)
+        if self.acting is None:
+            watched = np.concatenate(np.moveaxis(columns @ self.space.rows.T, 1, 0), axis=2)
+        else:
+            acting = columns[:, 0]
+        if not self.estimated:
+            known = self._kernel.errors
+            errors = body_columns(self._kernel, samples, counts, known.bodies) @ known.factor
+        return Surroundings(acting, watched, errors, gains)
 
     def of(self, surroundings: Surroundings, rows: Blocks, delay: Array) -> tuple[Blocks, Array]:
         """Return K windows' equations in the unknowns, and how they depend on the effects, (K, r, e).
@@ -177,7 +182,7 @@ class Problem:
         """
         count = len(self.space.basis)
         matrix = np.eye(16, count + 6 * len(found))
-        if self._acting:
+        if self.acting is not None:
             matrix[10:, 16:22] = gains[0]
         for number, axes in enumerate(found):
             matrix[10:, count + 6 * number : count + 6 * number + 6] = gains[AXES.index(axes)]

@@ -9,7 +9,6 @@ quadratic as it is, and its weights allow for the uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +16,14 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.coupling import Coupling, Places
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
+from mbaid_ros.core.difference.coupling import Coupling, Places, bordered, normal_equations
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.first_solutions import first_solutions
 from mbaid_ros.core.difference.folded import Folded
 from mbaid_ros.core.difference.kept import KeptWindows
+from mbaid_ros.core.difference.plausible import Plausible
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import inverse_root, is_positive, solve_definite, solve_symmetric
+from mbaid_ros.core.symmetric import solve_definite, solve_symmetric
 
 _ITERATIONS_AT_START = 12
 _ITERATIONS_WARM = 2
@@ -72,6 +72,7 @@ class RollingLikelihood:
         self.information: Array = prior
         self.coupling = Coupling.nothing(len(prior), effects)
         self._kept = KeptWindows(self.x)
+        self._squares: Array = np.zeros((len(prior) + 1 + effects, len(prior) + 1 + effects))  # of the kept windows
 
     def __len__(self) -> int:
         """Return the number of windows that are solved again."""
@@ -98,7 +99,7 @@ class RollingLikelihood:
     def solve(self) -> Linearisation:
         """Solve again and return the likelihood's quadratic form at the solution `x`."""
         if not self._sure:
-            self._kept.linearise(self._start(self._kept.blocks))
+            self._start()
         linear = self._maximise(_ITERATIONS_WARM if self._sure else _ITERATIONS_AT_START)
         # Like the information itself: the kept windows' at this x, the folded ones' at that of their folding.
         own = self._kept.noise_information
@@ -107,38 +108,54 @@ class RollingLikelihood:
         self.information = linear.information
         return replace(linear, information=linear.information + self._folded.noise_information)
 
-    def whitened(self) -> tuple[White, Array, Coupling]:
-        """Return the windows that are solved again, at the solution, and how they, and all, depend on the effects.
+    @property
+    def bordered(self) -> Array:
+        """The bordered rows of each window that is solved again, where it is linearised."""
+        return self._kept.bordered
 
-        The former, (K, r, e), in units of their noise.
-        """
-        white = self._kept.at(self.x)
-        effects = white.whitener @ self._kept.columns
-        return white, effects, self.coupling + Coupling.of(white, effects, self.x)
+    @property
+    def form(self) -> int:
+        """Number of the quadratic form that is solved: the same while windows are only added to it."""
+        return self._kept.forms + (len(self._folded) if self._forgetting < 1.0 else 0)
+
+    @property
+    def past_linearisation(self) -> Array:
+        """How far the solution is from where the windows are linearised, (u,)."""
+        return self.x - self._kept.x
+
+    @property
+    def coupling_of_all(self) -> Coupling:
+        """How all windows, with those that are solved again, depend on the effects."""
+        return self.coupling + Coupling.of(self._squares, self._kept.x)
 
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        return self._sure or eiv.uncertain_share(self._kept.newest, *self._plausible()) < _LARGEST_SHARE
+        return self._sure or eiv.uncertain_share(self._kept.newest, *self._plausible.solution(self.x)) < _LARGEST_SHARE
+
+    @property
+    def _plausible(self) -> Plausible:
+        return Plausible(self._signal, self._typical)
 
     def drop(self, first: int, last: int) -> None:
         """Give up windows first, ..., last - 1 of those that are solved again."""
         self._kept.drop(first, last)
 
-    def substitute(self, bases: Sequence[Array], earlier: Array, prior: Array) -> None:
-        """Go over to more unknowns x', with x = basis x'; those that are new come last and begin at zero.
+    def substitute(self, place: int, earlier: Array, prior: Array) -> None:
+        """Go over to more unknowns x', with x = earlier x' before a window; those that are new come last, from zero on.
+
+        From that window on x is the first part of x'.
 
         Parameters
         ----------
-        bases : (u, w) of each window that is solved again
+        place : of that window, among those that are solved again
         earlier : (u, w) of the windows before, and of what was known beforehand
         prior : (w - u,) information of the new ones about zero
         """
-        old = len(self.x)
-        blocks = [
-            block.restrict(np.eye(block.offset.shape[1]), basis)
-            for (block, _), basis in zip(self._kept.each(), bases, strict=True)
-        ]
+        old, blocks = len(self.x), self._kept.blocks
+        before, after = blocks[:place], blocks[place:]
+        before = before.restrict(np.eye(blocks.offset.shape[1]), earlier)
+        after = after.widened(np.zeros((*after.offset.shape, len(prior))))
         self._prior = earlier.T @ self._prior @ earlier
         self._prior[old:, old:] += np.diag(prior)
         self._folded.substitute(earlier, self._prior)
@@ -146,7 +163,7 @@ class RollingLikelihood:
         self._signal = earlier.T @ self._signal @ earlier
         self._typical = np.concatenate((self._typical, np.max(np.abs(earlier[:, old:].T) * self._typical, axis=1)))
         self.x = np.concatenate((self.x, np.zeros(len(prior))))
-        self._kept.replace(blocks, self.x)
+        self._kept.replace(Blocks.concatenate([before, after]), self.x)
 
     def solve_for(self, effects: slice, weight: Array, prior: Array) -> None:
         """Take combinations of effects among the unknowns; they come last and begin at zero; the effects are gone.
@@ -157,9 +174,6 @@ class RollingLikelihood:
         weight : (n, w) the effects are weight times the new unknowns
         prior : (w,) information about zero
         """
-        blocks = [block.widened(columns[..., effects] @ weight) for block, columns in self._kept.each()]
-        for _, columns in self._kept.each():
-            columns[..., effects] = 0.0
         more = len(prior)
         self._prior = np.asarray(block_diag(self._prior, np.diag(prior)))
         self._folded.extend(self.coupling.mixed(effects, weight), self._prior)
@@ -167,7 +181,7 @@ class RollingLikelihood:
         self._signal = np.pad(self._signal, (0, more))
         self._typical = np.concatenate((self._typical, 1.0 / np.sqrt(prior)))
         self.x = np.concatenate((self.x, np.zeros(more)))
-        self._kept.replace(blocks, self.x)
+        self._kept.solve_for(effects, weight, self.x)
 
     def eliminate(self, gone: Places, prior: Array) -> None:
         """Minimise over unknowns that only folded windows depend on.
@@ -177,68 +191,55 @@ class RollingLikelihood:
         gone : indices
         prior : (k, k) information about zero of the others, from now on
         """
-        keep = np.setdiff1d(np.arange(len(self.x)), gone)
+        keep, blocks = np.setdiff1d(np.arange(len(self.x)), gone), self._kept.blocks
         information, right_side = self._folded.eliminate(self._prior, keep, gone, prior)
         self.coupling = self.coupling.eliminate(information, right_side, keep, gone)
-        basis = np.eye(len(self.x))[:, keep]
-        blocks = [block.restrict(np.eye(block.offset.shape[1]), basis) for block, _ in self._kept.each()]
+        blocks = blocks.restrict(np.eye(blocks.offset.shape[1]), np.eye(len(self.x))[:, keep])
         self._prior, self._typical, self.x = prior, self._typical[keep], self.x[keep]
         self._kept.replace(blocks, self.x)
         self._signal = self._signal[np.ix_(keep, keep)]
 
-    def _start(self, blocks: Blocks) -> Array:
-        """Return where to search from: where the last search ended, unless that fails to explain the data so far."""
-        cost = self._whole(eiv.cost(blocks, self.x), self.x)
+    def _start(self) -> None:
+        """Linearise where to search from: where the last search ended, unless that fails to explain the data so far."""
+        blocks = self._kept.blocks
         redundancy = blocks.offset.size + self._folded.equations - len(self.x)
-        if self.x[0] > 0.0 and redundancy >= _ENOUGH and cost < chi_square.limit(_UNLIKELY, redundancy):
-            return self.x
+        if self.x[0] > 0.0 and redundancy >= _ENOUGH:
+            white = self._kept.at(self.x)
+            limit = chi_square.limit(_UNLIKELY, redundancy)
+            if white is not None and self._whole(white.cost, self.x) < limit:
+                self._kept.linearise(self.x, white)
+                return
         known = self._folded.information + self._prior
         starts = [*first_solutions(blocks, known, self._folded.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
-        return min(starts, key=lambda x: (x[0] <= 0.0, self._whole(eiv.cost(blocks, x), x)))
+        possible = [x for x in starts if x[0] > 0.0] or starts
+        costs = [self._whole(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
+        self._kept.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
 
     def _fold(self) -> None:
         oldest = self._kept.pop()
         if self._forgetting < 1.0 and self.folded:
-            kept = self._kept.blocks
-            recent = eiv.maximum_likelihood(kept, self.x).information
-            idle = _EXCITED * eiv.noise_information(kept, self.x) + self._prior
-            root = self._folded.forget(self._forgetting, recent, idle)
+            white = eiv.whitened(self._kept.blocks, self.x)
+            recent = eiv.normal_equations(white).information
+            own = eiv.own_information(self._kept.blocks, white).sum(axis=0)
+            root = self._folded.forget(self._forgetting, recent, _EXCITED * own + self._prior)
             self.coupling = self.coupling.forget(root, self._forgetting)
-        block, own = oldest.blocks, oldest.noise_information
+        block, own, x = oldest.block, oldest.own, self._kept.x
         if self._sure:
-            share = float(np.vdot(own, self._plausible_covariance())) / block.offset.size
+            share = float(np.vdot(own, self._plausible.covariance)) / block.offset.size
         else:
-            share = eiv.uncertain_share(block, *self._plausible())
+            share = eiv.uncertain_share(block, *self._plausible.solution(self.x))
         self._sure = share < _LARGEST_SHARE
         if self._sure:
-            linear = eiv.normal_equations(oldest.white)
-            self._folded.add(replace(linear, information=linear.information - own), own, oldest.x)
-            self.coupling += Coupling.of(oldest.white, oldest.white.whitener @ oldest.columns, oldest.x)
+            squares = eiv.square(oldest.bordered)
+            linear = normal_equations(squares, len(x), block.offset.size)
+            self._folded.add(replace(linear, information=linear.information - own), own, x)
+            self.coupling += Coupling.of(squares, x)
         else:
-            zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible()
+            zero, (plausible, spread) = np.zeros(len(self.x)), self._plausible.solution(self.x)
             self._folded.add(*eiv.compensated(block, plausible, spread), zero)
             white = eiv.whitened_at_zero(block, plausible, spread)
-            self.coupling += Coupling.of(white, white.whitener @ oldest.columns, zero)
-
-    def _plausible(self) -> tuple[Array, Array]:
-        """Return the solution and a factor of its covariance, both held within the typical sizes.
-
-        While the data determine little, the solution itself may be anywhere.
-        """
-        size = self._typical
-        values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
-        values = np.maximum(values, 0.0)
-        vectors = size[:, None] * vectors
-        coordinates = np.linalg.solve(vectors, self.x)
-        return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
-
-    def _plausible_covariance(self) -> Array:
-        """Return the covariance of which `_plausible` returns a factor."""
-        signal = self._signal
-        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
-        factor = self._plausible()[1] if root is None else root.T
-        return np.asarray(factor @ factor.T)
+            self.coupling += Coupling.of(eiv.square(bordered(white, white.whitener @ oldest.columns)), zero)
 
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
@@ -262,10 +263,10 @@ class RollingLikelihood:
 
     def _step(self, step: Array, current: float) -> bool:
         """Linearise the kept windows further on, as far as the cost allows; return whether there is such a place."""
-        kept, blocks = self._kept, self._kept.blocks
+        kept = self._kept
         for _ in range(_HALVINGS):
             trial = kept.x + step
-            white = _whitened(blocks, trial)
+            white = kept.at(trial)
             if white is not None and (trial[0] > 0.0 or kept.x[0] <= 0.0):
                 value = self._whole(white.cost, trial)
                 if np.isfinite(value) and value <= current:
@@ -278,23 +279,21 @@ class RollingLikelihood:
         """Return the cost at x of everything, from that of the blocks."""
         return cost + self._folded.cost(x) + self._of_prior(x)
 
+    def whole(self, linear: Linearisation) -> float:
+        """Return the cost of a form at the solution, what was known beforehand included."""
+        return linear.cost + self._of_prior(self.x)
+
     def _of_prior(self, x: Array) -> float:
         return float(x @ self._prior @ x)
 
     def _linearised(self) -> Linearisation:
         """Return the likelihood's quadratic form where the kept windows are linearised."""
-        x, linear = self._kept.x, eiv.normal_equations(self._kept.white)
+        x, kept = self._kept.x, self._kept
+        self._squares = eiv.square(kept.bordered)
+        linear = normal_equations(self._squares, len(x), kept.blocks.offset.size)
         return Linearisation(
             cost=linear.cost + self._folded.cost(x),
             gradient=linear.gradient + self._folded.gradient(x) + self._prior @ x,
             information=linear.information + self._folded.information + self._prior,
             equations=linear.equations + self._folded.equations,
         )
-
-
-def _whitened(blocks: Blocks, x: Array) -> White | None:
-    """Return blocks in units of their noise at x, None where that cannot be computed."""
-    try:
-        return eiv.whitened(blocks, x)
-    except FloatingPointError:
-        return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,6 @@ class Run:
     likelihood: SteppedLikelihood
     started: float  # s since the first sample
     restarted: bool = False
-    blame: Array = field(default_factory=lambda: np.zeros(1))  # share of all known bodies in the variance, and of each
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Disturbances:
     too_many: bool
 
 
-def disturbances(run: Run, kernel: MomentumKernel) -> Disturbances:
+def disturbances(run: Run) -> Disturbances:
     """Return what has disturbed a run by now."""
     events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
     warnings = [str(event) for event in events[-_MOST_TOLD:]]
@@ -61,14 +60,17 @@ def disturbances(run: Run, kernel: MomentumKernel) -> Disturbances:
     late = delay(run)
     if late[1] > 0.0:
         warnings.append(f'JointState is stamped {1e3 * late[0]:.1f} ms late relative to Odometry; estimated along')
-    if run.blame[0] > 0.5:
-        worst = int(np.argmax(run.blame[1:]))
-        link = next(x.name for x in kernel.model.links if x.body == kernel.errors.bodies[worst])
-        warnings.append(
-            f'{100.0 * run.blame[0]:.0f} % of the variance is due to the known bodies being uncertain, '
-            f'{100.0 * run.blame[1 + worst]:.0f} % to {link} alone'
-        )
     return Disturbances(events, tuple(warnings), late, too_many=too_many)
+
+
+def blamed(blame: Array, kernel: MomentumKernel) -> tuple[str, ...]:
+    """Return the warning that (1 + b,) shares of the known bodies in the variance are worth: of all, and of each."""
+    if blame[0] <= 0.5:
+        return ()
+    worst = int(np.argmax(blame[1:]))
+    link = next(x.name for x in kernel.model.links if x.body == kernel.errors.bodies[worst])
+    share, own = 100.0 * blame[0], 100.0 * blame[1 + worst]
+    return (f'{share:.0f} % of the variance is due to the known bodies being uncertain, {own:.0f} % to {link} alone',)
 
 
 def _step(jump: Jump, run: Run) -> Event:

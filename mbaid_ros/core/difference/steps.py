@@ -13,6 +13,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import monitor
+from mbaid_ros.core.difference.ceiling import Ceiling
 from mbaid_ros.core.difference.coupling import Places
 from mbaid_ros.core.difference.disturbances import Found, Jump, Uncertain, View, Watched
 from mbaid_ros.core.difference.effects import Kind
@@ -30,6 +31,7 @@ _ENOUGH = 50
 # Fall of the sum of squared residuals by which one kind of force must be better than the other, and a jump than both.
 _CLEAR = 15.0
 _PRESSING = 6.0  # times the limit, at which one is taken even so
+_SUSPICIOUS = 0.5  # of the limit, below which the tests can wait: the likelihood is no parabola altogether
 _APART = 4  # windows between two jumps; with fewer they are one
 _REMEMBERED = 100  # jumps
 _MOST_JUMPS = 4  # among the windows that are solved again
@@ -82,6 +84,8 @@ class SteppedLikelihood:
         self._momentum = momentum
         self._prior = prior
         self._start = np.diag(prior)[momentum]
+        self._limit = chi_square.limit(_FALSE_ALARM, len(self._start))
+        self._ceiling = Ceiling()
         self._uncertain = uncertain
         self.watched = watched
         self._spans: list[tuple[float, float]] = []  # of the windows that are solved again
@@ -111,10 +115,12 @@ class SteppedLikelihood:
             for item in self._open:
                 item.after -= 1
             linear = self._close() or linear
-        view = self._look(linear)
+        view, ceiling = self._look(linear), self._ceiling.after(self.likelihood.whole(linear), self.likelihood.form)
         enough = linear.equations - len(self.likelihood.x) >= _ENOUGH
         self.ready = enough and self.likelihood.certain
-        if self.ready and self._look_back(view):
+        # Uncertain effects lower what the tests find: no window bounds by how much the next one may raise it.
+        suspicious = len(self._uncertain.places) > 0 or view.relative(ceiling) > _SUSPICIOUS * self._limit
+        if self.ready and suspicious and self._look_back(view):
             linear = self.likelihood.solve()
             view = self._look(linear)
         self._view = view
@@ -129,26 +135,30 @@ class SteppedLikelihood:
             return value, np.full((len(place), len(place)), np.inf)
         return value, self._view.nuisance.inverse[np.ix_(place, place)] * self._view.scale
 
-    def spread(self, covariance: Array) -> Array:
-        """Return what the uncertain effects do to the unknowns: (u, e), for one standard deviation of each effect.
+    @property
+    def uncertain_cross(self) -> Array:
+        """What ties the uncertain effects, each in its standard deviation, to the unknowns: (u, e).
 
-        Parameters
-        ----------
-        covariance : (u, u) of the unknowns without them (consider covariance; Schmidt 1966)
+        The covariance of the unknowns without them times this is what they do to the unknowns (consider covariance;
+        Schmidt 1966).
         """
         if self._view is None:
-            return np.zeros((len(covariance), len(self._uncertain.places)))
-        return np.asarray(covariance @ self._view.coupling.cross[:, self._uncertain.places] * self._uncertain.size)
+            return np.zeros((len(self.likelihood.x), len(self._uncertain.places)))
+        return self._view.uncertain
 
     def _look(self, linear: Linearisation) -> View:
         likelihood, places, size = self.likelihood, self._uncertain.places, self._uncertain.size
-        white, effects, coupling = likelihood.whitened()
-        nuisance = Nuisance.of(likelihood.information, linear.gradient, coupling.cross[:, places], size)
-        own = np.diag(coupling.own)[places] * size**2
-        left = own - np.sum(coupling.cross[:, places] * size * nuisance.spread, axis=0)
-        self.surplus = float(np.sum(np.maximum(left, 0.0)))
+        cross: Array = np.zeros((len(likelihood.x), len(places)))
+        self.surplus = 0.0
+        if len(places):
+            coupling = likelihood.coupling_of_all
+            cross = coupling.cross[:, places]
+        nuisance = Nuisance.of(likelihood.information, linear.gradient, cross, size)
+        if len(places):
+            own = np.diag(coupling.own)[places] * size**2
+            self.surplus = float(np.sum(np.maximum(own - np.sum(cross * size * nuisance.spread, axis=0), 0.0)))
         expected = max(linear.equations - len(likelihood.x), 1) + self.surplus
-        return View(white, effects[..., places], coupling, nuisance, linear.cost, expected)
+        return View(likelihood.bordered, likelihood.past_linearisation, cross * size, nuisance, linear.cost, expected)
 
     def _padded(self, block: Blocks, columns: Array, delay: float) -> tuple[Blocks, Array]:
         """Return a window in all unknowns, into which jumps that are over do not enter, and its effects.
@@ -191,12 +201,13 @@ class SteppedLikelihood:
 
     def _look_back(self, view: View) -> bool:
         """Let a force act or the momentum jump earlier on, if that explains the data far better; return whether."""
-        limit = chi_square.limit(_FALSE_ALARM, len(self._start))
+        limit = self._limit
         first = max([2, *(item.after + _APART for item in self._open)])
-        jumps = monitor.jumps(view.white, view.effects, self._momentum, first, view.nuisance)
+        jumps = monitor.jumps(view.rows[first:], view.step, self._momentum, self._uncertain.places, view.nuisance)
         best, explained = (int(np.argmax(jumps)), float(np.max(jumps))) if len(jumps) else (0, 0.0)
         falls = self._falls(view)
         kind = max(falls, key=lambda name: falls[name], default=None)
+        self._ceiling.found(max([explained, *falls.values()]))
         # A jump may be anywhere, a force is one; and where one kind acts already, it may just be of the other kind.
         rival = 0.5 * explained if self.found else explained - _CLEAR * view.left(explained)
         if kind is not None and falls[kind] > rival and view.relative(falls[kind]) > limit:
@@ -215,7 +226,9 @@ class SteppedLikelihood:
         acting = {
             kind: (effects, self._weight(kind)) for kind, effects in self.watched.effects.items() if kind not in found
         }
-        return monitor.falls(view.coupling, self.likelihood.x, acting, self._uncertain.places, view.nuisance)
+        return monitor.falls(
+            self.likelihood.coupling_of_all, self.likelihood.x, acting, self._uncertain.places, view.nuisance
+        )
 
     def _weight(self, kind: Kind) -> Array:
         """Return what the watched effects are of the unknowns that they would become, (n, k)."""
@@ -236,17 +249,15 @@ class SteppedLikelihood:
             return False
         likelihood, places = self.likelihood, np.arange(len(self.likelihood.x))[self._momentum]
         old, more = len(likelihood.x), len(places)
-        same = np.eye(old, old + more)
-        earlier = same.copy()
+        earlier = np.eye(old, old + more)
         earlier[places, old + np.arange(more)] = -1.0
-        bases = [earlier if index < place else same for index in range(len(self._spans))]
-        likelihood.substitute(bases, earlier, self._start)
+        likelihood.substitute(place, earlier, self._start)
         jump = Jump(*span, np.zeros(more), np.diag(1.0 / self._start))
         self.jumps = [*self.jumps[1 - _REMEMBERED :], jump]
         item = _Open(jump, old + np.arange(more), place)
         self._open.append(item)
         # The window before may already hold part of it.
-        misfit = float(np.sum(view.white.residual[place - 1] ** 2)) / view.scale
+        misfit = view.squared(place - 1) / view.scale
         if misfit > chi_square.limit(_PART, more) and place > 1:
             likelihood.drop(place - 1, place)
             jump.start = self._spans.pop(place - 1)[0]

@@ -39,11 +39,11 @@ class Subspace:
         return blocks.restrict(self.rows, self.basis) if self.planar else blocks
 
     def lift(self, covariance: Array, open_variance: Array) -> Array:
-        """Return the (u, u) covariance of all unknowns, with a given variance where nothing is known.
+        """Return the (..., u, u) covariance of all unknowns, with a given variance where nothing is known.
 
         Parameters
         ----------
-        covariance : (v, v) of x'
+        covariance : (..., v, v) of x'
         open_variance : (u,)
         """
         if not self.planar:

@@ -55,7 +55,7 @@ def joined_rows(kernel: MomentumKernel, samples: Samples, counts: Counts, noise:
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
-    points = [_starts(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
+    points = [starts_of(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
     first, second = zip(*map(np.split, _derivatives(kernel, samples[np.concatenate(points)]), (2, 2)), strict=True)
     mean = _error_factors(samples, counts, noise)
     tilt = np.sqrt(_tilts(samples, counts))[..., None] * mean
@@ -83,7 +83,7 @@ def mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tuple
     # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
     thrust = samples.impulse.copy()
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    starts = _starts(counts)
+    starts = starts_of(counts)
     means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
     known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
     return known, np.concatenate(regressors, axis=2)
@@ -96,10 +96,10 @@ def mean_of_each(values: Array, counts: Counts) -> Array:
 
 def sum_of_each(values: Array, counts: Counts) -> Array:
     """Return the sums (K, ...) of values (N, ...) over each window."""
-    return np.add.reduceat(values, _starts(counts), axis=0)
+    return np.add.reduceat(values, starts_of(counts), axis=0)
 
 
-def _starts(counts: Counts) -> Counts:
+def starts_of(counts: Counts) -> Counts:
     """Return the place of each window's first sample."""
     return np.cumsum(counts) - counts
 
@@ -120,11 +120,12 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     derivative = sensitivity(kernel, kernel.states(point))
     joints = kernel.model.joints
     count, sources, bodies = len(point), 2 * joints + 12, derivative.target.shape[-1]
-    place = np.concatenate((np.arange(2 * joints), np.arange(2 * joints + 3, sources)))
     known = np.zeros((count, 6, sources, 1))
     target = np.zeros((count, 6, sources, bodies + 6))
-    known[:, :, place, 0] = derivative.known
-    target[:, :, place, :bodies] = derivative.target
+    # The base's position comes between the joints and the rest.
+    for there, here in ((slice(2 * joints), slice(2 * joints)), (slice(2 * joints + 3, None), slice(2 * joints, None))):
+        known[:, :, there, 0] = derivative.known[:, :, here]
+        target[:, :, there, :bodies] = derivative.target[:, :, here]
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3, 0] = -skew(point.impulse[:, :3])
@@ -133,7 +134,7 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
 
 def _by_errors(derivative: Array, factor: Array) -> Array:
     """Return derivatives (K, 6, z, u) by unit errors, from those by what they are factors (K, z, z) of."""
-    return np.swapaxes(np.swapaxes(derivative, 2, 3) @ factor[:, None], 2, 3)
+    return np.asarray(np.swapaxes(factor, 1, 2)[:, None] @ derivative)
 
 
 def _tilts(samples: Samples, counts: Counts) -> Array:

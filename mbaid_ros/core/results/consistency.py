@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from mbaid_ros.core.geometry import Array, Flags, vec
 from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
-from mbaid_ros.core.symmetric import is_positive
+from mbaid_ros.core.symmetric import inverse_factor, is_positive, solve_definite
 
 # Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
 # would be flat, and no simulator accepts it.
@@ -142,19 +142,21 @@ def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
     target = orthonormal.T @ offset
     inside = x = start
     weight = max(0.25 * float(np.sum((target - triangle @ x) ** 2)), _LEAST_WEIGHT)
+    identity, floor, flat = np.eye(len(x)), _FLOOR * np.eye(4), units.reshape(-1, 16)
     for _ in range(_STEPS):
-        try:
-            whiten = np.linalg.inv(np.linalg.cholesky(np.tensordot(x, units, 1) - _FLOOR * np.eye(4)))
-        except np.linalg.LinAlgError:  # the boundary is nearer than rounding
+        whiten = inverse_factor((x @ flat).reshape(4, 4) - floor)
+        if whiten is None:  # the boundary is nearer than rounding
             return inside
         inside = x
-        barrier = back.T @ (whiten @ units @ whiten.T).reshape(10, 16)
-        slope = target - triangle @ x + weight * (barrier @ np.eye(4).ravel())
-        step = np.linalg.solve(np.eye(10) + weight * (barrier @ barrier.T), slope)
+        barrier = back.T @ (whiten @ units @ whiten.T).reshape(-1, 16)
+        slope = target - triangle @ x + weight * barrier[:, ::5].sum(axis=1)
+        step = solve_definite(identity + weight * (barrier @ barrier.T), slope)
         change = step @ barrier
-        shrinking = float(np.linalg.eigvalsh(change.reshape(4, 4))[0])
-        x = x + min(1.0, _INTERIOR / max(-shrinking, 1e-300)) * (back @ step)
-        if float(step @ step) / weight + float(change @ change) < 1.0:  # close to this weight's minimum
+        size = float(change @ change)
+        # No eigenvalue of the change is larger than its norm.
+        shrinking = 0.0 if size <= _INTERIOR**2 else -float(np.linalg.eigvalsh(change.reshape(4, 4))[0])
+        x = x + min(1.0, _INTERIOR / max(shrinking, 1e-300)) * (back @ step)
+        if float(step @ step) / weight + size < 1.0:  # close to this weight's minimum
             if weight == _LEAST_WEIGHT:
                 break
             weight = max(_FALL * weight, _LEAST_WEIGHT)

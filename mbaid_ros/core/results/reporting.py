@@ -27,7 +27,7 @@ from mbaid_ros.core.results.consistency import are_physical, project, project_pl
 from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Status
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
-from mbaid_ros.core.symmetric import inverse_root
+from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
 _LARGE_CORRECTION = 3.0  # standard deviations
 _ENOUGH = 50  # redundant equations, before the residual is judged
@@ -113,12 +113,13 @@ class Reporting:
         covariance = np.array([one.covariance[:10, :10] for one in solutions])
         cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
         momentum, momentum_covariance = _about_odometry_origin(solutions)
-        identifiable = self._identifiable(bodies, cautious)
+        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
+        identifiable = self._identifiable(parameters, jacobian, cautious)
         planes = [one.plane for one in solutions]
         possible, corrections = self._possible(bodies, covariance, identifiable, planes)
         if possible is not bodies:
-            bodies, identifiable = possible, self._identifiable(possible, cautious)
-        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
+            parameters, jacobian = physical(possible), physical_jacobian(possible)
+            identifiable = self._identifiable(parameters, jacobian, cautious)
         published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
@@ -167,10 +168,9 @@ class Reporting:
                 possible[k], corrections[k] = project_planar(bodies[k], covariance[k], self.scale, plane)
         return possible, corrections
 
-    def _identifiable(self, bodies: Array, cautious_covariance: Array) -> Flags:
-        jacobian = physical_jacobian(bodies)
+    def _identifiable(self, parameters: Array, jacobian: Array, cautious_covariance: Array) -> Flags:
         covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2)
-        relative = relative_std(covariance, self.sizes(physical(bodies)))
+        relative = relative_std(covariance, self.sizes(parameters))
         of_the_mass = relative[:, :1] < _OF_THE_MASS * self.identifiable_std
         return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
@@ -206,16 +206,28 @@ class Reporting:
         return tuple(warnings)
 
 
-def inverse(reference: Array, matrix: Array) -> Array:
-    """Return the inverse of a symmetric matrix, conditioned by the diagonal of a positive definite reference.
+def inverses(references: Array, matrices: Array) -> Array:
+    """Return the inverses of symmetric (N, u, u) matrices, conditioned by the diagonals of definite references.
 
-    Directions in which the matrix is not positive (noise was all there was) get a variance of 1e12 times what the
+    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times what the
     reference's diagonal says.
     """
-    size = 1.0 / np.sqrt(np.diag(reference))
-    root = inverse_root(matrix)
-    if root is not None and np.sum((root / size) ** 2) < 1.0 / _LEAST:  # then no direction has as much variance
-        return np.asarray(root.T @ root)
+    size = 1.0 / np.sqrt(references.diagonal(axis1=1, axis2=2))
+    factors = inverse_factors(matrices)
+    if factors is None:
+        if len(matrices) > 1:  # one of them: each by itself
+            pairs = zip(references, matrices, strict=True)
+            return np.concatenate([inverses(reference[None], matrix[None]) for reference, matrix in pairs])
+        return _inverse_of_positive_part(matrices[0], size[0])[None]
+    found = np.asarray(np.swapaxes(factors, 1, 2) @ factors)
+    # No direction has as much variance where the sum of all has less.
+    large = ((factors / size[:, None]) ** 2).sum(axis=(1, 2)) >= 1.0 / _LEAST
+    for k in np.flatnonzero(large | are_doubtful(matrices, factors)):
+        found[k] = _inverse_of_positive_part(matrices[k], size[k])
+    return found
+
+
+def _inverse_of_positive_part(matrix: Array, size: Array) -> Array:
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
     inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import orth
@@ -50,9 +51,13 @@ class KnownErrors:
         -------
         (..., b) array; errors of several bodies that are correlated count for each of them
         """
-        own = [orth(rows.T) for rows in np.split(self.factor, len(self.bodies))] if self.bodies else []
-        parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in own]
+        parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in self._own_directions]
         return np.stack(parts, axis=-1) if parts else np.zeros((*spread.shape[:-1], 0))
+
+    @cached_property
+    def _own_directions(self) -> list[Array]:
+        """Of each body, an orthonormal basis (e, k) of the independent errors that it has a part in."""
+        return [orth(rows.T) for rows in np.split(self.factor, len(self.bodies))] if self.bodies else []
 
 
 def body_sizes(parameters: Array) -> Array:

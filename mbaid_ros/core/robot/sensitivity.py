@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 
@@ -46,9 +46,13 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
     for link in kernel.unknown:
         moves = members[:, link.body]  # 1 where the joint moves the link
         rotation, position = states.configuration.link(link)
-        part = regressor(rotation[:, None], position[:, None], twists) * moves[owner, None, None]
-        own = np.swapaxes(states.regressor_of(link), 1, 2)[:, :, None] * moves[:, None]  # (N, 10, n + 1, 6)
-        parts.append(_assembled(joint_twist, np.moveaxis(part, -1, 1), own))
+        # The regressor is linear in the twist: that of the unit twists, (N, 6, 60), makes all others.
+        units = regressor(rotation[:, None], position[:, None], np.eye(6)).reshape(-1, 6, 60)
+        moving = np.concatenate(
+            (twists * moves[owner, None], states.body_twist[:, None, link.body] * moves[:, None]), 1
+        )
+        products = np.moveaxis((moving @ units).reshape(*moving.shape, 10), -1, 1)
+        parts.append(_assembled(joint_twist, *np.split(products, [twists.shape[1]], axis=2)))
     return Sensitivity(sensitivity_of_known(kernel, states), np.concatenate(parts, axis=-1))
 
 
@@ -102,12 +106,12 @@ def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:
     momenta : (N, c, n + 1, 6) momentum of what joint j moves, and (last) of everything
     """
     joints = joint_twist.shape[1]
-    positions = force_cross(joint_twist[:, None], momenta[:, :, :joints]) - moved[:, :, :joints]
+    moved, momenta = np.moveaxis(moved, 1, -1), np.moveaxis(momenta, 1, -1)  # as they are multiplied: (N, ..., 6, c)
+    positions = _force_matrix(joint_twist) @ momenta[:, :joints] - moved[:, :joints]
     # The base's orientation turns everything: S x* h of the whole robot.
-    turn = np.concatenate((np.zeros((3, 3)), np.eye(3)), axis=1)
-    orientation = force_cross(turn, momenta[:, :, joints, None])
-    rates, velocities = moved[:, :, joints : 2 * joints], moved[:, :, 2 * joints :]
-    return np.moveaxis(np.concatenate((positions, rates, orientation, velocities), axis=2), 1, -1).swapaxes(1, 2)
+    orientation = _TURNS @ momenta[:, joints, None]
+    rates, velocities = moved[:, joints : 2 * joints], moved[:, 2 * joints :]
+    return np.concatenate((positions, rates, orientation, velocities), axis=1).swapaxes(1, 2)
 
 
 def motion_cross(left: Array, right: Array) -> Array:
@@ -130,6 +134,17 @@ def force_cross(twist: Array, momentum_vector: Array) -> Array:
         ),
         axis=-1,
     )
+
+
+def _force_matrix(twist: Array) -> Array:
+    """Return the (..., 6, 6) matrix that makes S x* h of h."""
+    matrix = np.zeros((*twist.shape, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = skew(twist[..., 3:])
+    matrix[..., 3:, :3] = skew(twist[..., :3])
+    return matrix
+
+
+_TURNS = _force_matrix(np.eye(6)[3:])  # by the unit twists about the axes
 
 
 def _base_twists(rotation: Array) -> Array:

@@ -14,7 +14,7 @@ from floating import float_freely, pushing, true_momentum
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.difference.effects import ConstantForce
+from mbaid_ros.core.difference.effects import ConstantForces
 from mbaid_ros.core.difference.window_rows import joined
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
@@ -178,7 +178,7 @@ def test_parameters_that_cannot_be(robot: MomentumKernel, parameters: dict[str, 
 def test_what_a_force_does_to_the_momentum(robot: MomentumKernel, pushed: dict[str, Truth], axes: str) -> None:
     samples = observe(pushed[axes], MID)
     origin = samples.base_position[0]
-    acting = ConstantForce('body' if axes == 'body' else 'inertial', origin)
+    acting = ConstantForces(('body' if axes == 'body' else 'inertial',), origin)
     momentum = true_momentum(robot, samples)
     about = momentum - np.concatenate((np.zeros((len(samples), 3)), np.cross(origin, momentum[:, :3])), axis=1)
     for window in windows(samples):
@@ -186,8 +186,8 @@ def test_what_a_force_does_to_the_momentum(robot: MomentumKernel, pushed: dict[s
         place = np.searchsorted(samples.time, window.time)
         change = about[place] - about[0]
         change[:, 3:] -= np.cross(window.base_position - origin, change[:, :3])
-        assert -columns[0] @ FORCE == pytest.approx(np.mean(change, axis=0), abs=1e-4)
-        assert gains[0] @ FORCE == pytest.approx(about[place[-1]] - about[0], abs=1e-4)
+        assert -columns[0, 0] @ FORCE == pytest.approx(np.mean(change, axis=0), abs=1e-4)
+        assert gains[0, 0] @ FORCE == pytest.approx(about[place[-1]] - about[0], abs=1e-4)
 
 
 @pytest.mark.parametrize('constant', ['none', 'inertial'])

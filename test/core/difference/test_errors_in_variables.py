@@ -11,7 +11,7 @@ from derivatives import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, linear_blocks, noisy_blocks, with_errors
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import weighted
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.geometry import Array
 
 SEEDS = range(5)
@@ -50,12 +50,12 @@ def test_the_gradient_is_half_the_derivative_of_the_cost(seed: int) -> None:
 def test_exact_coefficients_leave_the_weighted_least_squares() -> None:
     blocks = linear_blocks(30, 1)
     linear = eiv.maximum_likelihood(blocks, TRUE)
-    information, right_side = weighted(blocks, TRUE, compensate=False)
+    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
     assert linear.information == pytest.approx(information, rel=1e-9, abs=1e-9 * np.abs(information).max())
     assert TRUE - np.linalg.solve(linear.information, linear.gradient) == pytest.approx(
         np.linalg.solve(information, right_side), rel=1e-9
     )
-    compensated = weighted(blocks, TRUE, compensate=True)
+    compensated = Sums(blocks, TRUE).weighted(compensate=True)
     assert np.array_equal(compensated[0], information)
     assert np.array_equal(compensated[1], right_side)
     assert not eiv.noise_information(blocks, TRUE).any()
@@ -83,7 +83,7 @@ def test_noise_in_the_coefficients_biases_plain_least_squares_only() -> None:
     blocks = noisy_blocks(4000, 5, 0.3, 0.3)
 
     def solve(*, compensate: bool) -> tuple[Array, float]:
-        information, right_side = weighted(blocks, TRUE, compensate=compensate)
+        information, right_side = Sums(blocks, TRUE).weighted(compensate=compensate)
         solution = np.linalg.solve(information, right_side)
         return solution, normalised(solution - TRUE, information)
 
@@ -174,4 +174,4 @@ def test_a_singular_covariance_is_told() -> None:
         with pytest.raises(FloatingPointError, match='not positive definite'):
             function(flat, zero)
     with pytest.raises(FloatingPointError, match='not positive definite'):
-        weighted(flat, zero, compensate=True)
+        Sums(flat, zero).weighted(compensate=True)

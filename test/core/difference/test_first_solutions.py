@@ -10,7 +10,7 @@ import pytest
 from linear_problems import TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import first_solutions, total_least_squares, weighted
+from mbaid_ros.core.difference.first_solutions import Sums, first_solutions
 from mbaid_ros.core.geometry import Array
 
 NOWHERE = np.zeros(UNKNOWNS)
@@ -21,15 +21,15 @@ def test_exact_coefficients_leave_the_weighted_least_squares() -> None:
     """And what is known besides enters as it does there."""
     blocks, known = linear_blocks(12, 1), np.diag([1.0, 4.0, 2.0, 3.0])
     right_side = known @ np.array([1.0, 2.0, 3.0, 4.0])
-    information, right = weighted(blocks, TRUE, compensate=False)
+    information, right = Sums(blocks, TRUE).weighted(compensate=False)
     expected = np.linalg.solve(information + known, right + right_side)
-    assert total_least_squares(blocks, TRUE, known, right_side) == pytest.approx(expected, rel=1e-9)
+    assert Sums(blocks, TRUE).total_least_squares(known, right_side) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
     blocks = noisy_blocks(4000, seed, 0.3, 0.3)
-    found = total_least_squares(blocks, TRUE, NOTHING, NOWHERE)
+    found = Sums(blocks, TRUE).total_least_squares(NOTHING, NOWHERE)
     linear = eiv.maximum_likelihood(blocks, TRUE)
     own = linear.information - eiv.noise_information(blocks, TRUE)
     # Chi-square of four unknowns: 18 is exceeded once in a thousand draws. Plain least squares is 500 and more off.
@@ -39,8 +39,8 @@ def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
 def test_no_scale_of_the_unknowns_matters() -> None:
     blocks, size = noisy_blocks(30, 2), np.array([1e-6, 1.0, 1e3, 1e7])
     scaled = blocks.restrict(np.eye(blocks.offset.shape[1]), np.diag(size))
-    found = total_least_squares(blocks, NOWHERE, NOTHING, NOWHERE)
-    same = total_least_squares(scaled, NOWHERE, NOTHING * size * size[:, None], NOWHERE)
+    found = Sums(blocks, NOWHERE).total_least_squares(NOTHING, NOWHERE)
+    same = Sums(scaled, NOWHERE).total_least_squares(NOTHING * size * size[:, None], NOWHERE)
     assert size * same == pytest.approx(found, rel=1e-6)
 
 
@@ -48,7 +48,7 @@ def test_equations_without_noise_are_refused() -> None:
     plain = linear_blocks(3, 1)
     flat = Blocks(plain.rows, plain.offset, 0.0 * plain.noise, plain.noise_rows)
     with pytest.raises(FloatingPointError):
-        total_least_squares(flat, NOWHERE, NOTHING, NOWHERE)
+        Sums(flat, NOWHERE).total_least_squares(NOTHING, NOWHERE)
     assert not first_solutions(flat, NOTHING, NOWHERE)
 
 

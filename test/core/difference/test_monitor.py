@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference.errors_in_variables import White
 from mbaid_ros.core.difference.monitor import Nuisance, inverse, jumps
 
 
@@ -38,8 +37,8 @@ def test_a_momentum_that_jumps_before_the_first_window_explains_nothing() -> Non
         )
         gradient = np.einsum('kri,kr->i', rows, residual)
         nuisance = Nuisance.of(information, gradient, np.zeros((16, 0)), np.zeros(0))
-        white = White(residual, rows, np.zeros((30, 6, 0)), np.zeros((30, 6, 6)))
-        falls = jumps(white, np.zeros((30, 6, 0)), momentum, 0, nuisance)
+        bordered = np.concatenate((rows, residual[..., None]), axis=2)
+        falls = jumps(bordered, np.zeros(16), momentum, np.zeros(0, dtype=int), nuisance)
         assert falls[0] == 0.0
         assert np.all(np.isfinite(falls))
         assert 1.0 < np.mean(falls[1:]) < 12.0  # chi-square of six

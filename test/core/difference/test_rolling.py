@@ -8,7 +8,7 @@ import pytest
 from linear_problems import TRUE, UNKNOWNS, exact_blocks, linear_blocks, noisy_blocks, with_errors
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import weighted
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.geometry import Array
 
@@ -49,7 +49,7 @@ def test_all_kept_windows_lead_to_the_maximum() -> None:
 def test_folding_a_linear_problem_changes_nothing(kept: int) -> None:
     blocks = linear_blocks(40, 1)
     likelihood = rolled(blocks, kept)
-    information, right_side = weighted(blocks, TRUE, compensate=False)
+    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
     assert likelihood.x == pytest.approx(np.linalg.solve(information + PRIOR, right_side), rel=1e-7)
     # Its form around the solution is that of all windows.
     linear = likelihood.add(linear_blocks(1, 2))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference import monitor
-from mbaid_ros.core.difference.coupling import Coupling
+from mbaid_ros.core.difference import monitor, steps
+from mbaid_ros.core.difference.coupling import Coupling, bordered
 from mbaid_ros.core.difference.disturbances import Uncertain, Watched
 from mbaid_ros.core.difference.effects import AXES, Kind
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import weighted
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.difference.monitor import Nuisance
 from mbaid_ros.core.difference.rolling import RollingLikelihood
 from mbaid_ros.core.difference.steps import SteppedLikelihood
@@ -64,8 +66,8 @@ def test_a_jump_is_the_same_as_two_constants(kept: int, places: list[int]) -> No
     blocks = changed(blocks, after(60, places)[:, None] * JUMP)
     run = follow(blocks, kept)
     assert [jump.start for jump in run.jumps] == [0.5 * place for place in places]
-    information, right_side = weighted(
-        with_jump_columns(blocks, places), np.zeros(4 + 2 * len(places)), compensate=False
+    information, right_side = Sums(with_jump_columns(blocks, places), np.zeros(4 + 2 * len(places))).weighted(
+        compensate=False
     )
     expected = np.linalg.solve(information + 1e-6 * np.eye(len(right_side)), right_side)
     # Also once the jumps have been folded and minimised over.
@@ -128,6 +130,27 @@ def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     assert not run.jumps
 
 
+@pytest.mark.parametrize('places', [[], [25], [25, 60]])
+def test_the_tests_wait_only_while_they_can_find_nothing(monkeypatch: pytest.MonkeyPatch, places: list[int]) -> None:
+    # Small jumps, that no window tells by itself.
+    blocks = changed(noisy_blocks(90, 5, 0.3, 0.0), after(90, places)[:, None] * 0.5 * JUMP)
+    made: list[float] = []
+    exact = monitor.jumps
+
+    def counted(*arguments: Any) -> Array:
+        made.append(float(np.max(exact(*arguments), initial=0.0)))
+        return exact(*arguments)
+
+    monkeypatch.setattr(monitor, 'jumps', counted)
+    waiting = follow(blocks, 20)
+    few = len(made)
+    monkeypatch.setattr(steps, '_SUSPICIOUS', -1.0)
+    always = follow(blocks, 20)
+    assert 0 < few < 0.8 * (len(made) - few)
+    assert [jump.start for jump in waiting.jumps] == [jump.start for jump in always.jumps]
+    assert np.array_equal(waiting.likelihood.x, always.likelihood.x)
+
+
 @pytest.mark.parametrize('kept', [10, 100])
 def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
     blocks = linear_blocks(80, 7)
@@ -140,7 +163,7 @@ def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
     (found,) = run.found
     assert found.kind == 'inertial'
     assert not run.jumps
-    information, right_side = weighted(pushed.widened(gain), np.zeros(6), compensate=False)
+    information, right_side = Sums(pushed.widened(gain), np.zeros(6)).weighted(compensate=False)
     expected = np.linalg.solve(information + 1e-6 * np.eye(6), right_side)
     assert run.likelihood.x == pytest.approx(expected, rel=1e-6, abs=1e-8)
     assert run.part(found.place)[0] == pytest.approx(force, abs=2e-3)
@@ -148,19 +171,20 @@ def test_a_constant_force_is_found_and_solved_for(kept: int) -> None:
 
 def test_the_statistics_are_what_the_cost_would_fall_by() -> None:
     blocks = linear_blocks(20, 8)
-    information, right_side = weighted(blocks, TRUE, compensate=False)
+    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
     x = np.linalg.solve(information, right_side)
     white = eiv.whitened(blocks, x)
     nuisance = Nuisance.of(information, np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, 0)), np.zeros(0))
-    fall = monitor.jumps(white, np.zeros((20, EQUATIONS, 0)), MOMENTUM, 0, nuisance)
+    rows = bordered(white, np.zeros((20, EQUATIONS, 0)))
+    fall = monitor.jumps(rows, np.zeros(UNKNOWNS), MOMENTUM, np.zeros(0, dtype=np.int64), nuisance)
     for place in (3, 10, 19):
         wider = with_jump_columns(blocks, [place])
-        more, right = weighted(wider, np.zeros(6), compensate=False)
+        more, right = Sums(wider, np.zeros(6)).weighted(compensate=False)
         best = eiv.cost(wider, np.linalg.solve(more, right))
         assert fall[place] == pytest.approx(eiv.cost(blocks, x) - best, rel=1e-6)
     columns = np.random.default_rng(8).normal(size=(20, EQUATIONS, 2))
-    coupling = Coupling.of(white, white.whitener @ columns, x)
-    more, right = weighted(blocks.widened(columns), np.zeros(6), compensate=False)
+    coupling = Coupling.of(eiv.square(bordered(white, white.whitener @ columns)), x)
+    more, right = Sums(blocks.widened(columns), np.zeros(6)).weighted(compensate=False)
     best = eiv.cost(blocks.widened(columns), np.linalg.solve(more, right))
     acting: dict[Kind, tuple[slice, Array]] = {'inertial': (slice(0, 2), np.eye(2))}
     found = monitor.falls(coupling, x, acting, np.zeros(0, dtype=np.int64), nuisance)
@@ -175,12 +199,11 @@ def test_uncertain_effects_widen_by_what_they_do_to_the_solution(kept: int) -> N
     uncertain = SteppedLikelihood(rolling, MOMENTUM, PRIOR, Uncertain(np.arange(2), size), NOTHING)
     for k in range(60):
         linear = uncertain.add(blocks[k : k + 1], columns[k : k + 1], (0.5 * k, 0.5 * k + 0.49))
-    spread = uncertain.spread(np.linalg.inv(linear.information))
+    spread = np.linalg.inv(linear.information) @ uncertain.uncertain_cross
     for index in range(2):
         offset = blocks.offset + columns[..., index] * size[index]
-        information, right_side = weighted(
-            Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows), TRUE, compensate=False
-        )
+        moved_blocks = Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows)
+        information, right_side = Sums(moved_blocks, TRUE).weighted(compensate=False)
         moved = np.linalg.solve(information + PRIOR, right_side)
         assert rolling.x - moved == pytest.approx(spread[:, index], rel=1e-4, abs=1e-7)
     assert not uncertain.jumps

@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverse
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverses
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
 
@@ -194,10 +194,14 @@ def test_what_is_reported_does_not_depend_on_what_is_reported_with_it() -> None:
 
 def test_the_inverse_tells_directions_without_information() -> None:
     reference = np.diag([4.0, 9.0])
-    found = inverse(reference, np.diag([2.0, -1.0]))
-    assert found[0, 0] == pytest.approx(0.5)
-    assert found[1, 1] == pytest.approx(1e12 / 9.0)
+    matrices = np.array([np.diag([2.0, -1.0]), np.diag([2.0, 3.0]), np.diag([2.0, 1e-15])])
+    found = inverses(np.array([reference] * 3), matrices)
+    assert found[:, 0, 0] == pytest.approx(0.5)
+    assert found[:, 1, 1] == pytest.approx([1e12 / 9.0, 1.0 / 3.0, 1e12 / 9.0])
+    # Whichever are beside each other, to the last bit.
+    for k in range(3):
+        assert np.array_equal(inverses(reference[None], matrices[k : k + 1]), found[k : k + 1])
     factor = np.random.default_rng(0).normal(size=(5, 5))
     matrix = factor @ factor.T
-    assert inverse(matrix, matrix) == pytest.approx(np.linalg.inv(matrix), rel=1e-9)
+    assert inverses(matrix[None], matrix[None])[0] == pytest.approx(np.linalg.inv(matrix), rel=1e-9)
     assert physical(standard(BODY)) == pytest.approx(BODY)
