@@ -11,8 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.difference.window_rows import Counts, mean_of_each, starts_of, sum_of_each
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.rows import momentum_rows
+from mbaid_ros.core.robot.rows import MomentumRows
 from mbaid_ros.core.samples import Samples
 
 _LATER = 1e-3  # s, for the rate by the joints' motion
@@ -76,25 +75,46 @@ def with_joints_later(samples: Samples, counts: Counts, delay: float) -> Samples
     return _Rates.of(samples, counts).later(samples, counts, delay)
 
 
-def delay_columns(kernel: MomentumKernel, samples: Samples, counts: Counts) -> Array:
-    """Return each window's mean rate of the momentum by the motion of the joints alone.
+@dataclass(frozen=True)
+class Moved:
+    """Some samples of K windows, spread evenly over each, and the same with joints that have moved on a little.
 
-    Parameters
+    Attributes
     ----------
-    kernel : MomentumKernel
-    samples, counts : of K windows
-
-    Returns
-    -------
-    (K, 6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target; zero of a single sample
+    places : (M,) of them among the samples
+    counts : (K,) how many each window has
+    later : M Samples
     """
-    rates = _Rates.of(samples, counts)
-    places, fewer = _spread(counts)
-    now = samples[places]
-    rows = momentum_rows(kernel, Samples.concatenate([now, rates.later(now, fewer, _LATER)]))
-    momenta = np.concatenate((rows.known[:, None], rows.regressors[0]), axis=1)
-    rate = (momenta[..., len(places) :] - momenta[..., : len(places)]) / _LATER
-    return np.moveaxis(np.add.reduceat(rate, starts_of(fewer), axis=-1) / fewer, -1, 0)
+
+    places: Counts
+    counts: Counts
+    later: Samples
+
+    @classmethod
+    def of(cls, samples: Samples, counts: Counts) -> Moved:
+        """Return those of K windows."""
+        places, fewer = _spread(counts)
+        return cls(places, fewer, _Rates.of(samples, counts).later(samples[places], fewer, _LATER))
+
+    def columns(self, rows: MomentumRows) -> Array:
+        """Return each window's mean rate of the momentum by the motion of the joints alone.
+
+        Parameters
+        ----------
+        rows : of the windows' samples, and after them of `later`; the target is the first unknown link
+
+        Returns
+        -------
+        (K, 6, 11) array D: the rate is D (1, phi) for standard parameters phi of the target; zero of a single sample
+        """
+        count = rows.known.shape[-1] - len(self.places)
+        known, target = self._rate(rows.known, count), self._rate(rows.regressors[0], count)
+        return np.concatenate((known[..., None], target), axis=2)
+
+    def _rate(self, values: Array, count: int) -> Array:
+        """Return the (K, ...) mean rates of values (..., count + M) of the samples and of those that have moved on."""
+        rate = (values[..., count:] - values[..., self.places]) / _LATER
+        return np.moveaxis(np.add.reduceat(rate, starts_of(self.counts), axis=-1) / self.counts, -1, 0)
 
 
 def _spread(counts: Counts) -> tuple[Counts, Counts]:

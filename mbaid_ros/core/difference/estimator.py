@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.difference.delay import delay_columns, with_joints_later
+from mbaid_ros.core.difference.delay import Moved, with_joints_later
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.problem import Beside, Problem, Surroundings, observed
 from mbaid_ros.core.difference.rolling import RollingLikelihood
@@ -25,6 +25,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Instant, Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 _LATER = 3  # times as many windows are kept before they are folded
@@ -106,10 +107,14 @@ class DifferenceEstimator:
 
     def _equations(self, samples: Samples, counts: Counts, start: Array) -> tuple[Blocks, Array]:
         """Return the equations of K windows, and (K, 6, 11) how they change with a delay of the joints' stamps."""
-        rows = joined_rows(self._observed, samples, counts, self._settings.noise, start)
-        if self._settings.beside.delay_std > 0.0:
-            return rows, delay_columns(self._kernel, samples, counts)
-        return rows, np.zeros((len(counts), 6, 11))
+        kernel, count, noise = self._observed, len(samples), self._settings.noise
+        if self._settings.beside.delay_std == 0.0:
+            rows = momentum_rows(kernel, samples)
+            return joined_rows(kernel, samples, counts, rows, noise, start), np.zeros((len(counts), 6, 11))
+        moved = Moved.of(samples, counts)
+        rows = momentum_rows(kernel, Samples.concatenate([samples, moved.later]))
+        equations = joined_rows(kernel, samples, counts, rows.first(count), noise, start)
+        return equations, moved.columns(rows)
 
     def _equations_later(self, window: Samples, around: Surroundings, run: Run, late: float) -> tuple[Blocks, Array]:
         """Return a window's equations in the run's unknowns, and its effects, with joints that were stamped late, s."""

@@ -151,7 +151,7 @@ class Problem:
         ----------
         surroundings : of these windows
         rows : of these windows, in (m, h, I_o, parameters of known bodies, P_0, L_0), of `observed`
-        delay : (K, 6, 11) of these windows, as `delay_columns` has it
+        delay : (K, 6, 11) of these windows, as `Moved.columns` has it
         """
         delays = []
         if self._delayed:

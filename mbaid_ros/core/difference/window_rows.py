@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.rows import momentum_rows
+from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -44,14 +44,17 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
-    return joined_rows(kernel, *joined(windows), noise, origin)
+    samples, counts = joined(windows)
+    return joined_rows(kernel, samples, counts, momentum_rows(kernel, samples), noise, origin)
 
 
-def joined_rows(kernel: MomentumKernel, samples: Samples, counts: Counts, noise: SensorNoise, origin: Array) -> Blocks:
-    """Return the same for samples and counts as `joined` has them."""
-    known, target = mean_rows(kernel, samples, counts)
+def joined_rows(
+    kernel: MomentumKernel, samples: Samples, counts: Counts, rows: MomentumRows, noise: SensorNoise, origin: Array
+) -> Blocks:
+    """Return the same for samples and counts as `joined` has them, and for the equations of these samples."""
+    known, target = _mean_rows(rows, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
-    rows = np.concatenate((target, -_transport(position)), axis=2)
+    equations = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
@@ -63,30 +66,12 @@ def joined_rows(kernel: MomentumKernel, samples: Samples, counts: Counts, noise:
         np.concatenate((_by_errors(0.5 * (one + other), mean), _by_errors(0.5 * (one - other), tilt)), axis=2)
         for one, other in zip(first, second, strict=True)
     )
-    return Blocks(rows, known, noise_known[..., 0], noise_rows)
+    return Blocks(equations, known, noise_known[..., 0], noise_rows)
 
 
 def joined(windows: list[Samples]) -> tuple[Samples, Counts]:
     """Return the samples of K windows, none empty, and how many each has, (K,)."""
     return Samples.concatenate(windows), np.array([len(window) for window in windows])
-
-
-def mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tuple[Array, Array]:
-    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k).
-
-    Parameters
-    ----------
-    kernel : MomentumKernel
-    samples, counts : of K windows, as `joined` has them
-    """
-    rows = momentum_rows(kernel, samples)
-    # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
-    thrust = samples.impulse.copy()
-    thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    starts = starts_of(counts)
-    means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
-    known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
-    return known, np.concatenate(regressors, axis=2)
 
 
 def mean_of_each(values: Array, counts: Counts) -> Array:
@@ -102,6 +87,23 @@ def sum_of_each(values: Array, counts: Counts) -> Array:
 def starts_of(counts: Counts) -> Counts:
     """Return the place of each window's first sample."""
     return np.cumsum(counts) - counts
+
+
+def _mean_rows(rows: MomentumRows, samples: Samples, counts: Counts) -> tuple[Array, Array]:
+    """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k).
+
+    Parameters
+    ----------
+    rows : of the samples
+    samples, counts : of K windows, as `joined` has them
+    """
+    # Known thrust is momentum that the body and P_0, L_0 need not explain; about the base's origin like the rest.
+    thrust = samples.impulse.copy()
+    thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
+    starts = starts_of(counts)
+    means = (np.add.reduceat(values, starts, axis=-1) / counts for values in (rows.known - thrust.T, *rows.regressors))
+    known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
+    return known, np.concatenate(regressors, axis=2)
 
 
 def _transport(position: Array) -> Array:

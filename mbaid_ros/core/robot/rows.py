@@ -35,6 +35,10 @@ class MomentumRows:
     known: Array
     regressors: tuple[Array, ...]
 
+    def first(self, count: int) -> MomentumRows:
+        """Return those of the first samples."""
+        return MomentumRows(self.known[:, :count], tuple(regressor[..., :count] for regressor in self.regressors))
+
 
 @dataclass(frozen=True)
 class _Motion:
@@ -80,8 +84,7 @@ def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
     count = len(samples)
     if count == 1:
         # Where only one sample stands last, einsum adds up in another order.
-        rows = momentum_rows(kernel, Samples.concatenate([samples, samples]))
-        return MomentumRows(rows.known[:, :1], tuple(regressor[..., :1] for regressor in rows.regressors))
+        return momentum_rows(kernel, Samples.concatenate([samples, samples])).first(1)
     rows = MomentumRows(np.empty((6, count)), tuple(np.zeros((6, 10, count)) for _ in kernel.unknown))
     known = _Known.of(kernel)
     parts = -(-count * len(known.mass) // _PART)
