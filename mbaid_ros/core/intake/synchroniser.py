@@ -101,7 +101,25 @@ class Synchroniser:
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
+        if np.array_equal(left, right):
+            return _at_once(joints, base[left], time, shared)
         return _hermite(joints, base, (left, right), time, shared)
+
+
+def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) -> Samples:
+    """Return the samples of joints and base that were measured at the same stamps."""
+    weight = shared[:, None, None]
+    return Samples(
+        time=time,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=base.rotation,
+        base_linear_velocity=base.linear_velocity,
+        base_angular_velocity=base.angular_velocity,
+        pose_covariance=weight * base.pose_covariance,
+        twist_covariance=weight * base.twist_covariance,
+    )
 
 
 def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps], time: Array, shared: Array) -> Samples:

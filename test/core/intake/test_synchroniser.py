@@ -83,6 +83,19 @@ def test_equal_stamps_pass_through_bit_by_bit() -> None:
     assert np.array_equal(samples.time, (stamps - START) * 1e-9)
 
 
+def test_equal_stamps_give_the_same_beside_others() -> None:
+    """With a stamp between two of the odometry, all are interpolated; those that are equal come out as they went in."""
+    stamps = every(10.0, 50)
+    base = base_stream(stamps)
+    alone = synchronise(joint_stream(stamps), base)
+    between = np.sort(np.append(stamps, stamps[20] + 3_000_000))
+    together = synchronise(joint_stream(between), base)
+    kept = np.flatnonzero(np.isin(between, stamps))
+    for item in fields(Samples):
+        if item.name.startswith('base_'):
+            assert np.array_equal(getattr(together, item.name)[kept], getattr(alone, item.name))
+
+
 def interpolation_errors(spacing: float) -> Array:
     """Return the largest errors of position, orientation, linear and angular velocity between readings (ms) apart."""
     times = every(spacing, round(2000.0 / spacing) + 1)
