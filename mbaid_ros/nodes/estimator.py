@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import sys
 from collections import Counter
@@ -169,6 +170,7 @@ class EstimatorNode(Node):
             self._display.show(estimate, session.robot.target_link)
         if estimates:
             session.work_off()  # what can wait comes after the estimates
+            gc.collect()
         if session.restarted != self._restarted:
             self._follow_restart(session)
         if estimates and self._report_due:

@@ -27,6 +27,7 @@ InvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 
 LATENCY = 0.1  # s, after which an interrupt is noticed at the latest
+_LITTER = 20_000  # objects more than before, at which Python looks for garbage by itself
 
 _SOURCE_PLACE = re.compile(r',? at \S+:\d+')
 
@@ -87,8 +88,10 @@ def spin(node: Node, over: Callable[[], object]) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.create_timer(LATENCY, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))  # a reason to look again
-    # What there is by now stays: to look through all of it for garbage would hold messages up, 40 ms each time.
+    # What there is by now stays: to look through all of it for garbage would hold messages up, 40 ms each time. A node
+    # that has to be quick at times looks through the rest when there is time, before Python does it when there is none.
     gc.freeze()
+    gc.set_threshold(_LITTER)
     while not over():
         executor.spin_once()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -88,6 +89,7 @@ def _run(command: Sequence[str], publisher: Sequence[str], seconds: float) -> Li
     """Return what one run of a node showed; a node that tells nothing counts as one that has lost nothing."""
     with _process(command) as node, _process(publisher) as source, _listener() as listener:
         _line(source)
+        gc.freeze()  # as in the publisher
         before = _processor_time(node.pid)
         _say(source)
         listener.spin(seconds)
