@@ -95,7 +95,7 @@ def _live(arguments: argparse.Namespace, folder: Path) -> str:
     return (
         f'## Live node\n\nProcessor time of `estimator` while two topics come at 1 kHz each for '
         f'{arguments.seconds:g} s, over that of a bare node with the same two subscriptions; time from the last sample '
-        'of a window to the arrival of its estimate, of each run half and 99 % of them are faster; messages that did not '
+        'of a window to the arrival of its estimate, percentiles of each run; messages that did not '
         'arrive. Wanted: at most 1.25, p99 below 20 ms, none lost.\n\n'
         f'{table(["method", "ratio", "p50, ms", "p99, ms", "lost"], rows)}'
     )
