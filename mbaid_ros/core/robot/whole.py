@@ -50,6 +50,11 @@ def _mobility(mass: float, first: Array, second: Array) -> Array:
     """Return M^-1 (N, 6, 6) of a mass, the integrals (N, 3) of x and (N, 3, 3) of x x^T over it.
 
     With c the centre of mass and K the inverse of the inertia about it, w = K (L - c x P) and u = P / m + c x w.
+
+    Raises
+    ------
+    LinAlgError
+        There is no K: all mass lies on a line.
     """
     centre = first / mass
     about = second - mass * centre[:, :, None] * centre[:, None]
@@ -57,7 +62,10 @@ def _mobility(mass: float, first: Array, second: Array) -> Array:
     inertia = np.trace(about, axis1=1, axis2=2)[:, None, None] * np.eye(3) - about
     # By its cofactors: LAPACK's calls take longer, for so small a matrix.
     cofactors = cross(inertia[:, _NEXT], inertia[:, _LAST])
-    inverse = cofactors / np.add.reduce(inertia[:, 0] * cofactors[:, 0], axis=-1)[:, None, None]
+    determinant = np.add.reduce(inertia[:, 0] * cofactors[:, 0], axis=-1)
+    if not determinant.all():
+        raise np.linalg.LinAlgError('no inertia about the centre of mass')
+    inverse = cofactors / determinant[:, None, None]
     across = turned @ inverse
     mobility = np.empty((len(first), 6, 6))
     mobility[:, :3, :3] = np.eye(3) / mass - across @ turned

@@ -34,3 +34,15 @@ def test_the_whole_is_the_sum_of_the_bodies(seed: int) -> None:
             found = whole(parameters, alone, kinematics.body_twists(alone, velocity[part], twist[part]))
             assert np.array_equal(found[0], mobility[part])
             assert np.array_equal(found[1], total[part])
+
+
+def test_mass_on_a_line_is_told() -> None:
+    rng = np.random.default_rng(0)
+    model = load_model(random_urdf(rng, joints=3))
+    position, velocity, rotation, twist = random_state(rng, model.joints, 2)
+    kinematics = Kinematics(model)
+    bodies = kinematics.configure(rotation, position)
+    point = np.zeros_like(model.body_parameters())
+    point[0, 0] = 1.0  # all of it in the base's origin
+    with pytest.raises(np.linalg.LinAlgError, match='no inertia'):
+        whole(point, bodies, kinematics.body_twists(bodies, velocity, twist))
