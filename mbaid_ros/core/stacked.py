@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -25,10 +25,6 @@ class Stacked:
     def __getitem__(self: S, index: Index) -> S:
         """Return some of the entries: a slice, or those that a mask or indices choose; one, without the axis."""
         return type(self)(*[getattr(self, name)[index] for name in self.__dataclass_fields__])
-
-    def each(self: S) -> Iterator[S]:
-        """Yield the entries one by one, each with a leading axis of one."""
-        return (self[k : k + 1] for k in range(len(self)))
 
     @classmethod
     def concatenate(cls: type[S], parts: Sequence[S]) -> S:
