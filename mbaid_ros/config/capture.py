@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
-KNOWN_LINKS_MODES = ('consider', 'estimate')
 PHASES = ('post_capture', 'pre_capture')
 
 
@@ -109,32 +108,4 @@ class SelfCalibrationConfig:
     )
     weighed_stds: tuple[float, ...] = parameter(
         (), 'Relative standard deviation of the mass of each link in calibration.weighed_links.', minimum=0.0
-    )
-
-
-@dataclass(frozen=True)
-class KnownLinksConfig:
-    """How well the known bodies are known."""
-
-    relative_std: float = parameter(
-        0.0,
-        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
-        minimum=0.0,
-        maximum=1.0,
-    )
-    names: tuple[str, ...] = parameter(
-        (), 'Links with a relative standard deviation of their own, in the order of known_links.stds.'
-    )
-    stds: tuple[float, ...] = parameter(
-        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
-    )
-    calibration: str = parameter(
-        '',
-        'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
-    )
-    mode: str = parameter(
-        'consider',
-        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
-        'target. trajectory always estimates them.',
-        choices=KNOWN_LINKS_MODES,
     )

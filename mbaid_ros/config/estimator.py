@@ -8,10 +8,10 @@ from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
     DisturbanceConfig,
-    KnownLinksConfig,
     SelfCalibrationConfig,
     ThrustConfig,
 )
+from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 METHODS = ('difference', 'trajectory', 'paper_difference', 'paper_main')
@@ -278,6 +278,9 @@ class EstimatorConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
+    known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
+    odometry_mount: OdometryMountConfig = field(default_factory=OdometryMountConfig)
+    target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
     thrust: ThrustConfig = field(default_factory=ThrustConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)

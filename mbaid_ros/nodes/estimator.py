@@ -21,8 +21,9 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.capture import DebrisConfig, KnownLinksConfig, SelfCalibrationConfig
+from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import KnownLinksConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.core.results.estimate import Estimate

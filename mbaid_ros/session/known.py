@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.config.calibrated import CalibratedLinks, read_calibration
-from mbaid_ros.config.capture import KnownLinksConfig
+from mbaid_ros.config.known_side import KnownLinksConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel

@@ -19,6 +19,7 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.session.known import declared_errors
 from mbaid_ros.session.self_calibration import self_calibration
+from mbaid_ros.session.uncertainty import declared_uncertainty
 
 
 def capture_of(
@@ -86,7 +87,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
                 window=config.window,
                 start=config.trajectory.start_windows,
                 kept=config.trajectory.kept_windows,
-                time_offset_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
+                uncertainty=declared_uncertainty(config, kernel.model),
                 adapt=config.trajectory.adapt,
                 constant=_axes(config.disturbance.constant),
             ),

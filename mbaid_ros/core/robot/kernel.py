@@ -12,6 +12,7 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import momentum, regressor
 from mbaid_ros.core.samples import Samples
 
@@ -97,6 +98,13 @@ class MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
         other = copy(self)
         other.known = self.known + change
+        return other
+
+    def displaced(self, origins: Array, tilts: Array) -> MomentumKernel:
+        """Return a kernel whose joints are elsewhere: (n, 3) m, (n, 3) rad as in `ModelErrors`."""
+        other = copy(self)
+        other.model = displaced(self.model, origins, tilts)
+        other.kinematics = Kinematics(other.model)
         return other
 
     def doubted(self, errors: KnownErrors) -> MomentumKernel:

@@ -48,13 +48,31 @@ class PlaneDetector:
     """Decides from the mechanism and from the motion whether a robot moves in a plane.
 
     Once the base has turned out of the plane, the motion counts as spatial for good.
+
+    Attributes
+    ----------
+    model : RobotModel
+    planar : whether it does, so far
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self._model = model
+        self.model = model
         self._axis = _common_axis(model)
         self._normal: Array | None = None
         self.planar = self._axis is not None
+
+    @property
+    def axis(self) -> Array:
+        """The (3,) normal of the plane in the base's frame.
+
+        Raises
+        ------
+        ValueError
+            The mechanism has none.
+        """
+        if self._axis is None:
+            raise ValueError('the joints of this robot share no direction')
+        return self._axis
 
     def update(self, window: Samples) -> None:
         """Take the next window's samples."""
@@ -79,8 +97,8 @@ class PlaneDetector:
         """Return the plane in a link's frame, None for a spatial motion."""
         if self._axis is None or not self.planar:
             return None
-        kinematics = Kinematics(self._model)
-        configuration = kinematics.configure(np.eye(3)[None], np.zeros((1, self._model.joints)))
+        kinematics = Kinematics(self.model)
+        configuration = kinematics.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
         normal = configuration.link(link)[0][0].T @ self._axis
         along = np.argmax(np.abs(normal))
         if abs(normal[along]) > 1.0 - _PARALLEL:

@@ -1,201 +1,157 @@
-"""What is believed of the state, in scaled variables, with the covariance as a factor; also of several hypotheses."""
+"""What is believed of the state: a Gaussian in square-root information form, and how well the data agree with it.
+
+R x = z with unit covariance (Bierman 1977, chapter 5): a window adds rows to R and Householder reflections make it
+triangular again, whatever is known or not, and what no window has seen of an unknown stays at its prior exactly.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.chain import BODY, FORCE
-
-_NEAR = 0.1  # standard deviation of a mass that is given, relative
-
-
-@dataclass(frozen=True)
-class Belief:
-    """Mean and covariance of the state, in scaled variables, and how well the measurements have agreed with it.
-
-    Attributes
-    ----------
-    means : (v, 2) the mean, and beside it what is to be added to that: by so much has noise that rows and values share
-        moved it the other way on average; innovations are those of the mean itself
-    factor : (v, c) of the covariance, which is factor factor^T; a lower triangle after an update, wider after a step
-    free : number of the first variables that may differ from zero
-    surprise, measured : sum of the normalised innovations squared, and how many there were
-    last_surprise, last_measured : the same of the last update
-    evidence : log-likelihood of all measurements, up to a constant
-    """
-
-    means: Array
-    factor: Array
-    free: int
-    surprise: float = 0.0
-    measured: int = 0
-    last_surprise: float = 0.0
-    last_measured: int = 0
-    evidence: float = 0.0
-
-    @property
-    def mean(self) -> Array:
-        """The mean, without what noise has moved it by, (v,)."""
-        return np.asarray(self.means[:, 0] + self.means[:, 1])
-
-    @property
-    def shift(self) -> Array:
-        """What is added to the least squares' mean for that, (v,)."""
-        return np.asarray(self.means[:, 1])
-
-    @property
-    def covariance(self) -> Array:
-        """The (v, v) covariance."""
-        return np.asarray(self.factor @ self.factor.T)
+from mbaid_ros.core.trajectory.state import Layout
+from mbaid_ros.core.trajectory.variables import Variables
 
 
 @dataclass(frozen=True, eq=False)
-class Beliefs:
-    """The beliefs of h hypotheses that have met the same measurements, side by side: see `Belief`.
+class Belief:
+    """The state in scaled variables.
+
+    The variables are those of `Variables`, then those of a constant force where a hypothesis has one.
 
     Attributes
     ----------
-    columns : (h, v, 2 + c) the means, and beside them the factor: what is linear moves both alike
-    free : (h,) numbers of variables
-    surprises, last_surprises, evidences : (h,)
-    measured, last_measured : of all alike
+    root : (v, v + 2) the triangle R, and beside it z of the correction for noise that rows and values share, and z of
+        the least squares' mean: x = R^-1 (their sum); innovations are those of the mean itself
+    nis, measured : sum of the normalised innovations squared, and how many there were
+    last_nis, last_measured : the same of the last update
+    log_likelihood : of all measurements, up to a constant
     """
 
-    columns: Array
-    free: tuple[int, ...]
-    surprises: Array
-    measured: int
-    last_surprises: Array
-    last_measured: int
-    evidences: Array
+    root: Array
+    nis: float = 0.0
+    measured: int = 0
+    last_nis: float = 0.0
+    last_measured: int = 0
+    log_likelihood: float = 0.0
 
     @staticmethod
-    def of(beliefs: Sequence[Belief]) -> Beliefs:
-        """Return beliefs side by side."""
-        first = beliefs[0]
-        most = max(each.factor.shape[1] for each in beliefs)
-        columns = np.zeros((len(beliefs), len(first.means), 2 + most))
-        for column, each in zip(columns, beliefs, strict=True):
-            column[:, :2] = each.means
-            column[:, 2 : 2 + each.factor.shape[1]] = each.factor
-        return Beliefs(
-            columns,
-            tuple(each.free for each in beliefs),
-            np.array([each.surprise for each in beliefs]),
-            first.measured,
-            np.array([each.last_surprise for each in beliefs]),
-            first.last_measured,
-            np.array([each.evidence for each in beliefs]),
-        )
+    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:
+        """Return the belief before the first measurement.
 
-    def moved(self, columns: Array) -> Beliefs:
-        """Return the beliefs with other means and factors."""
-        known = (self.free, self.surprises, self.measured, self.last_surprises, self.last_measured, self.evidences)
-        return Beliefs(columns, *known)
+        Parameters
+        ----------
+        variables : of the filter
+        extra : how many numbers of unit variance a hypothesis has beside them
+        mass : kg that the target body is held near
+        """
+        mean, triangle, likelihood = variables.prior(mass)
+        size = len(mean) + extra
+        root = np.zeros((size, size + 2))
+        root[: len(mean), : len(mean)] = triangle
+        root[: len(mean), -1] = triangle @ mean
+        root[len(mean) :, len(mean) : -2] = np.eye(extra)
+        return Belief(root, log_likelihood=likelihood)
 
-    def only(self, index: int) -> Beliefs:
-        """Return one of them, still as if beside others."""
-        part = slice(index, index + 1)
-        return Beliefs(
-            self.columns[part],
-            self.free[part],
-            self.surprises[part],
-            self.measured,
-            self.last_surprises[part],
-            self.last_measured,
-            self.evidences[part],
-        )
+    @property
+    def size(self) -> int:
+        """Number v of variables."""
+        return len(self.root)
 
-    def __len__(self) -> int:
-        """Return how many hypotheses there are."""
-        return len(self.free)
+    def moments(self) -> tuple[Array, Array, Array]:
+        """Return the mean (v,), what of it is the correction for shared noise (v,), and a covariance factor (v, v).
 
-    def __getitem__(self, index: int) -> Belief:
-        """Return the belief of one of them."""
-        return Belief(
-            self.columns[index, :, :2],
-            self.columns[index, :, 2:],
-            self.free[index],
-            float(self.surprises[index]),
-            self.measured,
-            float(self.last_surprises[index]),
-            self.last_measured,
-            float(self.evidences[index]),
-        )
+        Raises
+        ------
+        LinAlgError
+            The information has a direction without any.
+        """
+        factor, info = dtrtri(self.root[:, :-2])
+        if info:
+            raise np.linalg.LinAlgError('a direction of the state has no information')
+        both = factor @ self.root[:, -2:]
+        return both[:, 0] + both[:, 1], both[:, 0], np.asarray(factor)
+
+    @property
+    def least_squares(self) -> Array:
+        """The mean without the correction for shared noise, (v,)."""
+        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+
+    def with_root(self, root: Array) -> Belief:
+        """Return the same with other variables: what has been measured stays."""
+        return replace(self, root=root)
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinates:
-    """The variables of the filter: state = basis (scale * variables).
+class Moments:
+    """Mean and covariance of a belief, SI units.
 
     Attributes
     ----------
-    basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors are first, what only some
-        hypotheses have is last
-    scale : (v,) typical size of each variable
-    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
-    open_factor : (s, f) of the covariance of the state when nothing has been measured
+    mean : (s,) of the state
+    factor : (s, v) of its covariance, without what the variables leave out
+    shift : (s,) what of the mean is the correction for shared noise
+    variance : (s,) with what the variables leave out
+    force, force_factor : (6,), (6, v) of a constant force; zero where there is none
     """
 
-    basis: Array
-    scale: Array
-    measured: Array
-    open_factor: Array
+    mean: Array
+    factor: Array
+    shift: Array
+    variance: Array
+    force: Array
+    force_factor: Array
 
-    @cached_property
-    def open_variance(self) -> Array:
-        """Of the state when nothing has been measured, (s,)."""
-        return np.asarray(np.sum(self.open_factor**2, axis=1))
+    @staticmethod
+    def of(belief: Belief, variables: Variables) -> Moments:
+        """Return the moments of a belief."""
+        mean, shift, factor = belief.moments()
+        count, spread = len(variables.scale), variables.spread
+        spread_factor = spread @ factor[:count]
+        variance = np.add.reduce(spread_factor**2, axis=1) + variables.outside.diagonal()
+        force = variables.force[:, : belief.size - count]
+        return Moments(
+            spread @ mean[:count],
+            spread_factor,
+            spread @ shift[:count],
+            variance,
+            force @ mean[count:],
+            force @ factor[count:],
+        )
 
-    @cached_property
-    def spread(self) -> Array:
-        """The (s, v) matrix from variables to state."""
-        return self.basis * self.scale
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations, (s,)."""
+        return np.sqrt(self.variance)
 
-    @cached_property
-    def gather(self) -> Array:
-        """The (v, s) matrix from state to variables."""
-        return self.basis.T / self.scale[:, None]
+    def covariance(self, rows: Array, variables: Variables) -> Array:
+        """Return the covariance of some numbers of the state."""
+        part = self.factor[rows]
+        return np.asarray(part @ part.T + variables.outside[np.ix_(rows, rows)])
 
-    def state(self, belief: Belief) -> tuple[Array, Array]:
-        """Return the mean (s,) and covariance (s, s) in SI units, open in what the variables leave out."""
-        factor = self.spread @ belief.factor
-        return self.spread @ belief.mean, factor @ factor.T + self._outside
+    def shares(self, rows: Array, jacobian: Array, layout: Layout) -> dict[str, Array]:
+        """Return the part of the variance of some numbers that comes from the prior of each cause.
 
-    @cached_property
-    def _outside(self) -> Array:
-        """The (s, s) covariance of what the variables leave out."""
-        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
-        return np.asarray((outside * self.open_variance) @ outside.T)
+        An estimate errs by what noise and priors contribute, which are independent: the prior of unknowns nu of unit
+        variance contributes the square of their covariance with the estimate. What is left is sensor noise.
 
-    def moments(self, belief: Belief) -> tuple[Array, Array]:
-        """Return the mean (s,) and the standard deviations (s,) in SI units."""
-        variance = np.add.reduce((self.spread @ belief.factor) ** 2, axis=1) + self._outside.diagonal()
-        return self.spread @ belief.mean, np.sqrt(variance)
+        Parameters
+        ----------
+        rows : (k,) of the state
+        jacobian : (m, k) from these to the numbers
+        layout : of the state
 
-    def open(self, *, force: bool = False, mass: float | None = None) -> Belief:
-        """Return the belief before the first measurement, with or without a force that may act, or a mass it is near.
-
-        The evidence is then that of bodies of about that mass among all.
+        Returns
+        -------
+        (m,) variances by cause
         """
-        factor, mean, evidence = self.open_factor.copy(), np.zeros(len(self.basis)), 0.0
-        if not force:
-            factor[FORCE] = 0.0
-        if mass is not None:
-            deviation = _NEAR * mass
-            evidence = float(np.log(deviation / factor[BODY.start, BODY.start]))
-            mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
-        means = np.column_stack((self.gather @ mean, np.zeros(len(self.scale))))
-        square = _compressed(self.gather @ factor)
-        free = int(np.flatnonzero(np.any(square != 0.0, axis=1))[-1]) + 1
-        return Belief(means, square, free, evidence=evidence)
-
-
-def _compressed(columns: Array) -> Array:
-    """Return a square factor of the covariance columns columns^T."""
-    return np.asarray(np.linalg.qr(columns.T, mode='r')).T
+        own = jacobian @ self.factor[rows]
+        parts: dict[str, Array] = {}
+        for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+            squares = (own @ self.factor[place].T) ** 2
+            for cause, square in zip(unknown.causes, squares.T, strict=True):
+                parts[cause] = parts.get(cause, 0.0) + square
+        return parts

@@ -4,8 +4,7 @@ The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R,
 changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
 twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first node.
 
-State: xi (6), P (3), L (3), phi (10), errors of uncertain known bodies (10 each), a constant force and torque
-(6), tau (1): the joints' stamps are tau late.
+The state is that of `state`.
 """
 
 from __future__ import annotations
@@ -16,43 +15,16 @@ from functools import cache
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, exp
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predicted
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
+from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack, Window
+from mbaid_ros.core.unknowns.declaration import Reading
 
-LINEAR, ANGULAR, BODY = slice(6, 9), slice(9, 12), slice(12, 22)
-PARAMETERS = slice(6, -7)  # all that enters the prediction
-FORCE = slice(-7, -1)
-DELAY = -1
 _IDENTITY = np.eye(6)
-_CLEAR = 4.0  # standard deviations, from which a delay is one
-
-
-@dataclass(frozen=True)
-class Point:
-    """Where windows are linearised.
-
-    Attributes
-    ----------
-    parameters : (u,) (P, L, phi, errors of the uncertain bodies)
-    delay : s, of the joints' stamps
-    """
-
-    parameters: Array
-    delay: float = 0.0
-
-    @staticmethod
-    def of(state: Array, deviation: Array) -> Point:
-        """Return the point of a state (s,), at a delay that is one by these standard deviations (s,), or at none.
-
-        Joints are moved in time at the price of more noise in them.
-        """
-        late = abs(state[DELAY]) > _CLEAR * deviation[DELAY]
-        return Point(state[PARAMETERS], float(state[DELAY]) if late else 0.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +39,7 @@ class WindowModel:
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
-    joints, joints_by_parameters : (6, n), (6, u - 6, n) the part of the pose's noise that the joints' makes
+    joints, joints_by_body : (6, n), (6, 10, n) the part of the pose's noise that the joints' makes
         (`JointNoise`)
     joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
     length : () s
@@ -84,7 +56,7 @@ class WindowModel:
     drift: Array
     process: Array
     joints: Array
-    joints_by_parameters: Array
+    joints_by_body: Array
     joints_in_twist: Array
     length: Array
     rotation: Array
@@ -100,32 +72,29 @@ class WindowModel:
         return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
-def window_model(kernel: MomentumKernel, window: Window, point: Point, uncertain: Sequence[int] = ()) -> WindowModel:
+def window_model(layout: Layout, window: Window, point: Point) -> WindowModel:
     """Return one window's model (see `window_models`)."""
-    return window_models(kernel, [Stack((window,), (0,))], point, uncertain)[0]
+    return window_models(layout, [Stack((window,), (0,))], point)[0]
 
 
-def window_models(
-    kernel: MomentumKernel, stacks: Sequence[Stack], point: Point, uncertain: Sequence[int] = ()
-) -> WindowModel:
+def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:
     """Return the models of windows, linearised at the same point, in their order before they were stacked.
 
     Below, arrays have a window's m intervals (or m + 1 nodes) first, and the B windows of a stack second.
 
     Parameters
     ----------
-    kernel : MomentumKernel
+    layout : of the state
     stacks : of windows of one shape each; their motion is predicted in one call
-    point : windows that follow each other share its delay: a chain is as late as its joints
-    uncertain : indices of the uncertain bodies
+    point : windows that follow each other share its readings: the chain is that of the motion as they correct it
     """
-    motions = [stack.motion(point.delay) for stack in stacks]
+    motions = [stack.motion(point.side) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    whole, bodies = predicted(kernel, flat, point.parameters, uncertain)
+    whole, bodies = predict(layout, flat, point)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(kernel, stacks, [inside for _, inside in motions], predictions, bodies, uncertain)
+    noises = joint_noise(point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
     models = [
-        _models(stack, motion, prediction, point, noise)
+        _models(layout, stack, motion, prediction, point, noise)
         for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
     ]
     if len(stacks) == 1:
@@ -134,7 +103,12 @@ def window_models(
 
 
 def _models(
-    stack: Stack, motion: tuple[Midpoints, slice], predicted: Prediction, point: Point, noise: JointNoise
+    layout: Layout,
+    stack: Stack,
+    motion: tuple[Midpoints, slice],
+    predicted: Prediction,
+    point: Point,
+    noise: JointNoise,
 ) -> WindowModel:
     """Return a stack's models from its motion, the prediction and what the joints' noise does."""
     around, inside = motion
@@ -146,21 +120,49 @@ def _models(
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
+    pose, twist = _readings(layout, predicted, around, inside, slope)
     return WindowModel(
-        *_from_delay(point.delay, *_pose_measurement(errors, _at_nodes(predicted.twist, inside))),
+        *_pose_measurement(errors, pose, point.readings),
         stack.pose_covariance / stack.samples + of_joints,
-        *_from_delay(point.delay, *_twist_measurement(errors, prediction, middle, slope, parameters)),
+        *_twist_measurement(errors, prediction, middle, point, twist),
         _twist_covariance(stack, middle, of_joints),
-        transition=_state_rows(errors[-1]),
+        transition=_state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
         process=noise.process,
         joints=noise.pose,
-        joints_by_parameters=noise.by_parameters,
+        joints_by_body=noise.by_body,
         joints_in_twist=np.full(len(stack.windows), _telescoped(len(middle), spacing)),
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
     )
+
+
+def _readings(
+    layout: Layout, predicted: Prediction, around: Midpoints, inside: slice, slope: Array
+) -> tuple[Array, Array]:
+    """Return how a stack's mean poses and twists, (B, 6, r) each, depend on the unknowns that are only read."""
+    windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
+    twist = _at_nodes(predicted.twist, inside)
+    own = predicted.twist[inside]
+    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
+    linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
+    rotation = _at_nodes(around.base_rotation, inside)
+    motion = Reading(
+        twist=_total(twist)[..., ANGULAR_FIRST] / len(twist),
+        slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rotation=_total(rotation) / len(rotation),
+        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ around.base_rotation[inside])),
+        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ around.base_rotation[inside])),
+    )
+    parts = [unknown.reading(motion) for unknown in layout.read]
+    columns = [
+        [part[index] @ unknown.factor for part, unknown in zip(parts, layout.read, strict=True) if part is not None]
+        for index in range(2)
+    ]
+    nothing = np.zeros((windows, 6, 0))
+    pose, turned = (np.concatenate([nothing, *each], axis=-1) for each in columns)
+    return pose, turned
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:
@@ -196,16 +198,9 @@ def _compose(transition: Array, gain: Array) -> Array:
     return errors
 
 
-def _state_rows(errors: Array) -> Array:
-    """Return the rows of the state of a composition: the column of the constant goes, force and delay come."""
-    rows = np.zeros((*errors.shape[:-1], errors.shape[-1] + 6))
-    rows[..., : PARAMETERS.stop] = errors[..., :-1]
-    return rows
-
-
-def _from_delay(delay: float, value: Array, rows: Array) -> tuple[Array, Array]:
-    """Return a measurement, linear in how much later than `delay` the joints are, in absolute terms."""
-    return value + rows[..., DELAY] * delay, rows
+def _state_rows(errors: Array, readings: Array) -> Array:
+    """Return the rows of the state of a composition: the column of the constant goes, the readings come."""
+    return np.concatenate((errors[..., :-1], readings), axis=-1)
 
 
 def _at_nodes(values: Array, inside: slice) -> Array:
@@ -214,36 +209,29 @@ def _at_nodes(values: Array, inside: slice) -> Array:
     return 0.5 * (np.concatenate((before, values[inside.start : inside.stop - 1])) + values[inside])
 
 
-def _pose_measurement(errors: Array, twist: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the nodes + tau V + noise: joints that are tau late make a chain that is tau late.
+def _pose_measurement(errors: Array, readings: Array, point: Array) -> tuple[Array, Array]:
+    """0 = mean of xi over the nodes + what the readings depend on + noise, for (B, 6, r) readings linearised at (r,).
 
-    V is that at the nodes themselves. Its noise is the joints', as that of xi is, and cancels in the product of both
-    where it comes alike from before and after; half an interval later it would tell of a delay by that half.
+    The twist in the readings is that at the nodes themselves. Its noise is the joints', as that of xi is, and cancels
+    in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
+    by that half.
     """
     mean = _total(errors[:-1]) / (len(errors) - 1)
-    rows = _state_rows(mean)
-    rows[..., DELAY] = _total(twist)[..., ANGULAR_FIRST] / len(twist)
-    return -mean[..., -1], rows
+    return readings @ point - mean[..., -1], _state_rows(mean, readings)
 
 
 def _twist_measurement(
-    errors: Array, prediction: Prediction, middle: Midpoints, slope: Array, parameters: Array
+    errors: Array, prediction: Prediction, middle: Midpoints, point: Point, readings: Array
 ) -> tuple[Array, Array]:
-    """V_measured - V_predicted = F xi + G (parameters - linearisation) + tau (V' - w x V) + noise, weighted.
-
-    `parameters` are those of the linearisation, `slope` is V' there.
-    """
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted."""
     weight = _weights(len(middle))[:, None, None]
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
     model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
-    model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ parameters
+    model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
     mean = _total(weight[..., None] * model)
-    rows = _state_rows(mean)
-    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
-    linear = slope[..., :3] - cross(prediction.twist[..., 3:], prediction.twist[..., :3])
-    rows[..., DELAY] = _total(weight * np.concatenate((slope[..., 3:], linear), axis=-1))
-    return _total(weight * middle.base_twist[..., ANGULAR_FIRST]) - mean[..., -1], rows
+    value = _total(weight * middle.base_twist[..., ANGULAR_FIRST]) - mean[..., -1]
+    return value + readings @ point.readings, _state_rows(mean, readings)
 
 
 def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -15,19 +14,20 @@ from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, DELAY, FORCE, LINEAR
-from mbaid_ros.core.trajectory.coordinates import coordinates
-from mbaid_ros.core.trajectory.filter import Walk
+from mbaid_ros.core.trajectory.bank import Track
+from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.filter_run import LARGEST_NIS, FilterRun
 from mbaid_ros.core.trajectory.gathering import Gathering, Taken
-from mbaid_ros.core.trajectory.tracker import LARGEST_SURPRISE, Tracker
-from mbaid_ros.core.trajectory.tracks import Track
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
+from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
+from mbaid_ros.core.unknowns.time_offset import TimeOffset
 
-# Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
-_CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
 _NOTHING = 1e-6  # chance of a force that is none to be told of
 # (body, momentum) of the state.
-_ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(LINEAR.start, ANGULAR.stop)))
+_ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
 _MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
@@ -41,7 +41,7 @@ class TrajectorySettings:
     window : s
     start : windows before the first estimate
     kept : windows linearised again while the run is young
-    time_offset_std : s, of the joints' stamps before they are estimated; 0 takes them as true
+    uncertainty : of the known side
     adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
     constant : axes of a constant force and torque that is taken to act
     """
@@ -50,23 +50,23 @@ class TrajectorySettings:
     window: float
     start: int
     kept: int
-    time_offset_std: float
+    uncertainty: Uncertainty
     adapt: bool
-    constant: Literal['none', 'inertial', 'body'] = 'none'
+    constant: Axes = 'none'
 
 
 @dataclass(frozen=True)
 class _Solved:
     """What a run has led to by an instant.
 
-    `track` is the best hypothesis, `surprise` its mean normalised innovation squared, `delay` value and standard
-    deviation of the joints' delay, s.
+    `track` is the best hypothesis, `nis` its mean normalised innovation squared, `delay` value and standard deviation
+    of the joints' delay, s.
     """
 
     solution: Solution
     instant: Instant
     track: Track
-    surprise: float
+    nis: float
     events: tuple[Event, ...]
     delay: tuple[float, float]
 
@@ -83,7 +83,9 @@ class TrajectoryEstimator:
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
         self._gathering = Gathering(kernel.model.joints, settings.noise, settings.window)
-        self._tracker: Tracker | None = None
+        self._tracker: FilterRun | None = None
+        self._layout: Layout
+        self._variables: Variables
         self._samples = 0
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -120,34 +122,21 @@ class TrajectoryEstimator:
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         return self._waiting(tracker, taken, instant) or self._solved(tracker, instant)
 
-    def _tracking(self) -> Tracker:
+    def _tracking(self) -> FilterRun:
         """Return the filter; a new one where the motion has turned out spatial."""
         if self._tracker is None or self._tracker.planar != self._plane.planar:
             settings, kernel = self._settings, self._kernel
-            variables = coordinates(kernel, self._plane, settings.time_offset_std)
-            self._tracker = Tracker(
-                kernel, variables, kernel.errors.bodies, self._walks(), (settings.start, settings.kept)
-            )
+            unknowns = catalogue(kernel, settings.uncertainty)
+            if self._plane.planar:
+                unknowns = tuple(unknown.in_plane(self._plane) for unknown in unknowns)
+            self._layout = Layout.of(kernel, unknowns)
+            self._variables = variables(self._layout, self._plane, settings.uncertainty)
+            known_mass = float(np.sum(kernel.known[:, 0]))
+            bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=settings.adapt)
+            self._tracker = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
         return self._tracker
 
-    def _walks(self) -> tuple[Walk, ...]:
-        if self._settings.constant != 'none':
-            axes = 'base' if self._settings.constant == 'body' else 'inertial'
-            acting = f'a constant force or torque acts, in {axes} axes'
-            return (Walk(acting, force=self._settings.constant),)
-        still = Walk('nothing drifts')
-        if not self._settings.adapt:
-            return (still,)
-        mass = float(np.sum(self._kernel.known[:, 0]))
-        return (
-            still,
-            Walk('a constant force or torque acts, in inertial axes', force='inertial'),
-            Walk('a constant force or torque acts, in base axes', force='body'),
-            Walk('the momentum drifts: a changing external force', momentum=_CHANGING_FORCE * mass),
-            Walk('the odometry position drifts', position=self._settings.noise.base_position),
-        )
-
-    def _waiting(self, tracker: Tracker, taken: Taken, now: Instant) -> Estimate | None:
+    def _waiting(self, tracker: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
         """Return an estimate that says why there is no solution; None where there is one."""
         status: Status = 'not_identifiable'
         if not tracker.started and taken.moved:
@@ -162,29 +151,33 @@ class TrajectoryEstimator:
             return None
         return Estimate(self.method, status, now.time, now.stamp, samples=now.samples, warnings=(warning,))
 
-    def _solved(self, tracker: Tracker, now: Instant) -> _Solved:
+    def _solved(self, tracker: FilterRun, now: Instant) -> _Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = tracker.best, self._gathering.origin
-        mean, covariance = tracker.state()
-        # More surprise than the noise explains widens the intervals.
-        surprise = track.belief.surprise / max(track.belief.measured, 1)
-        ordered = covariance[_ORDER[:, None], _ORDER] * max(1.0, surprise)
+        moments = tracker.moments()
+        # Larger innovations than the noise explains widen the intervals.
+        nis = track.belief.nis / max(track.belief.measured, 1)
+        covariance = moments.covariance(_ORDER, self._variables) * max(1.0, nis)
         solution = Solution(
-            x=mean[_ORDER],
-            covariance=ordered,
-            cautious_covariance=ordered,
-            cost=track.belief.surprise,
+            x=moments.mean[_ORDER],
+            covariance=covariance,
+            cautious_covariance=covariance,
+            cost=track.belief.nis,
             redundancy=track.belief.measured,
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
         )
-        jumps = events(track, mean[LINEAR.start : ANGULAR.stop], origin)
-        delay = (np.nan, np.nan)
-        if self._settings.time_offset_std > 0.0:
-            delay = float(mean[DELAY]), float(np.sqrt(covariance[DELAY, DELAY]))
-        return _Solved(
-            solution, now, track, surprise, (*_force(track, mean[FORCE], covariance[FORCE, FORCE]), *jumps), delay
-        )
+        found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
+        return _Solved(solution, now, track, nis, found, self._delay(moments))
+
+    def _delay(self, moments: Moments) -> tuple[float, float]:
+        """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
+        for unknown, place in zip(self._layout.unknowns, self._layout.places, strict=True):
+            if isinstance(unknown, TimeOffset):
+                value = unknown.factor @ moments.mean[place]
+                deviation = np.abs(unknown.factor @ moments.deviation[place])
+                return float(value[0]), float(deviation[0])
+        return np.nan, np.nan
 
     def _reported(self, solved: list[_Solved]) -> list[Estimate]:
         """Return the estimates of solutions."""
@@ -198,14 +191,14 @@ class TrajectoryEstimator:
 
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     """Return the estimate with what its run says against it."""
-    track, surprise = solved.track, solved.surprise
+    track, nis = solved.track, solved.nis
     warnings = list(estimate.warnings)
-    if track.walk.disturbed:
-        warnings.append(f'{track.walk.name}; estimated along, which widens the intervals')
-    wrong = surprise > LARGEST_SURPRISE or len(track.jumps) > _MOST_JUMPS
+    if track.hypothesis.disturbed:
+        warnings.append(f'{track.hypothesis.name}; estimated along, which widens the intervals')
+    wrong = nis > LARGEST_NIS or len(track.jumps) > _MOST_JUMPS
     if wrong:
         warnings.append(
-            f'the model does not explain the data: innovations {np.sqrt(surprise):.1f} times the noise, '
+            f'the model does not explain the data: innovations {np.sqrt(nis):.1f} times the noise, '
             f'{len(track.jumps)} jumps of the momentum'
         )
     return replace(
@@ -218,16 +211,19 @@ def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     )
 
 
-def _force(track: Track, value: Array, covariance: Array) -> tuple[Event, ...]:
+def _force(track: Track, moments: Moments) -> tuple[Event, ...]:
     """Return the constant force and torque (6,), if there is one and it is not nothing."""
-    if track.walk.force == 'none' or value @ np.linalg.solve(covariance, value) < chi_square.limit(
-        _NOTHING, len(value)
-    ):
+    axes = track.hypothesis.force
+    if axes == 'none':
         return ()
-    return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(track.walk.force)),)
+    value, factor = moments.force, moments.force_factor
+    significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
+    if significance < chi_square.limit(_NOTHING, len(value)):
+        return ()
+    return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 
 
-def events(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
+def jumps(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
     """Return the jumps of the momentum, each as the difference of what is known now of it before and after.
 
     Parameters

@@ -1,168 +1,137 @@
-"""The Kalman filter over windows: one update and one step on each, in scaled variables.
+"""The square-root information filter over windows: one update and one step on each, in scaled variables.
 
-Covariances are kept as factors and moved by orthogonal transformations (square-root form, Bierman 1977, chapter 5):
-from a prior that says nothing to accurate odometry after minutes they shrink by more than double precision can hold as
-covariances, and a factor's square is never negative.
+Bierman 1977, chapters 5 and 6. Only pose error and momentum change on the way from window to window, and they come
+first among the variables: a step reworks the first rows of the triangle, an update adds a window's rows to all of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
-from typing import Literal
+from functools import cache
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, LINEAR
-from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.steps import Step
+from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.state import MOMENTUM, POSE
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-_POSE = slice(0, 6)
-_MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
-
-
-@dataclass(frozen=True)
-class Walk:
-    """What may act or drift: a constant force, and random walks with intensities a square root of a second.
-
-    Attributes
-    ----------
-    name : what it stands for
-    momentum : N s and N m s: an external force
-    position, orientation : m, rad: the odometry's own drift
-    force : axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
-    """
-
-    name: str
-    momentum: float = 0.0
-    position: float = 0.0
-    orientation: float = 0.0
-    force: Literal['none', 'inertial', 'body'] = 'none'
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether anything acts or drifts at all."""
-        return self.force != 'none' or self.drifts
-
-    @property
-    def drifts(self) -> bool:
-        """Whether there is a random walk."""
-        return len(self.rates) > 0
-
-    @cached_property
-    def drifting(self) -> Integers:
-        """The numbers of the state that walk."""
-        return np.flatnonzero(self._intensities)
-
-    @cached_property
-    def rates(self) -> Array:
-        """Their intensities."""
-        return self._intensities[self.drifting]
-
-    @cached_property
-    def _intensities(self) -> Array:
-        """Of pose error and momentum, (12,)."""
-        return np.repeat((self.orientation, self.position, self.momentum), (3, 3, 6))
+_BLOCK = 16  # columns that LAPACK reflects together
 
 
-def update(beliefs: Beliefs, step: Step) -> Beliefs:
-    """Return the beliefs of several hypotheses after a window's measurements."""
-    rows, before, hypotheses = step.rows, beliefs.columns, len(beliefs)
-    count, size = rows.shape
-    predicted = rows @ before
-    # The square of `stacked` holds the covariances of measurements and state, prior to the update; that of its
-    # triangular factor the same, ordered so that the state's last block is what the measurements leave of it.
-    stacked = np.zeros((hypotheses, count + size, count + before.shape[2] - 2))
-    stacked[:, :count, :count] = _identity(count)
-    stacked[:, :count, count:] = predicted[..., 2:]
-    stacked[:, count:, count:] = before[..., 2:]
-    triangles = np.zeros((hypotheses, count + size, count + size))
-    normalised = step.value - predicted[..., :2]
-    for place, free in enumerate(beliefs.free):
-        used = count + free
-        # LAPACK itself, for so small a matrix: numpy's own call takes twice the time.
-        triangle = dgeqrf(stacked[place, :used].T, overwrite_a=True)[0]
-        triangles[place, :used, :used] = triangle[:used].T
-        normalised[place] = dtrtrs(triangle[:count, :count], normalised[place], trans=1)[0]
-    after = np.empty((hypotheses, size, 2 + size))
-    means, left = after[..., :2], after[..., 2:]
-    np.multiply(triangles[:, count:, count:], _lower(size), out=left)
-    np.add(before[..., :2], triangles[:, count:, :count] @ normalised, out=means)
-    means[..., 1] += (left @ (step.shared @ left)[..., None])[..., 0]
-    surprises = np.add.reduce(normalised[..., 0] ** 2, axis=1)
-    roots = np.abs(triangles.diagonal(axis1=1, axis2=2)[:, :count])
-    likelihoods = surprises + (step.log_noise + 2.0 * np.add.reduce(np.log(roots), axis=1))
-    return Beliefs(
-        after,
-        beliefs.free,
-        beliefs.surprises + surprises,
-        beliefs.measured + count,
-        surprises,
+def update(belief: Belief, window: WhitenedWindow) -> Belief:
+    """Return the belief after a window's measurements."""
+    size, (count, columns) = belief.size, window.rows.shape
+    triangle = np.zeros((size + 2, size + 2), order='F')
+    triangle[:size] = belief.root
+    rows = np.zeros((count, size + 2), order='F')
+    rows[:, :columns], rows[:, -1] = window.rows, window.value
+    triangle, _, _, _ = dtpqrt(0, min(_BLOCK, size + 2), triangle, rows, overwrite_a=True, overwrite_b=True)
+    root = triangle[:size]
+    # What is left of the values are the innovations, normalised and turned.
+    nis = float(triangle[-2, -1] ** 2 + triangle[-1, -1] ** 2)
+    score = np.zeros(size)
+    score[:columns] = window.shared
+    root[:, -2] += dtrtrs(root[:, :size], score, trans=1)[0]
+    growth = 2.0 * float(_log_diagonal(root) - _log_diagonal(belief.root))
+    return Belief(
+        root,
+        belief.nis + nis,
+        belief.measured + count,
+        nis,
         count,
-        beliefs.evidences - 0.5 * likelihoods,
+        belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),
     )
 
 
-def advance(beliefs: Beliefs, step: Step, coordinates: Coordinates, walks: Sequence[Walk]) -> Beliefs:
-    """Return the beliefs after an update, each under its walk, at the next window's first node.
+def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
+    """Return the belief after an update at the next window's first node, as a hypothesis has what acts and drifts."""
+    size, head, poses = belief.size, variables.head, variables.poses
+    columns = len(variables.scale)
+    transition = np.zeros((head, size))
+    transition[:poses, :columns] = window.transition
+    transition[poses:, poses:head] = np.eye(head - poses)
+    if hypothesis.force != 'none':
+        push = window.in_base_axes if hypothesis.force == 'body' else window.inertial
+        transition[poses:, columns:] = push
+    joints, walks = window.process.shape[1], len(hypothesis.walking)
+    noise = np.zeros((head, joints + walks))
+    noise[:poses, :joints] = window.process
+    if walks:
+        noise[:, joints:] = np.sqrt(window.length) * _walk(hypothesis, variables)
+    drift = np.zeros((head, 2))
+    drift[:poses, 1] = window.drift
+    return belief.with_root(_propagated(belief.root, transition, noise, drift))
 
-    Their factors are made square again by the next update.
+
+def pose_reset(belief: Belief, variables: Variables) -> Belief:
+    """Return the belief with a pose error about which nothing is known: the chain was broken.
+
+    The rows below those of the pose error hold what is known of the rest, whatever it is.
     """
-    before, (poses, joints) = beliefs.columns, step.process.shape
-    hypotheses, size, width = before.shape
-    ends = [2 + free + len(walk.rates) for free, walk in zip(beliefs.free, walks, strict=True)]
-    most = max(width, *ends)
-    after = np.zeros((hypotheses, size, most + joints))
-    after[..., :width] = before
-    moved = after[:, :poses]
-    np.matmul(step.transition, before, out=moved[..., :width])
-    moved[..., :2] += step.drift
-    moved[..., most:] = step.process
-    for place, (walk, end) in enumerate(zip(walks, ends, strict=True)):
-        if walk.force != 'none':
-            after[place, :, :width] += (step.in_base_axes if walk.force == 'body' else step.inertial) @ before[place]
-        if walk.drifts:
-            # Where the factor of other hypotheses goes on.
-            after[place, :, end - len(walk.rates) : end] = np.sqrt(step.length) * _drift(walk, coordinates)
-    return beliefs.moved(after)
+    root, poses = belief.root.copy(), variables.poses
+    root[:poses] = 0.0
+    root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+    return belief.with_root(root)
 
 
-@lru_cache(maxsize=64)
-def _drift(walk: Walk, coordinates: Coordinates) -> Array:
-    """Return the factor of the covariance of the variables that a walk makes in a second."""
-    return np.asarray(coordinates.gather[:, walk.drifting] * walk.rates)
-
-
-def unlinked(belief: Belief, coordinates: Coordinates) -> Belief:
-    """Return the belief with a pose error about which nothing is known: the chain was broken."""
-    poses = len(coordinates.measured)
-    means, factor = belief.means.copy(), belief.factor.copy()
-    means[:poses], factor[:poses] = 0.0, 0.0
-    start = coordinates.open().factor[:, :poses]
-    return replace(belief, means=means, factor=np.concatenate((start, factor), axis=1))
-
-
-def jolted(belief: Belief, step: Step, coordinates: Coordinates, sizes: Array) -> Belief:
+def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variables, sizes: Array) -> Belief:
     """Return the belief with a momentum that may have jumped in the window just before.
 
     Parameters
     ----------
     belief : at the first node of the window in which it is noticed
-    step : of that window; the one before is much like it
-    coordinates : Coordinates
+    window : that one; the one before is much like it
+    variables : of the filter
     sizes : (6,) standard deviations of the jump of (P, L)
     """
-    change = np.zeros((len(coordinates.basis), 12))
-    change[_MOMENTUM, :6] = np.diag(sizes)
+    change = np.zeros((12, 12))
+    change[MOMENTUM, :6] = np.diag(sizes)
     # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
-    change[_POSE, :6] = 0.5 * step.moved * sizes
-    change[_POSE, 6:] = np.sqrt(1.0 / 12.0) * step.moved * sizes
-    moved = coordinates.gather @ change
-    return replace(belief, factor=np.concatenate((belief.factor, moved), axis=1))
+    change[POSE, :6] = 0.5 * window.moved * sizes
+    change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
+    noise = variables.gather[: variables.head, :12] @ change
+    still = np.eye(variables.head, belief.size)
+    return belief.with_root(_propagated(belief.root, still, noise, np.zeros((variables.head, 2))))
+
+
+def _propagated(root: Array, transition: Array, noise: Array, drift: Array) -> Array:
+    """Return the triangle of what x_head' = transition x + drift + noise w makes of its first variables.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    transition : (h, v) regular in its first h columns
+    noise : (h, w) of independent w of unit variance
+    drift : (h, 2) of the two means
+    """
+    head, count = noise.shape
+    size = len(root)
+    # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it; w is eliminated first.
+    back = root[:head, :head] @ np.linalg.inv(transition[:, :head])
+    wide = np.zeros((count + head, count + size + 2), order='F')
+    wide[:count, :count] = _identity(count)
+    wide[count:, :count] = -back @ noise
+    wide[count:, count : count + head] = back
+    wide[count:, count + head :] = root[:head, head:]
+    wide[count:, count + head : count + size] -= back @ transition[:, head:]
+    wide[count:, count + size :] += back @ drift
+    triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
+    after = root.copy()
+    after[:head] = triangle
+    after[:head, :head] *= _upper(head)
+    return after
+
+
+def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:
+    """Return the factor of the covariance of pose error and momentum that a hypothesis' walks make in a second."""
+    return np.asarray(variables.gather[: variables.head, hypothesis.walking] * hypothesis.intensities)
+
+
+def _log_diagonal(root: Array) -> float:
+    return float(np.add.reduce(np.log(np.abs(root.diagonal()))))
 
 
 @cache
@@ -171,6 +140,6 @@ def _identity(size: int) -> Array:
 
 
 @cache
-def _lower(size: int) -> Array:
-    """Return a lower triangle of ones: LAPACK leaves something else above that of a factor."""
-    return np.tri(size)
+def _upper(size: int) -> Array:
+    """Return an upper triangle of ones: LAPACK leaves something else below that of a factor."""
+    return np.triu(np.ones((size, size)))

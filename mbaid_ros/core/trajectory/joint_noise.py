@@ -17,7 +17,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.nodes import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_bodies, joint_gains
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_body, joint_gains
 from mbaid_ros.core.trajectory.windows import Stack
 
 
@@ -28,12 +28,12 @@ class JointNoise(Stacked):
     Attributes
     ----------
     pose : (B, 6, n) factor of the covariance of the mean pose
-    by_parameters : (B, 6, u - 6, n) its derivative by the parameters but the momentum
+    by_body : (B, 6, 10, n) its derivative by the target body
     process : (B, 6, n) factor of the covariance of what accumulates on the way to the next window
     """
 
     pose: Array
-    by_parameters: Array
+    by_body: Array
     process: Array
 
 
@@ -43,7 +43,6 @@ def joint_noise(
     inside: Sequence[slice],
     predictions: Sequence[Prediction],
     bodies: Bodies,
-    uncertain: Sequence[int],
 ) -> list[JointNoise]:
     """Return the noise of stacks of windows, followed at their first, middle and last intervals.
 
@@ -54,7 +53,6 @@ def joint_noise(
     inside : the windows' own intervals among those of each stack
     predictions : of each stack and the intervals beside, (m, B, ...)
     bodies : of all these intervals, one after the other
-    uncertain : indices of the uncertain bodies
     """
     places = [_places(each) for each in inside]
     begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
@@ -75,8 +73,8 @@ def joint_noise(
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
     # What is left behind at position level: the turn of A itself, and what F makes of A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
-    by_bodies = gains_by_bodies(kernel, bodies[index[1]], middle[:, ANGULAR_FIRST], uncertain)[:, ANGULAR_FIRST]
-    whole = JointNoise(deviation * middle, deviation[..., None] * by_bodies, deviation * length * remainder)
+    by_body = gains_by_body(kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
+    whole = JointNoise(deviation * middle, deviation[..., None] * by_body, deviation * length * remainder)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]
 

@@ -8,7 +8,7 @@ the node's centre.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -110,6 +110,19 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 : joints + 15],
+    )
+
+
+def at_the_base(nodes: Nodes, mount: Array) -> Nodes:
+    """Return the nodes of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
+    away = nodes.base_rotation @ mount[3:]
+    twist = nodes.base_twist.copy()
+    twist[..., :3] += cross(twist[..., 3:], away)
+    return replace(
+        nodes,
+        base_rotation=nodes.base_rotation @ exp(mount[:3]),
+        base_position=nodes.base_position + away,
+        base_twist=twist,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.midpoints import Midpoints
 from mbaid_ros.core.trajectory.nodes import Integers
+from mbaid_ros.core.trajectory.state import Layout, Point
 
 # Rows of a twist (v, w) in the order (angular, linear) of a pose error.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
@@ -58,7 +60,7 @@ class Prediction(Stacked):
         ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bodies:
     """The bodies of a robot that moves as predicted, at N instants; all of them are known.
 
@@ -83,7 +85,7 @@ class Bodies:
         configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
         return Bodies(self.parameters, self.target, configuration, self.twist[index], self.mobility[index])
 
-    @property
+    @cached_property
     def states(self) -> BodyStates:
         """The same as the momentum equations need it."""
         bodies = self.configuration
@@ -96,61 +98,47 @@ class Bodies:
         )
 
 
-def predict(kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()) -> Prediction:
-    """Return the twist that conservation predicts at midpoints.
+def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction, Bodies]:
+    """Return the twist that conservation predicts at midpoints, and the bodies of a robot that moves so.
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    middle : Midpoints of N intervals
-    parameters : (u,) (P, L, phi) with L about the run's origin, both before any known thrust, then the errors of the
-        uncertain known bodies, 10 each
-    uncertain : indices of those bodies
+    layout : of the state
+    middle : Midpoints of N intervals, as the point's known side has them
+    point : its momentum is that before any known thrust, L about the run's origin
     """
-    return predicted(kernel, middle, parameters, uncertain)[0]
-
-
-def predicted(
-    kernel: MomentumKernel, middle: Midpoints, parameters: Array, uncertain: Sequence[int] = ()
-) -> tuple[Prediction, Bodies]:
-    """Return the same with the bodies of a robot that moves so."""
+    parameters, kernel = point.parameters, point.side.kernel
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     target, kinematics = kernel.target, kernel.kinematics
-    known = with_errors(kernel, parameters[16:], uncertain).known.copy()
+    known = kernel.known.copy()
     known[target.body] += express(parameters[6:16], target.rotation, target.position)
-    bodies = kinematics.configure(middle.base_rotation, middle.joint_position)
-    body_twist = kinematics.body_twists(bodies, middle.joint_velocity, np.zeros((len(middle), 6)))
-    mobility, moving = whole(known, bodies, body_twist)
+    placed = kinematics.configure(middle.base_rotation, middle.joint_position)
+    body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
+    mobility, moving = whole(known, placed, body_twist)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    # M dV = dh - (dM V + db): the second is the target's regressor at the predicted motion.
+    bodies = Bodies(known, target, placed, body_twist, mobility)
+    # M dV = dh - (dM V + db): the latter is what the momentum of the predicted motion changes by.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(middle.base_position)
-    right[..., 6:16] = -regressor(*bodies.link(target), body_twist[:, target.body])
-    for place, index in enumerate(uncertain):
-        columns = regressor(bodies.rotation[:, index], bodies.position[:, index], body_twist[:, index])
-        right[..., 16 + 10 * place : 26 + 10 * place] = -columns
+    right[..., 6:16] = -regressor(*placed.link(target), body_twist[:, target.body])
+    column = 16
+    for unknown in layout.predicted:
+        columns = unknown.momentum_columns(kernel, bodies.states)
+        if columns is not None:
+            right[..., column : column + unknown.count] = -columns @ unknown.factor
+        column += unknown.count
     # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
     turned = skew(linear)
     right[:, :3, count : count + 3] = turned
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
     solved = mobility @ right
-    prediction = Prediction(twist, solved[..., :count], solved[..., count:])
-    return prediction, Bodies(known, target, bodies, body_twist, mobility)
-
-
-def with_errors(kernel: MomentumKernel, errors: Array, uncertain: Sequence[int]) -> MomentumKernel:
-    """Return the kernel with the errors of uncertain known bodies, 10 standard parameters each, taken into account."""
-    if not uncertain:
-        return kernel
-    change = np.zeros_like(kernel.known)
-    change[list(uncertain)] = errors.reshape(-1, 10)
-    return kernel.corrected(change)
+    return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
@@ -170,10 +158,10 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     return back @ by_rate, back @ by_position
 
 
-def gains_by_bodies(kernel: MomentumKernel, bodies: Bodies, by_rate: Array, uncertain: Sequence[int] = ()) -> Array:
-    """Return how the derivative A of the twist by the joint rates depends on the bodies.
+def gains_by_body(kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
+    """Return how the derivative A of the twist by the joint rates depends on the target body.
 
-    A joint at unit rate, where there is no momentum, makes the base move by its column of A and the bodies by that and
+    A joint at unit rate, where there is no momentum, makes the base move by its column of A and the target by that and
     its own twist; M dA = -Y dphi at those motions.
 
     Parameters
@@ -181,18 +169,14 @@ def gains_by_bodies(kernel: MomentumKernel, bodies: Bodies, by_rate: Array, unce
     kernel : MomentumKernel
     bodies : at N instants, as predicted
     by_rate : (N, 6, n) A there
-    uncertain : indices of the uncertain known bodies
 
     Returns
     -------
-    (N, 6, u - 6, n) by phi, then by the errors of those bodies
+    (N, 6, 10, n) array
     """
     placed, base = bodies.configuration, np.swapaxes(by_rate, 1, 2)
-    links = [(bodies.target.body, *placed.link(bodies.target))]
-    links += [(index, placed.rotation[:, index], placed.position[:, index]) for index in uncertain]
-    columns = []
-    for index, rotation, position in links:
-        motion = base + kernel.kinematics.ancestors[index][:, None] * placed.joint_twist
-        columns.append(regressor(rotation[:, None], position[:, None], motion))
-    right = -np.moveaxis(np.concatenate(columns, axis=-1), 1, -1)  # (N, 6, u - 6, n)
+    rotation, position = placed.link(bodies.target)
+    motion = base + kernel.kinematics.ancestors[bodies.target.body][:, None] * placed.joint_twist
+    columns = regressor(rotation[:, None], position[:, None], motion)
+    right = -np.moveaxis(columns, 1, -1)  # (N, 6, 10, n)
     return (bodies.mobility @ right.reshape(*right.shape[:2], -1)).reshape(right.shape)

@@ -7,14 +7,15 @@ sums run along the nodes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.midpoints import Midpoints, midpoints, with_joints_later
-from mbaid_ros.core.trajectory.nodes import Nodes
+from mbaid_ros.core.trajectory.nodes import Nodes, at_the_base
+from mbaid_ros.core.unknowns.known_side import KnownSide
 
 
 @dataclass(frozen=True)
@@ -76,18 +77,29 @@ class Stack:
     places: tuple[int, ...]
 
     @cached_property
-    def middle(self) -> Midpoints:
-        """The motion midway between all nodes, (J - 1, B, ...): it does not depend on where it is linearised."""
-        return midpoints(Nodes.stack([window.nodes for window in self.windows]), self.windows[0].spacing)
+    def nodes(self) -> Nodes:
+        """All nodes, (J, B, ...)."""
+        return Nodes.stack([window.nodes for window in self.windows])
 
-    def motion(self, late: float) -> tuple[Midpoints, slice]:
-        """Return the motion with joints that were measured `late` s before their stamps, and the windows' own part.
+    @cached_property
+    def middle(self) -> Midpoints:
+        """The motion midway between all nodes as measured, (J - 1, B, ...)."""
+        return midpoints(self.nodes, self.windows[0].spacing)
+
+    def motion(self, side: KnownSide) -> tuple[Midpoints, slice]:
+        """Return the motion of a robot whose known side is as given, and the windows' own part.
 
         Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
         """
-        first, last, _ = self.windows[0].inside.indices(len(self.middle))
+        middle = self.middle
+        if side.mount.any():
+            middle = midpoints(at_the_base(self.nodes, side.mount), self.windows[0].spacing)
+        if side.delay != 0.0:
+            middle = with_joints_later(middle, side.delay, self.windows[0].spacing)
+        if side.zeros.any():
+            middle = replace(middle, joint_position=middle.joint_position + side.zeros)
+        first, last, _ = self.windows[0].inside.indices(len(middle))
         begin = max(first - 1, 0)
-        middle = self.middle if late == 0.0 else with_joints_later(self.middle, late, self.windows[0].spacing)
         return middle[begin : last + 1], slice(first - begin, last - begin)
 
     @cached_property

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mbaid_ros.core.trajectory.steps import Step, prepare
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
@@ -13,7 +14,6 @@ from mbaid_ros.core.trajectory import filter as kalman
 from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
 from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
 from mbaid_ros.core.trajectory.filter import Walk, jolted, unlinked
-from mbaid_ros.core.trajectory.steps import Step, prepare
 
 STATE = 29
 STILL = Walk('nothing drifts')

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.belief import Coordinates
-from mbaid_ros.core.trajectory.chain import BODY, PARAMETERS, Point
-from mbaid_ros.core.trajectory.filter import Walk
-from mbaid_ros.core.trajectory.linearised import Linearised
-from mbaid_ros.core.trajectory.steps import Step
-from mbaid_ros.core.trajectory.tracks import MARGIN, Track, Tracks, far_better, follow, levelled
+from mbaid_ros.core.trajectory.bank import MARGIN, Bank, Track, best, clamped, far_better, follow
+from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 _PASSES = 12
 _SETTLED = 0.1  # standard deviations
@@ -27,7 +27,7 @@ _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start 
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
-_MASS = BODY.start - PARAMETERS.start
+_MASS = BODY.start - LINEAR.start
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
 _PART = 10  # windows whose linearisation counts as one piece of work
 _STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
@@ -40,12 +40,12 @@ class Found:
 
     Attributes
     ----------
-    tracks : of all hypotheses
+    bank : of all hypotheses
     point : at which they are linearised
     settled : whether that is one that stays
     """
 
-    tracks: Tracks
+    bank: Bank
     point: Point
     settled: bool
 
@@ -59,6 +59,7 @@ class _Result:
     point : the solution of the last pass
     passed : what that pass was over
     track : the hypothesis that was followed in it
+    moments : of its belief
     deviation : standard deviations of the parameters
     settled : whether that pass moved them by next to nothing
     held : whether its mass was held
@@ -67,6 +68,7 @@ class _Result:
     point: Point
     passed: _Pass
     track: Track
+    moments: Moments
     deviation: Array
     settled: bool
     held: bool
@@ -75,7 +77,7 @@ class _Result:
     def sound(self) -> bool:
         """Whether the result also explains the windows."""
         belief = self.track.belief
-        return self.settled and belief.surprise < chi_square.limit(_UNLIKELY, belief.measured)
+        return self.settled and belief.nis < chi_square.limit(_UNLIKELY, belief.measured)
 
     @property
     def certain(self) -> bool:
@@ -85,7 +87,7 @@ class _Result:
     @property
     def merit(self) -> tuple[bool, float]:
         """What results are compared by: where they have not settled, the windows are not what they say they are."""
-        return not self.held, self.track.belief.evidence - (0.0 if self.settled else MARGIN)
+        return not self.held, self.track.belief.log_likelihood - (0.0 if self.settled else MARGIN)
 
     def near(self, point: Point, deviations: float) -> bool:
         """Tell whether a point is less than some standard deviations away in all parameters."""
@@ -93,7 +95,7 @@ class _Result:
 
     def rivals(self, other: _Result) -> bool:
         """Tell whether another result is at quite another point that explains the windows about as well."""
-        as_good = other.track.belief.evidence > self.track.belief.evidence - MARGIN
+        as_good = other.track.belief.log_likelihood > self.track.belief.log_likelihood - MARGIN
         return as_good and not self.near(other.point, _APART)
 
 
@@ -102,7 +104,7 @@ class _Pass:
     """Windows in order with their steps, all linearised at one point."""
 
     point: Point
-    steps: list[tuple[Window, Step]]
+    steps: list[tuple[Window, WhitenedWindow]]
 
 
 # What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
@@ -110,21 +112,21 @@ Search = Iterator[int | Found]
 
 
 @dataclass(frozen=True)
-class Start:
+class MultiStart:
     """Passes over windows that are all linearised at one point.
 
     Attributes
     ----------
-    kernel : MomentumKernel
-    variables : Coordinates
+    layout : of the state
+    variables : of the filter
     linearised : makes the steps of the filter
-    walks : the hypotheses; the first is the one to beat
+    hypotheses : the first is the one to beat
     """
 
-    kernel: MomentumKernel
-    variables: Coordinates
-    linearised: Linearised
-    walks: tuple[Walk, ...]
+    layout: Layout
+    variables: Variables
+    linearised: LinearisationCache
+    hypotheses: tuple[Hypothesis, ...]
 
     def search(self, windows: list[Window], point: Point | None) -> Search:
         """Linearise windows ever nearer to what they say, from a point; from the guesses where that leads nowhere.
@@ -139,20 +141,20 @@ class Start:
         results: list[_Result] = []
         sound = other_leads = False
         if point is not None and not _massless(point.parameters):
-            result = yield from self._repeat(stacks, point, self.walks[0])
+            result = yield from self._repeat(stacks, point, self.hypotheses[0])
             results, sound = [result], result.sound
-            passed, tracks, other_leads = yield from self._hypotheses(stacks, result)
+            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
         if not (sound or other_leads):
             results += yield from self._from_guesses(stacks)
             result = max(results, key=lambda each: each.merit)
-            passed, tracks, other_leads = yield from self._hypotheses(stacks, result)
+            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
         while count < len(windows):
             more = windows[count : count + _PART]
             passed = yield from self._pass([stacked(more)], passed.point)
             count += len(more)
-            tracks = yield from self._follow(passed, tracks)
-        yield Found(tracks, passed.point, settled)
+            bank = yield from self._follow(passed, bank)
+        yield Found(bank, passed.point, settled)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[_Result]]:
         """Return what the windows lead to with the guessed masses, and from the best of these with any mass.
@@ -162,61 +164,63 @@ class Start:
         """
         held: list[_Result] = []
         for guess in self._guesses():
-            result = yield from self._repeat(stacks, guess, self.walks[0], held=True)
+            result = yield from self._repeat(stacks, guess, self.hypotheses[0], held=True)
             held.append(result)
         free: list[_Result] = []
         for start in sorted(held, key=lambda each: each.merit, reverse=True):
-            result = yield from self._repeat(stacks, start.point, self.walks[0])
+            result = yield from self._repeat(stacks, start.point, self.hypotheses[0])
             free.append(result)
             if result.certain:
                 break
         return free + held
 
-    def _hypotheses(
-        self, stacks: list[list[Stack]], result: _Result
-    ) -> Generator[int, None, tuple[_Pass, Tracks, bool]]:
+    def _hypotheses(self, stacks: list[list[Stack]], result: _Result) -> Generator[int, None, tuple[_Pass, Bank, bool]]:
         """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
 
         At its own solution another hypothesis must explain the windows and still be the better one; else its lead was
         the linearisation's. And where the first explains the windows too, what the other gains must not come from noise
         in its rows.
         """
-        first, *others = self.walks
-        passed, tracks = result.passed, Tracks.of([result.track])
+        first, *others = self.hypotheses
+        passed = result.passed
+        bank: Bank = (result.track,)
         if others:
-            beside = yield from self._follow(passed, Tracks.of([self._fresh(walk) for walk in others]))
-            tracks = Tracks.of([result.track, *beside])
-        leading = tracks.best.walk
+            beside = yield from self._follow(passed, tuple(map(self._fresh, others)))
+            bank = (result.track, *beside)
+        leading = best(bank).hypothesis
         if leading is first:
-            return passed, tracks, False
+            return passed, bank, False
         other = yield from self._repeat(stacks, result.point, leading)
         needed = not result.sound or self._plain(other)
         if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
-            return passed, levelled(tracks), False
-        tracks = yield from self._follow(other.passed, Tracks.of([self._fresh(walk) for walk in self.walks]))
-        return other.passed, tracks, True
+            return passed, clamped(bank), False
+        bank = yield from self._follow(other.passed, tuple(map(self._fresh, self.hypotheses)))
+        return other.passed, bank, True
 
     def _repeat(
-        self, stacks: list[list[Stack]], point: Point, walk: Walk, *, held: bool = False
+        self, stacks: list[list[Stack]], point: Point, hypothesis: Hypothesis, *, held: bool = False
     ) -> Generator[int, None, _Result]:
         """Pass over the windows until they move the point no more, at most a dozen times; near its mass, if held."""
         mass = float(point.parameters[_MASS]) if held else None
         for _ in range(_PASSES):
             passed = yield from self._pass(stacks, point)
-            (track,) = yield from self._follow(passed, Tracks.of([self._fresh(walk, mass)]))
-            mean, every_deviation = self.variables.moments(track.belief)
-            deviation = every_deviation[PARAMETERS]
-            step = mean[PARAMETERS] - point.parameters
+            (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
+            moments = Moments.of(track.belief, self.variables)
+            deviation = moments.deviation[self.layout.parameters]
+            state = moments.mean
+            step = state[self.layout.parameters] - point.parameters
             while _massless(point.parameters + step):
                 step = 0.5 * step
-            point = replace(Point.of(mean, every_deviation), parameters=point.parameters + step)
-            if np.all(np.abs(step) < _SETTLED * deviation):
-                return _Result(point, passed, track, deviation, settled=True, held=held)
-        return _Result(point, passed, track, deviation, settled=False, held=held)
+            state[self.layout.parameters] = point.parameters + step
+            point = self.layout.point(state, moments.deviation)
+            settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
+            if settled:
+                break
+        return _Result(point, passed, track, moments, deviation, settled=settled, held=held)
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
-        steps: list[tuple[Window, Step]] = []
+        steps: list[tuple[Window, WhitenedWindow]] = []
         for part in stacks:
             more = self.linearised.steps(part, point)
             for begin in range(0, len(more), _PART):
@@ -226,33 +230,35 @@ class Start:
 
     def _plain(self, result: _Result) -> bool:
         """Tell whether the noise of the rows hardly matters; else, that less is left says little."""
-        shift = np.abs(self.variables.spread @ result.track.belief.shift)[PARAMETERS]
+        shift = np.abs(result.moments.shift[self.layout.parameters])
         return bool(np.all(shift <= _PLAIN * result.deviation))
 
-    def _fresh(self, walk: Walk, mass: float | None = None) -> Track:
+    def _fresh(self, hypothesis: Hypothesis, mass: float | None = None) -> Track:
         """Return a hypothesis before the first window, of any mass or near one."""
-        return Track(walk, self.variables.open(force=walk.force != 'none', mass=mass))
+        extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
+        return Track(hypothesis, Belief.prior(self.variables, extra, mass))
 
-    def _follow(self, passed: _Pass, tracks: Tracks) -> Generator[int, None, Tracks]:
+    def _follow(self, passed: _Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""
         for window, step in passed.steps:
-            tracks = follow(tracks, window, step, self.variables)
-            for _ in range(len(tracks)):
+            bank = follow(bank, window, step, self.variables)
+            for _ in bank:
                 yield 1
-        return tracks
+        return bank
 
     def _guesses(self) -> list[Point]:
         """Return the parameters of balls of some parts of the known mass, without momentum."""
-        known = self.kernel.known
-        lengths = np.linalg.norm(self.kernel.model.positions, axis=1)
+        kernel = self.layout.kernel
+        known = kernel.known
+        lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for part in _GUESSED_MASSES:
             mass = part * float(np.sum(known[:, 0]))
-            point = np.zeros(len(self.variables.basis))
-            point[BODY.start] = mass
-            point[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
-            guesses.append(Point(point[PARAMETERS]))
+            state = np.zeros(self.layout.size)
+            state[BODY.start] = mass
+            state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
+            guesses.append(self.layout.point(state))
         return guesses
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.belief import Coordinates
-from mbaid_ros.core.trajectory.chain import Point, window_models
-from mbaid_ros.core.trajectory.steps import Step, prepared
+from mbaid_ros.core.trajectory.chain import window_models
+from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _MOST = 128  # windows linearised at once
 _FEWEST = 8  # where as many are known to come: the others cost little more than the first
 
 
-class Linearised:
-    """Steps of the filter for windows, each made when it is asked for, or earlier together with another.
+class LinearisationCache:
+    """WhitenedWindows of the filter for windows, each made when it is asked for, or earlier together with another.
 
     One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
     linearised together at the point at which the first one is asked for. That is in vain where the point moves before
@@ -23,18 +23,16 @@ class Linearised:
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    variables : Coordinates
-    uncertain : indices of the known bodies whose errors are among the variables
+    layout : of the state
+    variables : of the filter
     """
 
-    def __init__(self, kernel: MomentumKernel, variables: Coordinates, uncertain: tuple[int, ...]) -> None:
-        self._kernel = kernel
+    def __init__(self, layout: Layout, variables: Variables) -> None:
+        self._layout = layout
         self._variables = variables
-        self._uncertain = uncertain
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
-        self._made: dict[Window, Step] = {}
+        self._made: dict[Window, WhitenedWindow] = {}
         self._point: Point | None = None
         self._served = 0  # windows by this point
         self._likely = 0  # by the one before
@@ -46,7 +44,7 @@ class Linearised:
             self._turn = {window: turn for turn, window in enumerate(windows)}
             self._made.clear()
 
-    def step(self, window: Window, point: Point) -> Step:
+    def step(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window's step, linearised at a point."""
         if point is not self._point:
             self._point, self._served, self._likely = point, 0, self._served
@@ -57,9 +55,9 @@ class Linearised:
         self._served += 1
         return self._made.pop(window)
 
-    def steps(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, Step]]:
+    def steps(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
         """Return stacked windows in their order before they were stacked, each with its step."""
-        models = window_models(self._kernel, stacks, point, self._uncertain)
+        models = window_models(self._layout, stacks, point)
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
         return list(zip(windows, prepared(models, self._variables), strict=True))

@@ -7,27 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.trajectory.belief import Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
-
-_POSE = slice(0, 6)
-_MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, POSE
+from mbaid_ros.core.trajectory.variables import Variables
 
 
 @dataclass(frozen=True)
-class Step:
+class WhitenedWindow:
     """A window in the filter's variables, measurements in units of their noise.
 
     Attributes
     ----------
-    value, rows : (k, 2), (k, v): the first value = rows variables + white noise of variance 1; the other is zero
+    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (p, v), (p, 2), (p, n): to the p pose errors at the next window's first node, which are
+    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first node, which are
         the first variables; what else there is stays, without force. The last is a factor of the covariance of what
         joint noise adds on the way
     shared : (v,) the score that noise makes on average because rows and value share it
     moved : (6, 6) what the momentum makes of the pose error at the next window's first node, SI units
-    inertial, in_base_axes : (v, v) what a constant force and torque makes of the variables on the way, beside all that
+    inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
     length : s
     """
 
@@ -44,39 +42,39 @@ class Step:
     length: float
 
 
-def prepare(window: WindowModel, coordinates: Coordinates) -> Step:
+def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
     """Return one window's step of the filter (see `prepared`)."""
     several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, coordinates)[0]
+    return prepared(several, variables)[0]
 
 
-def prepared(windows: WindowModel, coordinates: Coordinates) -> list[Step]:
+def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return the steps of the filter for B windows."""
-    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, coordinates)
+    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, variables)
     weighed = pose.weighed(windows.joints)
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index]) for index in range(len(weighed))]
     moving = np.flatnonzero(np.isfinite(windows.twist_value).all(axis=-1))
     if len(moving):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
-        twist = _whitened(value, rows, covariance, coordinates)
+        twist = _whitened(value, rows, covariance, variables)
         weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(windows.joints[moving])
         values = np.concatenate((pose.value[moving], twist.value), axis=1)
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
         for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
             measured[index] = own
-    turn = coordinates.gather[: len(coordinates.measured), _POSE]
+    turn = variables.gather[: variables.poses, POSE]
     return [
-        Step(value, rows, float(log_noise), *rest)
+        WhitenedWindow(value, rows, float(log_noise), *rest)
         for (value, rows, log_noise), *rest in zip(
             measured,
-            turn @ (windows.transition @ coordinates.spread),
-            _beside_nothing((turn @ windows.drift[..., None])[..., 0]),
+            turn @ variables.rows(windows.transition),
+            (turn @ windows.drift[..., None])[..., 0],
             turn @ windows.process,
-            _shared(weighed, windows.joints_by_parameters, coordinates),
-            windows.transition[..., _MOMENTUM],
-            *_pushes(windows, coordinates),
+            _shared(weighed, windows.joints_by_body, variables),
+            windows.transition[..., MOMENTUM],
+            *_pushes(windows, variables),
             windows.length.tolist(),
             strict=True,
         )
@@ -89,7 +87,7 @@ class _White:
 
     Attributes
     ----------
-    value, rows, log_noise : (B, k, 2), (B, k, v), (B,) as in `Step`
+    value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
     whiten : (B, k, 6) what made them so, of the measurements as they were
     """
 
@@ -103,49 +101,45 @@ class _White:
         return np.asarray(np.swapaxes(self.whiten, -1, -2) @ (self.whiten @ joints))
 
 
-def _whitened(value: Array, rows: Array, covariance: Array, coordinates: Coordinates) -> _White:
+def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables) -> _White:
     """Return measurements (B, 6), linear in the state by rows (B, 6, s), with noise of a covariance (B, 6, 6)."""
-    select = coordinates.measured
+    select = variables.measured
     factor = np.linalg.cholesky(select @ covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
     return _White(
-        value=_beside_nothing((whiten @ value[..., None])[..., 0]),
-        rows=whiten @ (rows @ coordinates.spread),
+        value=(whiten @ value[..., None])[..., 0],
+        rows=whiten @ variables.rows(rows),
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
         whiten=whiten,
     )
 
 
-def _beside_nothing(values: Array) -> Array:
-    """Return (B, k) values as (B, k, 2): what moves the mean moves nothing that is to be added to it."""
-    return np.stack((values, np.zeros_like(values)), axis=-1)
-
-
-def _shared(weighed: Array, slope: Array, coordinates: Coordinates) -> Array:
+def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     """Return the (B, v) score that the joints' noise makes by itself: the mean of its product in values and in rows.
 
     Parameters
     ----------
-    weighed : (B, 6, n) the joints' noise in the values, as `_weighed`
-    slope : (B, 6, u - 6, n) the same noise in the rows
-    coordinates : Coordinates
+    weighed : (B, 6, n) the joints' noise in the values, as `_White.weighed`
+    slope : (B, 6, 10, n) the same noise in the rows, of the target body
+    variables : of the filter
     """
-    windows, _, parameters, _ = slope.shape
-    by_parameter = slope.transpose(0, 2, 1, 3).reshape(windows, parameters, -1)
-    score = (by_parameter @ weighed.reshape(windows, -1, 1))[..., 0]
-    return np.asarray((score[:, None] @ coordinates.spread[BODY.start : BODY.start + parameters])[:, 0])
+    windows, _, numbers, _ = slope.shape
+    by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
+    score = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
+    return np.asarray((score[:, None] @ variables.spread[BODY])[:, 0])
 
 
-def _pushes(windows: WindowModel, coordinates: Coordinates) -> tuple[Array, Array]:
-    """Return the (B, v, v) change of (P, L) by a force and torque on the base's origin, in inertial and in its axes.
+def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:
+    """Return the (B, p, f) change of the momentum by a force and torque on the base's origin, in inertial and its axes.
 
-    Inertial ones act at the run's origin (`difference.effects` has the reason). A window's momentum is that of its
-    middle, so that the change within it cancels in the pose. The force acts from there to the middle of the next
-    window, on a base that is on average where the two meet.
+    Inertial ones act at the run's origin: a tilted table pulls at the common centre of mass, which moves along the pull
+    at most. A window's momentum is that of its middle, so that the change within it cancels in the pose. The force acts
+    from there to the middle of the next window, on a base that is on average where the two meet.
     """
     push = np.zeros((len(windows.length), 6, 6))
     push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
     push[:, 3:, :3] = skew(windows.position) @ windows.rotation
-    to_momentum, force = coordinates.gather[:, _MOMENTUM], windows.length[:, None, None] * coordinates.spread[FORCE]
+    to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
+    force = windows.length[:, None, None] * variables.force
     return to_momentum @ force, to_momentum @ (push @ force)

@@ -6,18 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.trajectory.belief import Belief, Coordinates
-from mbaid_ros.core.trajectory.chain import PARAMETERS, Point
-from mbaid_ros.core.trajectory.filter import Walk
-from mbaid_ros.core.trajectory.linearised import Linearised
-from mbaid_ros.core.trajectory.start import Found, Search, Start
-from mbaid_ros.core.trajectory.tracks import Follow, Track, Tracks, follow, met
+from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
+from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.multi_start import Found, MultiStart, Search
+from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 # Mean normalised innovation squared from which the model is wrong rather than the run unlucky.
-LARGEST_SURPRISE = 1.5
+LARGEST_NIS = 1.5
 _GROWTH = 1.5  # of a young run, until all of it is linearised again
 _RETRY = 2  # windows after which a start that has not settled is tried again
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
@@ -26,7 +25,7 @@ _PART = 300  # of these, done at a time
 _HELD = 1.0  # standard deviations the estimate may be away from where windows are linearised
 
 
-class Tracker:
+class FilterRun:
     """Follows momentum, body and time offset through the windows, under several hypotheses of what drifts.
 
     The linear models are absolute, so each window may keep the linearisation point it was first seen at. While the run
@@ -39,32 +38,31 @@ class Tracker:
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    variables : Coordinates
-    uncertain : indices of the known bodies whose errors are among the variables
-    walks : the hypotheses; the first is the one to beat
+    layout : of the state
+    variables : of the filter
+    hypotheses : the first is the one to beat
     pace : windows before the first estimate, and how many are linearised again while the run is young
     """
 
     def __init__(
         self,
-        kernel: MomentumKernel,
-        variables: Coordinates,
-        uncertain: tuple[int, ...],
-        walks: tuple[Walk, ...],
+        layout: Layout,
+        variables: Variables,
+        hypotheses: tuple[Hypothesis, ...],
         pace: tuple[int, int],
     ) -> None:
+        self._layout = layout
         self._variables = variables
-        self._linearised = Linearised(kernel, variables, uncertain)
-        self._start = Start(kernel, variables, self._linearised, walks)
+        self._linearised = LinearisationCache(layout, variables)
+        self._start = MultiStart(layout, variables, self._linearised, hypotheses)
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
         self._owed = 0  # steps of the filter that the search has to take before the next window
-        self._tracks: Tracks | None = None
+        self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
-        self._point = Point(np.zeros(0))  # at which windows are linearised at present
+        self._point: Point | None = None  # at which windows are linearised at present
         self.planar = len(variables.measured) < 6
         self.settled = False
 
@@ -84,9 +82,9 @@ class Tracker:
         assert self._latest is not None, 'there is a start'
         return self._latest
 
-    def state(self) -> tuple[Array, Array]:
-        """Return mean (s,) and covariance (s, s) of the latest state under the best hypothesis."""
-        return self._variables.state(self.best.belief)
+    def moments(self) -> Moments:
+        """Return the latest state under the best hypothesis."""
+        return Moments.of(self.best.belief, self._variables)
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in the order of their turn."""
@@ -109,17 +107,21 @@ class Tracker:
                 self._begin(self._young, moved=moved)
         if self._search is not None:
             self._owed = _SHARE if self.settled else _FIRST_SHARE
-        if self._tracks is None:
+        if self._bank is None:
             return
         # Once for both windows: a point one window old is as good.
-        self._point = self._held(self._tracks.best.belief)
+        self._point = point = self._held(best(self._bank).belief)
         if ready is not None:
-            self._tracks = self._step(self._tracks, ready, follow)
-        latest = self._tracks.best_alone
+            self._bank = follow(self._bank, ready, self._linearised.step(ready, point), self._variables)
+        latest = best(self._bank)
         if still_open is not None:
+            white = self._linearised.step(still_open, point)
             # Where nothing acts or drifts, the pose error alone goes on from its first node.
-            latest = self._step(latest, still_open, follow if latest.walks[0].disturbed else met)
-        self._latest = latest[0]
+            if latest.hypothesis.disturbed:
+                (latest,) = follow((latest,), still_open, white, self._variables)
+            else:
+                latest = met(latest, still_open, white, self._variables)
+        self._latest = latest
 
     def work_off(self) -> None:
         """Do a part of what the search has to do before the next window, if anything."""
@@ -144,13 +146,13 @@ class Tracker:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         self._search, young = None, self._young or []
         anew = not self.settled
-        self._tracks, self._point, self.settled = found.tracks, found.point, found.settled
+        self._bank, self._point, self.settled = found.bank, found.point, found.settled
         self._next_pass = self._after(self._searched)
         # A start is confirmed once before it counts, however late it was found.
         if self._next_pass <= self._kept or (anew and self.settled):
             return
-        belief = self._tracks.best.belief
-        if self.settled and belief.surprise < LARGEST_SURPRISE * belief.measured:
+        belief = best(self._bank).belief
+        if self.settled and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
             # Unsound: begin anew with the later half.
@@ -163,16 +165,18 @@ class Tracker:
 
     def _found(self) -> Point | None:
         """Return the point of the best hypothesis."""
-        return None if self._tracks is None else Point.of(*self._variables.moments(self._tracks.best.belief))
+        if self._bank is None:
+            return None
+        moments = Moments.of(best(self._bank).belief, self._variables)
+        return self._layout.point(moments.mean, moments.deviation)
 
     def _held(self, belief: Belief) -> Point:
         """Return the point at which windows are linearised, while the estimate stays near it; else, a new one."""
-        mean, deviation = self._variables.moments(belief)
-        away = np.abs(mean[PARAMETERS] - self._point.parameters)
-        if np.all(away <= _HELD * deviation[PARAMETERS]):
+        assert self._point is not None, 'there is a bank'
+        moments = Moments.of(belief, self._variables)
+        parameters = self._layout.parameters
+        away = np.abs(moments.mean[parameters] - self._point.parameters)
+        if np.all(away <= _HELD * moments.deviation[parameters]):
             return self._point
-        # What follows has to be linked to the windows before: at their delay.
-        return Point(mean[PARAMETERS], self._point.delay)
-
-    def _step(self, tracks: Tracks, window: Window, work: Follow) -> Tracks:
-        return work(tracks, window, self._linearised.step(window, self._point), self._variables)
+        # What follows has to be linked to the windows before: at their readings.
+        return self._layout.beside(moments.mean, self._point)

@@ -1,0 +1,112 @@
+"""The parameters of the estimator about how well the robot, its odometry and the target are known beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbaid_ros.config.parameters import parameter
+
+KNOWN_LINKS_MODES = ('consider', 'estimate')
+
+
+@dataclass(frozen=True)
+class KnownLinksConfig:
+    """How well the known bodies are known."""
+
+    relative_std: float = parameter(
+        0.0,
+        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    names: tuple[str, ...] = parameter(
+        (), 'Links with a relative standard deviation of their own, in the order of known_links.stds.'
+    )
+    stds: tuple[float, ...] = parameter(
+        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
+    )
+    calibration: str = parameter(
+        '',
+        'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
+    )
+    mode: str = parameter(
+        'consider',
+        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
+        'target. trajectory always estimates them.',
+        choices=KNOWN_LINKS_MODES,
+    )
+
+
+@dataclass(frozen=True)
+class KnownJointsConfig:
+    """How well the joints are known."""
+
+    zero_std: float = parameter(
+        0.0,
+        'Standard deviation of the true position of every joint less the measured one, constant; in m for a prismatic '
+        "joint. 0 takes the encoders' zeros as exact.",
+        unit='rad',
+        minimum=0.0,
+    )
+    origin_std: float = parameter(
+        0.0,
+        "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
+        unit='m',
+        minimum=0.0,
+    )
+    axis_std: float = parameter(
+        0.0,
+        "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
+        unit='rad',
+        minimum=0.0,
+    )
+    names: tuple[str, ...] = parameter(
+        (), 'Joints with standard deviations of their own, in the order of known_joints.zero_stds and the like.'
+    )
+    zero_stds: tuple[float, ...] = parameter(
+        (), "Standard deviation of each of these joints' zeros; empty leaves zero_std.", unit='rad', minimum=0.0
+    )
+    origin_stds: tuple[float, ...] = parameter(
+        (), "Standard deviation of each of these joints' origins; empty leaves origin_std.", unit='m', minimum=0.0
+    )
+    axis_stds: tuple[float, ...] = parameter(
+        (), "Standard deviation of each of these joints' axes; empty leaves axis_std.", unit='rad', minimum=0.0
+    )
+
+
+@dataclass(frozen=True)
+class OdometryMountConfig:
+    """How well it is known where on the base the odometry is mounted."""
+
+    position_std: float = parameter(
+        0.0,
+        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
+        'exact.',
+        unit='m',
+        minimum=0.0,
+    )
+    orientation_std: float = parameter(
+        0.0,
+        "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
+        unit='rad',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class TargetPriorConfig:
+    """What is known of the target link, with all that it holds, beforehand."""
+
+    mass: float = parameter(0.0, 'Its mass, where that is known.', unit='kg', minimum=0.0)
+    mass_std: float = parameter(
+        0.0, 'Standard deviation of that mass; 0 means that nothing is known of it.', unit='kg', minimum=0.0
+    )
+    com: tuple[float, ...] = parameter(
+        (), "Its centre of mass in the link's frame, where that is known.", unit='m', lengths=(0, 3)
+    )
+    com_std: float = parameter(
+        0.0,
+        'Standard deviation of each coordinate of that; 0 means that nothing is known of it.',
+        unit='m',
+        minimum=0.0,
+    )

@@ -1,0 +1,118 @@
+"""The hypothesis bank: what may act or drift, each hypothesis followed by a filter of its own over the same windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.filter import advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.trajectory.state import MOMENTUM
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
+from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+# How much better (log-likelihood) the data must be explained by another hypothesis than by the first.
+MARGIN = 10.0
+# Chance that an undisturbed window counts as a jump of the momentum.
+_FALSE_ALARM = 1e-8
+_JUMP = 0.01  # standard deviation of a jump, in typical sizes of the momentum
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump of the momentum.
+
+    Attributes
+    ----------
+    time : s since the first sample, start of the window in which it was noticed
+    before : (6,) (P, L) until then, about the run's origin
+    """
+
+    time: float
+    before: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One hypothesis: what acts or drifts, the belief under it, and the jumps it has met."""
+
+    hypothesis: Hypothesis
+    belief: Belief
+    jumps: tuple[Jump, ...] = ()
+    just_jumped: bool = False
+
+    @property
+    def misfit(self) -> float:
+        """Sum of the normalised innovations squared, and what its jumps count against it."""
+        return self.belief.nis - 2.0 * len(self.jumps) * float(np.log(_FALSE_ALARM))
+
+
+Bank = tuple[Track, ...]
+
+
+def best(bank: Bank) -> Track:
+    """Return the hypothesis to report: the first, unless another one explains the data far better."""
+    leading = max(bank, key=lambda track: track.belief.log_likelihood)
+    return leading if leading.belief.log_likelihood > bank[0].belief.log_likelihood + MARGIN else bank[0]
+
+
+def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
+    """Return the hypotheses at the first node after a window; a momentum that must have jumped is let jump, once."""
+    return tuple(
+        replace(track, belief=advance(track.belief, white, variables, track.hypothesis))
+        for track in (met(each, window, white, variables) for each in bank)
+    )
+
+
+def met(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
+    """Return a hypothesis at the window's first node."""
+    before = pose_reset(track.belief, variables) if window.fresh else track.belief
+    after = update(before, white)
+    unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
+    if not unlikely or track.just_jumped:
+        return replace(track, belief=after, just_jumped=False)
+    # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
+    likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
+    loose = momentum_inflation(before, white, variables, _JUMP * variables.open_momentum)
+    belief = update(loose, white)
+    if belief.last_nis > _limit(belief.last_measured):
+        # More than a jump: nothing links this window to the ones before.
+        belief = update(pose_reset(loose, variables), white)
+    count = len(variables.scale)
+    jump = Jump(window.start, variables.spread[MOMENTUM] @ before.least_squares[:count])
+    return replace(
+        track,
+        belief=replace(belief, log_likelihood=likelihood),
+        jumps=(*track.jumps, jump),
+        just_jumped=True,
+    )
+
+
+def far_better(other: Track, first: Track) -> bool:
+    """Tell whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
+
+    With more unknowns or more noise than the first, it can gain likelihood by smaller innovations alone. What it gains
+    without them comes from what it is linearised at.
+    """
+    gain = other.belief.log_likelihood - first.belief.log_likelihood
+    return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
+
+
+def clamped(bank: Bank) -> Bank:
+    """Return the hypotheses without any lead over the first."""
+    most = bank[0].belief.log_likelihood
+    return tuple(
+        replace(track, belief=replace(track.belief, log_likelihood=min(track.belief.log_likelihood, most)))
+        for track in bank
+    )
+
+
+@cache
+def _limit(measured: int) -> float:
+    return chi_square.limit(_FALSE_ALARM, measured)

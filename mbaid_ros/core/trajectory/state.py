@@ -1,0 +1,104 @@
+"""The state at a window's first node, and the point that windows are linearised at.
+
+State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the known side, each in
+units of its prior: first those that the predicted motion depends on, then those that only the readings do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
+MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where windows are linearised.
+
+    Attributes
+    ----------
+    parameters : (u,) what enters the prediction: (P, L, phi, unknowns in units of their prior)
+    readings : (r,) of the other unknowns
+    side : the known side there
+    """
+
+    parameters: Array
+    readings: Array
+    side: KnownSide
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What the state is made of.
+
+    Attributes
+    ----------
+    kernel : of the robot as its URDF has it
+    unknowns : of the known side, those that are only read last
+    """
+
+    kernel: MomentumKernel
+    unknowns: tuple[Unknown, ...]
+
+    @staticmethod
+    def of(kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> Layout:
+        """Return the layout of a state with these unknowns."""
+        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)))
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Of each unknown, its place in the state."""
+        ends = BODY.stop + np.cumsum([0, *(unknown.count for unknown in self.unknowns)])
+        return tuple(slice(*pair) for pair in pairwise(ends.tolist()))
+
+    @cached_property
+    def parameters(self) -> slice:
+        """What enters the prediction."""
+        return slice(LINEAR.start, BODY.stop + sum(each.count for each in self.predicted))
+
+    @cached_property
+    def readings(self) -> slice:
+        """What only the readings depend on."""
+        return slice(self.parameters.stop, self.size)
+
+    @cached_property
+    def size(self) -> int:
+        """Of the state."""
+        return BODY.stop + sum(each.count for each in self.unknowns)
+
+    @cached_property
+    def predicted(self) -> tuple[Unknown, ...]:
+        """The unknowns that the predicted motion depends on."""
+        return tuple(each for each in self.unknowns if not each.read)
+
+    @cached_property
+    def read(self) -> tuple[Unknown, ...]:
+        """The others."""
+        return tuple(each for each in self.unknowns if each.read)
+
+    def point(self, state: Array, deviation: Array | None = None) -> Point:
+        """Return the linearisation point of a state (s,) with standard deviations (s,)."""
+        values = state.copy()
+        side = KnownSide.nominal(self.kernel)
+        for unknown, place in zip(self.unknowns, self.places, strict=True):
+            uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
+            values[place] = unknown.settled(values[place], uncertain)
+            side = unknown.moved(side, unknown.factor @ values[place])
+        return Point(values[self.parameters], values[self.readings], side)
+
+    def beside(self, state: Array, point: Point) -> Point:
+        """Return the point of a state at the readings of another: windows that follow each other share these."""
+        values = state.copy()
+        values[self.readings] = point.readings
+        return self.point(values)

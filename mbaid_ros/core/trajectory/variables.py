@@ -1,0 +1,137 @@
+"""The variables of the filter: all of the state in space, what moves in the plane for a planar robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+
+_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors
+# Standard deviations of the first pose's error, and of momentum and body in typical sizes: no prior, in effect.
+_OPEN_ANGLE, _OPEN_LENGTH = 1e-2, 0.1  # rad, m
+_OPEN = 30.0
+# Standard deviation of a constant force (N) and torque (N m), in typical sizes of the momentum: far above a leak's.
+_FORCE = 1e-3
+_NEAR = 0.1  # standard deviation of a mass that is held, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """The variables of the filter: state = spread variables.
+
+    Attributes
+    ----------
+    basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors come first, then the momentum
+    scale : (v,) typical size of each variable
+    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
+    force : (6, f) from independent numbers of unit variance to a constant force and torque that may act
+    mean, factor : (s,), (s, s) of the state when nothing has been measured
+    """
+
+    basis: Array
+    scale: Array
+    measured: Array
+    force: Array
+    mean: Array
+    factor: Array
+
+    @property
+    def poses(self) -> int:
+        """How many variables are those of the pose error."""
+        return len(self.measured)
+
+    @cached_property
+    def head(self) -> int:
+        """How many are those of pose error and momentum: as many of either."""
+        return 2 * self.poses
+
+    @cached_property
+    def spread(self) -> Array:
+        """The (s, v) matrix from variables to state."""
+        return self.basis * self.scale
+
+    def rows(self, of_state: Array) -> Array:
+        """Return (..., s) rows of the state as (..., v) rows of the variables: those of unknowns are both."""
+        own = self.basis.shape[1] - (len(self.basis) - BODY.stop)
+        moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, :own]
+        return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
+
+    @cached_property
+    def gather(self) -> Array:
+        """The (v, s) matrix from state to variables."""
+        return self.basis.T / self.scale[:, None]
+
+    @cached_property
+    def open_momentum(self) -> Array:
+        """Standard deviations of the momentum when nothing has been measured, (6,)."""
+        return np.sqrt(np.sum(self.factor[MOMENTUM] ** 2, axis=1))
+
+    @cached_property
+    def outside(self) -> Array:
+        """The (s, s) covariance of what the variables leave out."""
+        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
+        return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
+
+    def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
+        """Return mean (v,), square-root information (v, v) and log-likelihood before the first measurement.
+
+        Parameters
+        ----------
+        mass : kg that the target body is held near; the log-likelihood is that of such bodies among all
+        """
+        mean, factor, likelihood = self.mean, self.factor, 0.0
+        if mass is not None:
+            mean, factor = mean.copy(), factor.copy()
+            deviation = _NEAR * mass
+            likelihood = float(np.log(deviation / factor[BODY.start, BODY.start]))
+            mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
+        root: Array = np.asarray(np.linalg.qr((self.gather @ factor).T, mode='r'))  # covariance = root^T root
+        return self.gather @ mean, np.asarray(np.linalg.qr(np.linalg.inv(root).T, mode='r')), likelihood
+
+
+def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
+    """Return the filter's variables for the motion seen so far.
+
+    Parameters
+    ----------
+    layout : of the state; of unknowns as the motion depends on them
+    detector : decides whether the motion is planar
+    uncertainty : what is known of target and momentum beforehand
+    """
+    typical = unknown_scale(layout.kernel)
+    sizes = np.ones(layout.size)
+    sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
+    sizes[LINEAR], sizes[ANGULAR], sizes[BODY] = typical[10:13], typical[13:16], typical[:10]
+    deviation = sizes.copy()
+    deviation[:3], deviation[3:6] = _OPEN_ANGLE, _OPEN_LENGTH
+    deviation[MOMENTUM.start : BODY.stop] *= _OPEN
+    if uncertainty.linear_momentum > 0.0:
+        deviation[LINEAR] = uncertainty.linear_momentum
+    mean, factor = np.zeros(layout.size), np.diag(deviation)
+    uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
+    basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
+    force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
+    return Variables(basis, np.sqrt((basis**2).T @ sizes**2), measured, force, mean, factor)
+
+
+def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:
+    """Return the basis and the measured combinations of a planar motion."""
+    rows = detector.rows()
+    measured = np.zeros((3, 6))
+    measured[0, :3] = rows[2, 3:]  # the turn about the normal
+    measured[1:, 3:] = rows[:2, :3]  # the displacement in the plane
+    plane = detector.plane(layout.kernel.target)
+    body = np.eye(10) if plane is None else plane.basis
+    basis = np.zeros((layout.size, 6 + body.shape[1] + layout.size - BODY.stop))
+    basis[POSE, :3], basis[MOMENTUM, 3:6] = measured.T, rows.T
+    own = slice(6, 6 + body.shape[1])
+    basis[BODY, own] = body
+    basis[BODY.stop :, own.stop :] = np.eye(layout.size - BODY.stop)
+    return basis, measured

@@ -1,0 +1,1 @@
+"""Everything that is uncertain beside the pose: one file each, declared once, listed in `catalogue`."""

@@ -1,0 +1,50 @@
+"""The list of what is uncertain on the known side. A new unknown is a file beside this one and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.joint_placements import joint_placements
+from mbaid_ros.core.unknowns.known_bodies import known_bodies
+from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
+from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.core.unknowns.time_offset import time_offset
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How uncertain the known side is: standard deviations, 0 is exact. Bodies' errors are those of the kernel.
+
+    Attributes
+    ----------
+    zeros, origins, axes : of each joint: rad (m for a prismatic one), m, rad; empty is exact
+    mount_position, mount_orientation : m, rad, of the odometry's frame on the base
+    time_offset : s, of the joints' stamps
+    target : what is known of the target body
+    linear_momentum : N s, of the total linear momentum about zero; 0 where nothing is known of it
+    """
+
+    zeros: Sequence[float] = ()
+    origins: Sequence[float] = ()
+    axes: Sequence[float] = ()
+    mount_position: float = 0.0
+    mount_orientation: float = 0.0
+    time_offset: float = 0.0
+    target: TargetPrior = field(default_factory=TargetPrior)
+    linear_momentum: float = 0.0
+
+
+def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return all unknowns of the known side; those that are exact are left out."""
+    none = [0.0] * kernel.model.joints
+    placements = (uncertainty.zeros or none, uncertainty.origins or none, uncertainty.axes or none)
+    every = (
+        known_bodies(kernel.model, kernel.errors),
+        joint_placements(kernel, *placements),
+        odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
+        time_offset(uncertainty.time_offset),
+    )
+    return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())

@@ -1,0 +1,108 @@
+"""How an uncertain thing is declared, once for all that reads it.
+
+An unknown is a vector of numbers with a Gaussian prior about zero. It may act on the momentum of the robot that moves
+as measured (`momentum_columns`), on what the sensors read (`reading`), or both. The filter estimates it, the error
+budget tells its share, and its linearisation point follows it (`moved`): none of these knows what it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A window's motion, as what the sensors read depends on it; B windows, angular parts first, odometry axes.
+
+    Attributes
+    ----------
+    twist : (B, 6) mean twist (w, v) of the base at the nodes
+    slope : (B, 6) weighted mean of (w', v' - w x v)
+    rotation : (B, 3, 3) mean orientation of the base at the nodes
+    turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
+    """
+
+    twist: Array
+    slope: Array
+    rotation: Array
+    turning: Array
+    sliding: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """An uncertain thing of the known side.
+
+    The k numbers themselves (SI units) are `factor` times e independent standard normal ones, which is what the filter
+    has among its variables.
+
+    Attributes
+    ----------
+    factor : (k, e) of the prior covariance factor factor^T
+    labels : k, what each number belongs to in the error budget
+    """
+
+    factor: Array
+    labels: tuple[str, ...]
+
+    # Whether the sensors' readings depend on it. Windows that follow each other then share its linearisation point: the
+    # pose error that links them is about the readings.
+    read = False
+
+    @property
+    def count(self) -> int:
+        """Number e of independent numbers."""
+        return self.factor.shape[1]
+
+    @cached_property
+    def causes(self) -> tuple[str, ...]:
+        """Of each independent number, the label it has most to do with."""
+        size = np.sqrt(np.sum(self.factor**2, axis=1, keepdims=True))
+        relative = np.abs(self.factor) / np.where(size > 0.0, size, 1.0)
+        return tuple(self.labels[row] for row in np.argmax(relative, axis=0)) if self.count else ()
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array | None:
+        """Return how the momentum depends on it, all twists as they are, (N, 6, k); None where it does not.
+
+        Parameters
+        ----------
+        kernel : of the robot where it is linearised
+        states : of N samples, all bodies known
+        """
+        del kernel, states
+        return None
+
+    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
+        """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""
+        del motion
+        return None
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return the value to linearise at, of an estimate (k,) with standard deviations (k,)."""
+        del deviation
+        return value
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side with this value (k,)."""
+        raise NotImplementedError
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return orthonormal (k, p) directions of it that a planar motion depends on."""
+        del detector
+        return np.eye(len(self.factor))
+
+    def in_plane(self, detector: PlaneDetector) -> Unknown:
+        """Return it as a planar motion depends on it."""
+        basis = self.plane_basis(detector)
+        seen = basis.T @ self.factor
+        # The same covariance with no more columns than directions.
+        root = np.asarray(np.linalg.qr(seen.T, mode='r')).T if seen.shape[1] > seen.shape[0] else seen
+        return replace(self, factor=basis @ root)

@@ -1,0 +1,121 @@
+"""Where the joints are: zero position, origin and axis of each may be off.
+
+A joint's frame that is displaced by a small motion X, fixed in its parent, takes all that it carries along. With twists
+and momenta at one point, that changes the momentum h_S of what it carries by X x* h_S - I_S (X x V), V the twist of
+the parent: the carried bodies keep their motion relative to it, and that is turned along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, rotate, skew
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+_EACH = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)
+
+
+@dataclass(frozen=True, eq=False)
+class JointPlacements(Unknown):
+    """Of each joint: true less measured position (rad or m), displacement of its frame (m) and tilt of its axis (rad).
+
+    Displacement and tilt are in the joint's own axes, the tilt about two directions normal to the joint's axis.
+
+    Attributes
+    ----------
+    across : (n, 3, 2) these directions
+    """
+
+    across: Array
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return how the momentum changes where what a joint carries is displaced."""
+        model, configuration = kernel.model, states.configuration
+        parents = list(model.parents)
+        count, joints = configuration.joint_twist.shape[:2]
+        frames = configuration.rotation[:, parents] @ model.rotations
+        displacement = np.zeros((count, joints, _EACH, 6))  # twists X (u, w), one a row
+        displacement[:, :, 0] = configuration.joint_twist
+        displacement[:, :, 1:4, :3] = np.swapaxes(frames, -1, -2)
+        turn = np.swapaxes(frames @ self.across, -1, -2)
+        # The joint's own frame: what a prismatic joint carries has slid away from it.
+        place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
+        displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
+        displacement[:, :, 4:, 3:] = turn
+        change = _by_displacement(kernel, states, parents)
+        columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, 6 numbers, 6 of the momentum)
+        return np.swapaxes(columns.reshape(count, joints * _EACH, 6), 1, 2)
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side with these placements."""
+        each = value.reshape(-1, _EACH)
+        tilts = (self.across @ each[:, 4:, None])[..., 0]
+        zeros = side.zeros + each[:, 0]
+        kernel = side.kernel.displaced(each[:, 1:4], tilts)
+        return KnownSide(kernel, zeros, side.mount, side.delay)
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return the zeros, and the displacements in the plane."""
+        model = detector.model
+        normals = np.swapaxes(_at_zero(model.parents, model.rotations), -1, -2) @ detector.axis
+        columns = []
+        for joint, normal in enumerate(normals):
+            zero = np.zeros(_EACH * len(normals))
+            zero[_EACH * joint] = 1.0
+            columns.append(zero)
+            for direction in np.linalg.svd(normal[None])[2][1:]:
+                origin = np.zeros(_EACH * len(normals))
+                origin[_EACH * joint + 1 : _EACH * joint + 4] = direction
+                columns.append(origin)
+        return np.array(columns).T
+
+
+def joint_placements(
+    kernel: MomentumKernel, zeros: Sequence[float], origins: Sequence[float], axes: Sequence[float]
+) -> JointPlacements:
+    """Return the joints' placements as an unknown.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    zeros, origins, axes : (n,) standard deviations of each joint: rad (m for a prismatic one), m, rad; 0 is exact
+    """
+    each = np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2))
+    deviations = each.ravel()
+    factor = np.diag(deviations)[:, deviations > 0.0]
+    labels = [
+        f'{part}:{name}' for name in kernel.model.joint_names for part in ('zero', *('origin',) * 3, *('axis',) * 2)
+    ]
+    return JointPlacements(factor, tuple(labels), Kinematics(kernel.model).axial[1:, :, :2])
+
+
+def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequence[int]) -> Array:
+    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint."""
+    carried = kernel.kinematics.ancestors.T
+    inertia = inertia_matrix(carried @ states.known)
+    whole = carried @ momentum(states.known, states.body_twist)
+    parent = states.body_twist[:, list(parents)]
+    # X x* h and X x V are linear in X: -[h] and -[V] in brackets.
+    force = np.zeros((*whole.shape, 6))
+    force[..., :3, 3:] = force[..., 3:, :3] = -skew(whole[..., :3])
+    force[..., 3:, 3:] = -skew(whole[..., 3:])
+    motion = np.zeros((*parent.shape, 6))
+    motion[..., :3, :3] = motion[..., 3:, 3:] = -skew(parent[..., 3:])
+    motion[..., :3, 3:] = -skew(parent[..., :3])
+    return np.asarray(force - inertia @ motion)
+
+
+def _at_zero(parents: Sequence[int], rotations: Array) -> Array:
+    """Return the (n, 3, 3) orientations of the joints' frames in the base's, all joints at zero."""
+    bodies = [np.eye(3)]
+    for joint, parent in enumerate(parents):
+        bodies.append(bodies[parent] @ rotations[joint])
+    return np.array(bodies[1:]).reshape(-1, 3, 3)

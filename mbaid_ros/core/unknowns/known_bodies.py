@@ -1,0 +1,70 @@
+"""The known bodies: mass, first moment and inertia of each may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.known_errors import KnownErrors
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBodies(Unknown):
+    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame.
+
+    Attributes
+    ----------
+    bodies : (b,) indices
+    """
+
+    bodies: tuple[int, ...]
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the bodies' regressors: momentum is linear in what a body is."""
+        del kernel
+        index = list(self.bodies)
+        placed = states.configuration
+        columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
+        return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, -1)
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side with these bodies."""
+        change = np.zeros_like(side.kernel.known)
+        change[list(self.bodies)] = value.reshape(-1, 10)
+        return side.with_kernel(side.kernel.corrected(change))
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return mass, first moment in the plane and moment about its normal, of each."""
+        basis: Array = np.zeros((0, 0))
+        for body in self.bodies:
+            plane = detector.plane(Link('', body, np.eye(3), np.zeros(3), np.zeros(10)))
+            block = np.eye(10) if plane is None else plane.basis
+            basis = np.block(
+                [
+                    [basis, np.zeros((len(basis), block.shape[1]))],
+                    [np.zeros((len(block), basis.shape[1])), block],
+                ]
+            )
+        return basis
+
+
+def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:
+    """Return the errors of known bodies as an unknown."""
+    names = _names(model, errors.bodies)
+    return KnownBodies(errors.factor, tuple(f'link:{name}' for name in names for _ in range(10)), errors.bodies)
+
+
+def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
+    """Return the name of each body: that of its first link with mass."""
+    found = {link.body: link.name for link in reversed(model.links)}
+    found |= {link.body: link.name for link in reversed(model.links) if link.parameters[0] > 0.0}
+    return [found[body] for body in bodies]

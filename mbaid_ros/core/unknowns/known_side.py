@@ -1,0 +1,37 @@
+"""The known side of a robot where a prediction is linearised: its URDF, moved by what has been estimated of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSide:
+    """What the prediction takes for known.
+
+    Attributes
+    ----------
+    kernel : bodies and joint placements
+    zeros : (n,) rad or m, what is added to the measured joint positions
+    mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
+    delay : s, by how much the joints' stamps are late
+    """
+
+    kernel: MomentumKernel
+    zeros: Array
+    mount: Array
+    delay: float
+
+    @staticmethod
+    def nominal(kernel: MomentumKernel) -> KnownSide:
+        """Return the robot as its URDF has it."""
+        return KnownSide(kernel, np.zeros(kernel.model.joints), np.zeros(6), 0.0)
+
+    def with_kernel(self, kernel: MomentumKernel) -> KnownSide:
+        """Return the same with other bodies or placements."""
+        return replace(self, kernel=kernel)

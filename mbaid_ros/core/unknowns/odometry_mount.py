@@ -1,0 +1,51 @@
+"""Where the odometry is mounted: the base's frame in the one that it locates.
+
+With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. What is read is the other way round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import Reading, Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryMount(Unknown):
+    """Rotation vector (rad) and position (m) of the base's frame in the one that the odometry locates."""
+
+    read = True
+
+    def reading(self, motion: Reading) -> tuple[Array, Array]:
+        """Return what it takes off the pose, and off the velocity: v_read = v_true - w x R mu_p.
+
+        A pose error turns the twist that is read, for that is turned by the pose; the mount's part of it does not.
+        """
+        pose, twist = np.zeros((2, len(motion.rotation), 6, 6))
+        pose[:, :3, :3] = pose[:, 3:, 3:] = -motion.rotation
+        twist[:, :3, :3] = twist[:, 3:, 3:] = -motion.turning
+        twist[:, 3:, :3] = -motion.sliding
+        return pose, twist
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side with this mount."""
+        return KnownSide(side.kernel, side.zeros, side.mount + value, side.delay)
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return the turn about the normal and the displacement in the plane."""
+        normal = detector.axis
+        basis = np.zeros((6, 3))
+        basis[:3, 0] = normal
+        basis[3:, 1:] = np.linalg.svd(normal[None])[2][1:].T
+        return basis
+
+
+def odometry_mount(position_std: float, orientation_std: float) -> OdometryMount:
+    """Return the mount as an unknown, of these standard deviations (m, rad); 0 is exact."""
+    deviations = np.repeat((orientation_std, position_std), 3)
+    return OdometryMount(np.diag(deviations)[:, deviations > 0.0], ('mount',) * 6)

@@ -1,0 +1,37 @@
+"""The target body: all ten of its standard parameters, with what is known of them before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+
+
+@dataclass(frozen=True)
+class TargetPrior:
+    """What is known of the target link before anything is measured: mass and CoM, where given.
+
+    Attributes
+    ----------
+    mass, mass_std : kg; 0 where nothing is known of it
+    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it
+    """
+
+    mass: float = 0.0
+    mass_std: float = 0.0
+    com: tuple[float, ...] = ()
+    com_std: float = 0.0
+
+    def apply(self, mean: Array, factor: Array) -> None:
+        """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o): h = m c, to first order."""
+        if self.mass_std > 0.0:
+            mean[0], factor[0, 0] = self.mass, self.mass_std
+        if self.com and self.com_std > 0.0:
+            centre = np.array(self.com)
+            mass = self.mass if self.mass_std > 0.0 else factor[0, 0]
+            mean[1:4] = mean[0] * centre
+            factor[1:4] = 0.0
+            factor[1:4, 1:4] = mass * self.com_std * np.eye(3)
+            factor[1:4, 0] = centre * factor[0, 0]

@@ -1,0 +1,61 @@
+"""From parameters to how uncertain the known side is."""
+
+from __future__ import annotations
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.target_body import TargetPrior
+
+
+def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
+    """Return what the parameters declare of joints, mount, stamps, target and momentum.
+
+    Raises
+    ------
+    ParameterError
+        Names and standard deviations differ in number, a name is not that of a joint, or half of a prior is missing.
+    """
+    mount = config.odometry_mount
+    zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
+    return Uncertainty(
+        zeros,
+        origins,
+        axes,
+        mount_position=mount.position_std,
+        mount_orientation=mount.orientation_std,
+        time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
+        target=_prior(config.target_prior),
+        linear_momentum=config.momentum.linear_prior_std,
+    )
+
+
+def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
+    """Return the standard deviation of each joint's zero, origin or axis."""
+    every, own = getattr(config, f'{part}_std'), getattr(config, f'{part}_stds')
+    foreign = [name for name in config.names if name not in model.joint_names]
+    if foreign:
+        raise ParameterError(
+            f"parameter 'known_joints.names' has '{foreign[0][:60]}'; accepted: {listing(model.joint_names)}"
+        )
+    if own and len(own) != len(config.names):
+        raise ParameterError(
+            f"parameter 'known_joints.{part}_stds' has {len(own)} numbers; accepted: {len(config.names)}, one for each "
+            "of 'known_joints.names', or none"
+        )
+    by_name = dict(zip(config.names, own, strict=False))
+    return tuple(by_name.get(name, every) for name in model.joint_names)
+
+
+def _prior(config: TargetPriorConfig) -> TargetPrior:
+    if config.mass_std > 0.0 and config.mass == 0.0:
+        raise ParameterError(
+            f"parameter 'target_prior.mass_std' is {config.mass_std:g} kg without 'target_prior.mass'; accepted: both"
+        )
+    if config.com_std > 0.0 and not config.com:
+        raise ParameterError(
+            f"parameter 'target_prior.com_std' is {config.com_std:g} m without 'target_prior.com'; accepted: both"
+        )
+    return TargetPrior(config.mass, config.mass_std, config.com, config.com_std)
