@@ -17,6 +17,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.session.known import declared_errors
 from mbaid_ros.session.self_calibration import self_calibration
 from mbaid_ros.session.uncertainty import declared_uncertainty
@@ -79,8 +80,10 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
         length=convergence.length,
         largest_residual=convergence.largest_residual,
     )
+    if config.method == 'difference':
+        return _difference(config, kernel, noise, reporting)
     if config.method == 'trajectory':
-        return TrajectoryEstimator(
+        second = TrajectoryEstimator(
             kernel,
             TrajectorySettings(
                 noise=noise,
@@ -93,23 +96,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             ),
             reporting,
         )
-    if config.method == 'difference':
-        return DifferenceEstimator(
-            kernel,
-            DifferenceSettings(
-                noise=noise,
-                kept_windows=config.difference.kept_windows,
-                forgetting_time=config.difference.forgetting_time,
-                window=config.window,
-                beside=Beside(
-                    linear_momentum_std=config.momentum.linear_prior_std,
-                    constant=_axes(config.disturbance.constant),
-                    known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
-                    delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-                ),
-            ),
-            reporting,
-        )
+        return TwoStageEstimator(_difference(config, kernel, noise, reporting), second)
     paper = config.paper
     return PaperEstimator(
         kernel,
@@ -123,6 +110,28 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             settled=convergence.relative_std,
             length=convergence.length,
         ),
+    )
+
+
+def _difference(
+    config: EstimatorConfig, kernel: MomentumKernel, noise: SensorNoise, reporting: Reporting
+) -> DifferenceEstimator:
+    """Return the weighted difference form: a method by itself, and the first stage of another."""
+    return DifferenceEstimator(
+        kernel,
+        DifferenceSettings(
+            noise=noise,
+            kept_windows=config.difference.kept_windows,
+            forgetting_time=config.difference.forgetting_time,
+            window=config.window,
+            beside=Beside(
+                linear_momentum_std=config.momentum.linear_prior_std,
+                constant=_axes(config.disturbance.constant),
+                known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
+                delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
+            ),
+        ),
+        reporting,
     )
 
 

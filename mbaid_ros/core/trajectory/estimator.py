@@ -11,6 +11,7 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -18,7 +19,7 @@ from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.filter_run import LARGEST_NIS, FilterRun
 from mbaid_ros.core.trajectory.gathering import Gathering, Taken
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -110,6 +111,40 @@ class TrajectoryEstimator:
         """Do a part of what is to be done before the next window, if anything."""
         if self._tracker is not None:
             self._tracker.work_off()
+
+    @property
+    def settled(self) -> bool:
+        """Whether the run has come to a solution that stays."""
+        return self._tracker is not None and self._tracker.started and self._tracker.settled
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the solution explains the data by what acts from outside."""
+        if self._tracker is None or not self._tracker.started:
+            return False
+        best = self._tracker.best
+        return best.hypothesis.disturbed or len(best.jumps) > 0
+
+    def offer(self, estimate: Estimate) -> None:
+        """Take an estimate to start from."""
+        if self._tracker is not None:
+            self._tracker.offer(self._point_of(estimate))
+
+    def restart(self) -> None:
+        """Give up the solution and look for a start again."""
+        if self._tracker is not None:
+            self._tracker.restart()
+
+    def _point_of(self, estimate: Estimate) -> Point:
+        """Return where an estimate would have windows linearised; what a planar motion leaves open matters nowhere."""
+        body = np.where(estimate.identifiable, estimate.parameters, 0.0)
+        moments = [4, 7, 9]
+        body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
+        momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
+        momentum[3:] -= cross(self._gathering.origin, momentum[:3])
+        state = np.zeros(self._layout.size)
+        state[MOMENTUM], state[BODY] = momentum, standard(body)
+        return self._layout.point(state)
 
     def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> _Solved | Estimate:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""

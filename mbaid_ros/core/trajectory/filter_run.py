@@ -62,6 +62,7 @@ class FilterRun:
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
+        self._offered: Point | None = None  # a start that another method has found
         self._point: Point | None = None  # at which windows are linearised at present
         self.planar = len(variables.measured) < 6
         self.settled = False
@@ -123,6 +124,18 @@ class FilterRun:
                 latest = met(latest, still_open, white, self._variables)
         self._latest = latest
 
+    def offer(self, point: Point) -> None:
+        """Take a point that the next search may begin at."""
+        self._offered = point
+
+    def restart(self) -> None:
+        """Give up what the run has come to; windows that are still kept are searched again."""
+        self._young = self._young or []
+        self._search, self._owed = None, 0
+        self._bank = self._latest = None
+        self.settled = False
+        self._next_pass = min(self._next_pass, len(self._young))
+
     def work_off(self) -> None:
         """Do a part of what the search has to do before the next window, if anything."""
         done = 0
@@ -138,7 +151,7 @@ class FilterRun:
         """Begin to linearise all of the young run again if it is time to."""
         if moved and len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(young, self._found() if self.settled else None)
+            self._search = self._start.search(young, self._found() if self.settled else self._offered)
         elif len(young) > self._kept:
             self._young = young[len(young) // 2 :]
 

@@ -1,0 +1,153 @@
+"""Method `trajectory` as a whole: the weighted difference form from the first windows on, then the trajectory filter.
+
+Stage 1 needs no start and has hardly a false solution, stage 2 is several times as accurate and follows what disturbs a
+run. Stage 1 gives the first estimates and the start of stage 2, which takes over when it has settled and agrees with
+what stage 1 knows by then. Where stage 1 knows too little to say, a guessed start of stage 2 serves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.intake.rates import FEWEST, with_rates
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.samples import Samples
+
+_UNLIKELY = 1e-6  # chance that two stages which are both right are as far apart as that
+# Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
+# has agreed in as many windows in a row; in any case after so many windows.
+_KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
+
+DISAGREE = (
+    'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
+    'the frames are wrong'
+)
+
+
+class SecondStage(Estimator, Protocol):
+    """A method that can start from what another one has found."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether it has come to a solution that stays."""
+        ...
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether what it explains the data by acts from outside: stage 1 knows nothing of that."""
+        ...
+
+    def offer(self, estimate: Estimate) -> None:
+        """Take an estimate to start from."""
+        ...
+
+    def restart(self) -> None:
+        """Give up the solution and look for a start again."""
+        ...
+
+    def work_off(self) -> None:
+        """Do a part of what is to be done before the next window, if anything."""
+        ...
+
+
+class TwoStageEstimator:
+    """Identifies one link and the total momentum in two stages.
+
+    Parameters
+    ----------
+    first : the weighted difference form
+    second : the trajectory filter
+    """
+
+    needs_rates = False
+
+    def __init__(self, first: Estimator, second: SecondStage) -> None:
+        self.method = second.method
+        self._first: Estimator | None = first
+        self._second = second
+        self._windows = 0
+        self._agreed = 0  # windows in a row
+        self._restarted = False
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows and return one estimate a window.
+
+        Parameters
+        ----------
+        windows : list of Samples
+        origin : ns, stamp at time 0
+        """
+        estimates: list[Estimate] = []
+        for place, window in enumerate(windows):
+            if self._first is None:
+                return [*estimates, *self._second.update(windows[place:], origin)]
+            estimates.append(self._both(self._first, window, origin))
+        return estimates
+
+    def work_off(self) -> None:
+        """Let the second stage do a part of what it has put off."""
+        self._second.work_off()
+
+    def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
+        """Take one window into both stages."""
+        self._windows += 1
+        early = self._early(first, window, origin)
+        if early is not None and early.identifiable[0] and early.status != 'inconsistent':
+            self._second.offer(early)
+        (late,) = self._second.update([window], origin)
+        if self._windows >= _LONGEST:
+            self._first = None
+        if early is None:
+            return late
+        early = replace(early, method=self.method, time_offset=late.time_offset, time_offset_std=late.time_offset_std)
+        if not self._second.settled:
+            return early
+        if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
+            return late
+        return self._compared(early, late)
+
+    def _compared(self, early: Estimate, late: Estimate) -> Estimate:
+        """Return the second stage's estimate if the first's does not contradict it."""
+        if _agree(early, late):
+            self._agreed += 1
+            known = early.std[0] < _KNOWN * early.parameters[0] and bool(
+                np.all(early.identifiable | ~late.identifiable)
+            )
+            if known and self._agreed >= _AGREED:
+                self._first = None
+            return late
+        self._agreed = 0
+        if not self._restarted:
+            # A solution that is not the data's: once more, from what the first stage has found.
+            self._restarted = True
+            self._second.restart()
+            return early
+        return replace(late, status='inconsistent', warnings=(*late.warnings, DISAGREE))
+
+    @staticmethod
+    def _early(first: Estimator, window: Samples, origin: int) -> Estimate | None:
+        """Return the first stage's estimate after a window; None where it cannot be used."""
+        if any(window.missing_rates):
+            if len(window) < FEWEST:
+                return None
+            window = with_rates(window)
+        found = first.update([window], origin)
+        return found[-1] if found else None
+
+
+def _agree(first: Estimate, second: Estimate) -> bool:
+    """Tell whether two estimates of the same data may both be right.
+
+    The covariance of their difference is at most the sum of theirs, whatever they share.
+    """
+    both = first.identifiable & second.identifiable
+    difference = (first.parameters - second.parameters)[both]
+    covariance = (first.covariance + second.covariance)[np.ix_(both, both)]
+    size = np.sqrt(np.diag(covariance))
+    distance = difference / size @ np.linalg.solve(covariance / size / size[:, None], difference / size)
+    return bool(distance < chi_square.limit(_UNLIKELY, len(difference)))
