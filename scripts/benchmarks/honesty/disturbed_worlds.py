@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.condition import Condition
-from benchmarks.honesty.floating import World, Wrench
+from benchmarks.honesty.floating import Spring, World, Wrench
 from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
 from benchmarks.honesty.robots import BASE, box
 from mbaid_ros.core.geometry import Array, skew, unvec
@@ -69,8 +69,12 @@ def _grasp(place: tuple[float, float, float], angle: float, _seed: int) -> World
     return World(urdf, path, unread=('held_joint',), sought=robots.slipped(place, angle))
 
 
-def _without_slip(_urdf: str) -> str:
+def _plain(_urdf: str) -> str:
     return robots.servicer()
+
+
+def _wheel_names() -> list[str]:
+    return [f'wheel{index}' for index in range(len(_WHEELS))]
 
 
 def _wheels(_seed: int) -> World:
@@ -96,22 +100,54 @@ def _spinning_up(speed: float) -> Path:
     return by_rates(np.zeros(1), np.array([0.0, 10.0, 50.0]), np.array([[0.0], [0.0], [speed]]))
 
 
+def _fixed(*arguments: str) -> str:
+    """Return a URDF, the last argument, whose links of the given names are fixed."""
+    return robots.locked(arguments[-1], *arguments[:-1])
+
+
+def _panel(_seed: int) -> World:
+    """Return a panel of 20 kg and 2.2 m on a hinge of 0.3 Hz that still rings."""
+    panel = box(20.0, (0.9, 2.2, 0.03), (0.0, 1.1, 0.0))
+    urdf = robots.with_parts(
+        robots.servicer(), [robots.part('panel', BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')]
+    )
+    return World(urdf, sinusoids(), unread=('panel_joint',), springs={'panel_joint': Spring(0.3, 0.005, 0.01)})
+
+
+def _slosh(_seed: int) -> World:
+    """Return 60 kg of fuel as a pendulum of 0.3 m and 0.1 Hz in two directions."""
+    yoke, fuel = box(0.1, (0.1, 0.1, 0.1)), box(60.0, (0.2, 0.2, 0.2), (0.0, 0.0, -0.3))
+    parts = [
+        robots.part('yoke', BASE, (-0.1, 0.0, 0.2), (1, 0, 0), yoke, 'revolute'),
+        robots.part('fuel', 'yoke', (0.0, 0.0, 0.0), (0, 1, 0), fuel, 'revolute'),
+    ]
+    springs = {'yoke_joint': Spring(0.1, 0.02, 0.1), 'fuel_joint': Spring(0.1, 0.02, -0.05)}
+    return World(robots.with_parts(robots.servicer(), parts), sinusoids(), unread=tuple(springs), springs=springs)
+
+
+def _flexible(_seed: int) -> World:
+    """Return joint4 with a gear of 2 Hz behind its encoder."""
+    urdf = robots.with_flexible_joint(robots.servicer(), 'joint4')
+    return World(urdf, sinusoids(), unread=('flexible_joint',), springs={'flexible_joint': Spring(2.0, 0.01, 0.002)})
+
+
 DISTURBED = (
     _pushed('a constant force of 10 mN, 10 mN m', _on_base(_constant, 0.01, 0.01)),
     _pushed('a slow sinusoidal force of 10 mN, 10 mN m', _on_base(_slow, 0.01, 0.01)),
     _pushed('a thrust pulse of 1 N s, 0.5 N m s', _on_base(_pulse, 10.0, 5.0)),
     _pushed('a pulse of 0.1 N s every 4 s', _on_base(_pulses, 1.0, 0.5)),
     _pushed('gravity gradient at 400 km', _gravity_gradient),
-    Condition(
-        GROUP, 'the body slips in the grasp by 5 deg', partial(_grasp, (0.0, 0.0, 0.3), np.deg2rad(5.0)), _without_slip
-    ),
+    Condition(GROUP, 'the body slips in the grasp by 5 deg', partial(_grasp, (0.0, 0.0, 0.3), np.deg2rad(5.0)), _plain),
     Condition(
         GROUP,
         'the body slips in the grasp by 30 deg',
         partial(_grasp, (0.0, 0.0, 0.3), np.deg2rad(30.0)),
-        _without_slip,
+        _plain,
     ),
-    Condition(GROUP, 'wheels that nobody reads spin up', _wheels, robots.locked),
+    Condition(GROUP, 'wheels that nobody reads spin up', _wheels, partial(_fixed, *_wheel_names())),
+    Condition(GROUP, 'a flexible panel of 0.3 Hz', _panel, partial(_fixed, 'panel')),
+    Condition(GROUP, 'fuel that sloshes at 0.1 Hz', _slosh, partial(_fixed, 'yoke', 'fuel')),
+    Condition(GROUP, 'a flexible joint of 2 Hz', _flexible, _plain),
     Condition(
         GROUP,
         'odometry in an orbit-fixed frame',

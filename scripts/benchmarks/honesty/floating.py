@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,17 +21,34 @@ Wrench = Callable[[float, Array, Array, Array], Array]
 
 
 @dataclass(frozen=True)
+class Spring:
+    """What holds a joint that nothing drives.
+
+    Attributes
+    ----------
+    frequency : Hz, of the joint by itself on the floating robot, its other joints locked
+    damping : over critical damping
+    deflection : rad or m, at time 0
+    """
+
+    frequency: float
+    damping: float
+    deflection: float
+
+
+@dataclass(frozen=True)
 class World:
     """What really happens.
 
     Attributes
     ----------
     urdf : of the robot as it is
-    path : of all its joints, in the model's order
+    path : of all its joints, in the model's order, but for those on springs
     seconds, rate : s, Hz
     spin : rad/s of the base at time 0; its velocity brings the linear momentum to zero
     wrench : from outside; None for nothing
     unread : joints that no sensor reads
+    springs : by joint
     sought : (10,) physical parameters to be found; None for those of the target link in the URDF
     """
 
@@ -42,11 +59,12 @@ class World:
     spin: tuple[float, float, float] = (0.01, -0.015, 0.02)
     wrench: Wrench | None = None
     unread: tuple[str, ...] = ()
+    springs: Mapping[str, Spring] = field(default_factory=dict)
     sought: Array | None = None
 
 
 def float_freely(world: World) -> Truth:
-    """Return the motion of a world: Runge-Kutta of order 4, one step a sample."""
+    """Return the motion of a world without springs."""
     model = load_model(world.urdf)
     steps = round(world.seconds * world.rate) + 1
     joints, rates = world.path(np.arange(2 * steps - 1) / (2.0 * world.rate))
@@ -56,21 +74,71 @@ def float_freely(world: World) -> Truth:
     whole = np.sum(bodies, axis=1)
     matrix = inertia_matrix(whole)
     moving = np.sum(momentum(bodies, kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))), axis=1)
-    spin = np.array(world.spin)
-    linear = -(matrix[0, :3, 3:] @ spin + moving[0, :3]) / whole[0, 0]
-    total = matrix[0] @ np.concatenate((linear, spin)) + moving[0]
+    total = matrix[0] @ start_twist(matrix[0], moving[0], world.spin) + moving[0]
     flow = _Flow(np.linalg.inv(matrix), moving, whole, world)
-    states, twists = _integrated(flow, np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), total)), steps)
+    start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), total))
+    states = integrated(flow.rate, start, steps, world.rate)
+    twists = np.array([flow.twist(2 * number, state)[1] for number, state in enumerate(states)])
+    return truth_of(world, states, twists, joints[::2], rates[::2])
+
+
+def start_twist(matrix: Array, moving: Array, spin: tuple[float, float, float]) -> Array:
+    """Return the base's (6,) twist with a spin and no linear momentum.
+
+    Parameters
+    ----------
+    matrix : (6, 6) spatial inertia of the locked robot
+    moving : (6,) momentum by the joints' rates alone
+    spin : rad/s
+    """
+    linear = -(matrix[:3, 3:] @ np.array(spin) + moving[:3]) / matrix[0, 0]
+    return np.concatenate((linear, spin))
+
+
+def truth_of(world: World, states: Array, twists: Array, joints: Array, rates: Array) -> Truth:
+    """Return states that begin with (quaternion, position), and twists, as a motion."""
     return Truth(
-        time=np.arange(steps) / world.rate,
-        joint_position=joints[::2],
-        joint_velocity=rates[::2],
-        joint_effort=np.zeros_like(joints[::2]),
+        time=np.arange(len(states)) / world.rate,
+        joint_position=joints,
+        joint_velocity=rates,
+        joint_effort=np.zeros_like(joints),
         base_position=states[:, 4:7],
         base_orientation=states[:, :4],
         base_linear_velocity=twists[:, :3],
         base_angular_velocity=twists[:, 3:],
     )
+
+
+def integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pace: float) -> Array:
+    """Return states (N, m), that begin with a quaternion, from step to step: Runge-Kutta of order 4.
+
+    Parameters
+    ----------
+    rate : of a state at a node; nodes are half a step apart
+    state : (m,) the first
+    steps : N
+    pace : steps a second
+    """
+    step = 1.0 / pace
+    states = np.empty((steps, len(state)))
+    for number in range(steps):
+        states[number], node = state, 2 * number
+        if number == steps - 1:
+            break
+        first = rate(node, state)
+        second = rate(node + 1, state + 0.5 * step * first)
+        third = rate(node + 1, state + 0.5 * step * second)
+        fourth = rate(node + 2, state + step * third)
+        state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        state[:4] /= np.linalg.norm(state[:4])
+    return states
+
+
+def pose_rate(state: Array, rotation: Array, twist: Array) -> Array:
+    """Return the rate of (quaternion, position), (7,), by the base's twist in its axes."""
+    (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
+    turning = [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
+    return np.concatenate((turning, rotation @ twist[:3]))
 
 
 @dataclass(frozen=True)
@@ -84,7 +152,7 @@ class _Flow:
 
     def twist(self, node: int, state: Array) -> tuple[Array, Array]:
         """Return the base's rotation and its (6,) twist in base axes."""
-        rotation = _rotation(*state[:4].tolist())
+        rotation = rotation_of(state)
         (x, y, z), (a, b, c) = state[4:7].tolist(), state[7:10].tolist()
         angular = state[10:] - np.array([y * c - z * b, z * a - x * c, x * b - y * a])
         own = np.concatenate((state[7:10] @ rotation, angular @ rotation))
@@ -93,36 +161,17 @@ class _Flow:
     def rate(self, node: int, state: Array) -> Array:
         """Return the rate of a state."""
         rotation, twist = self.twist(node, state)
-        (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
         result = np.zeros(13)
-        result[:4] = w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c
-        result[4:7] = rotation @ twist[:3]
+        result[:7] = pose_rate(state, rotation, twist)
         if self.world.wrench is not None:
             time = node / (2.0 * self.world.rate)
             result[7:] = self.world.wrench(time, rotation, state[4:7], self.whole[node])
         return result
 
 
-def _integrated(flow: _Flow, state: Array, steps: int) -> tuple[Array, Array]:
-    """Return states (N, 13) and twists (N, 6) from step to step."""
-    step = 1.0 / flow.world.rate
-    states, twists = np.empty((steps, 13)), np.empty((steps, 6))
-    for number in range(steps):
-        node = 2 * number
-        states[number], twists[number] = state, flow.twist(node, state)[1]
-        if number == steps - 1:
-            break
-        first = flow.rate(node, state)
-        second = flow.rate(node + 1, state + 0.5 * step * first)
-        third = flow.rate(node + 1, state + 0.5 * step * second)
-        fourth = flow.rate(node + 2, state + step * third)
-        state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-        state[:4] /= np.linalg.norm(state[:4])
-    return states, twists
-
-
-def _rotation(x: float, y: float, z: float, w: float) -> Array:
-    """Return the rotation matrix of a quaternion of about unit length."""
+def rotation_of(state: Array) -> Array:
+    """Return the rotation matrix of a state, whose quaternion is of about unit length."""
+    x, y, z, w = state[:4].tolist()
     scale = 2.0 / (x * x + y * y + z * z + w * w)
     return np.array(
         [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
@@ -15,6 +16,7 @@ from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 
+Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'
 DIRECTION = np.array([1.0, -2.0, 2.0]) / 3.0  # of errors of a place or an orientation
 # The arm's own last link, in the table of servicer7.urdf.
@@ -67,12 +69,27 @@ def with_parts(urdf: str, parts: Sequence[str]) -> str:
     return urdf.replace('</robot>', f'{"".join(parts)}</robot>')
 
 
-def locked(urdf: str) -> str:
-    """Return a robot as somebody has it who takes for fixed what turns without limits: nothing of servicer7's arm."""
-    return urdf.replace('type="continuous"', 'type="fixed"')
+def locked(urdf: str, *names: str) -> str:
+    """Return a robot as somebody has it who takes for fixed what moves: links of `part`."""
+    for name in names:
+        urdf = re.sub(f'name="{name}_joint" type="[a-z]+"', f'name="{name}_joint" type="fixed"', urdf)
+    return urdf
 
 
-def part(name: str, parent: str, place: Sequence[float], axis: Sequence[float], body: Array, kind: str) -> str:
+def with_flexible_joint(urdf: str, joint: str) -> str:
+    """Return a robot with a joint `flexible_joint` in series behind one of its joints, about the same axis."""
+    root, element = _joint(urdf, joint)
+    child, axis = element.find('child'), element.find('axis')
+    if child is None or axis is None:
+        raise ValueError(f"joint '{joint}' has no child or no axis")
+    far = child.get('link', '')
+    child.set('link', 'rotor')
+    along = _numbers(axis.get('xyz', '1 0 0'))
+    parts = [_link('rotor', box(0.01, (0.05,) * 3)), _jointed('flexible_joint', 'revolute', ('rotor', far), along)]
+    return with_parts(ET.tostring(root, encoding='unicode'), parts)
+
+
+def part(name: str, parent: str, place: Vector, axis: Vector, body: Array, kind: str) -> str:
     """Return a link and the joint that carries it.
 
     Parameters
@@ -84,15 +101,7 @@ def part(name: str, parent: str, place: Sequence[float], axis: Sequence[float], 
     body : (10,) physical parameters in the link's frame
     kind : of the joint
     """
-    names = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    inertia = ' '.join(f'{key}="{value!r}"' for key, value in zip(names, body[4:].tolist(), strict=True))
-    limit = '' if kind == 'continuous' else '<limit lower="-3" upper="3" effort="100" velocity="10"/>'
-    return (
-        f'<link name="{name}"><inertial><origin xyz="{_text(body[1:4])}"/><mass value="{float(body[0])!r}"/>'
-        f'<inertia {inertia}/></inertial></link>'
-        f'<joint name="{name}_joint" type="{kind}"><parent link="{parent}"/><child link="{name}"/>'
-        f'<origin xyz="{_text(place)}"/><axis xyz="{_text(axis)}"/>{limit}</joint>'
-    )
+    return _link(name, body) + _jointed(f'{name}_joint', kind, (parent, name), axis, place)
 
 
 def box(mass: float, size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
@@ -145,6 +154,22 @@ def slipped(place: Sequence[float], angle: float) -> Array:
     return np.concatenate(([own.mass], own.lever, own.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]))
 
 
+def _link(name: str, body: Array) -> str:
+    names = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    inertia = ' '.join(f'{key}="{value!r}"' for key, value in zip(names, body[4:].tolist(), strict=True))
+    inertial = f'<origin xyz="{_text(body[1:4])}"/><mass value="{float(body[0])!r}"/><inertia {inertia}/>'
+    return f'<link name="{name}"><inertial>{inertial}</inertial></link>'
+
+
+def _jointed(name: str, kind: str, links: tuple[str, str], axis: Vector, place: Vector = (0.0, 0.0, 0.0)) -> str:
+    """Return a joint between parent and child."""
+    limit = '' if kind == 'continuous' else '<limit lower="-3" upper="3" effort="100" velocity="10"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{links[0]}"/><child link="{links[1]}"/>'
+        f'<origin xyz="{_text(place)}"/><axis xyz="{_text(axis)}"/>{limit}</joint>'
+    )
+
+
 def _matrix(elements: Array) -> Array:
     return elements[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
 
@@ -161,5 +186,5 @@ def _numbers(text: str) -> Array:
     return np.array([float(value) for value in text.split()])
 
 
-def _text(values: Sequence[float] | Array) -> str:
+def _text(values: Vector) -> str:
     return ' '.join(repr(float(value)) for value in values)

@@ -16,6 +16,7 @@ from benchmarks.honesty.catalogue import CATALOGUE
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.floating import World, float_freely
 from benchmarks.honesty.readings import Readings, read
+from benchmarks.honesty.springs import swing
 from benchmarks.speed_bag import START
 from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -77,7 +78,7 @@ class Outcome(Runs):
 @lru_cache(maxsize=4)
 def _moved(name: str, seed: int) -> tuple[World, Truth]:
     world = CATALOGUE[name].world(seed)
-    return world, float_freely(world)
+    return world, swing(world) if world.springs else float_freely(world)
 
 
 def run(work: tuple[str, str, int]) -> Told:
