@@ -1,0 +1,50 @@
+"""What the runs of a condition come to: verdicts, coverage, and whether they are silently wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.honesty.runs import PUBLISHED, Outcome
+from mbaid_ros.replay.campaigns.statistics import QUANTILE
+
+_FAR = 5.0  # standard deviations: beyond, something is wrong
+_FEWEST_COVERED = 0.6  # of the parameters, over the seeds
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The runs of a condition, taken together.
+
+    Attributes
+    ----------
+    statuses : how often each was the last
+    covered : share of the 95 % intervals that hold the truth, of the runs with a good last status; NaN without any
+    largest : largest error of any of their parameters, in standard deviations; NaN without any
+    named : the cause or warning that most of the runs name first; empty for none
+    silently_wrong : whether they say `converged` or `estimating` and are wrong
+    """
+
+    statuses: Counter[str]
+    covered: float
+    largest: float
+    named: str
+    silently_wrong: bool
+
+
+def judged(outcome: Outcome) -> Verdict:
+    """Return the verdict on the runs of a condition."""
+    good = np.isin(outcome.status, PUBLISHED)[:, None]
+    given = good & np.isfinite(outcome.error) & (outcome.std > 0.0)
+    deviation = np.abs(outcome.error[given] / outcome.std[given])
+    covered = float(np.mean(deviation < QUANTILE)) if len(deviation) else np.nan
+    largest = float(np.max(deviation)) if len(deviation) else np.nan
+    return Verdict(
+        statuses=Counter(outcome.status.tolist()),
+        covered=covered,
+        largest=largest,
+        named=Counter(outcome.named.tolist()).most_common(1)[0][0],
+        silently_wrong=bool(largest > _FAR or covered < _FEWEST_COVERED),
+    )
