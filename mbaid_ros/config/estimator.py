@@ -14,7 +14,7 @@ from mbaid_ros.config.capture import (
 from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import parameter
 
-METHODS = ('difference', 'trajectory', 'paper_difference', 'paper_main')
+METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
 TIME_JUMPS = ('reset', 'error', 'ignore')
@@ -229,7 +229,7 @@ class EstimatorConfig:
         '', 'URDF file of the robot; empty means the topic robot_description instead.'
     )
     target_link: str = parameter('', 'Link whose inertia is identified; empty means the last link of the robot.')
-    method: str = parameter('difference', 'Identification method.', choices=METHODS)
+    method: str = parameter('trajectory', 'Identification method.', choices=METHODS)
     window: float = parameter(
         0.5, 'Length of the windows that the data are processed in.', unit='s', minimum=0.0, exclusive_minimum=True
     )

@@ -7,6 +7,15 @@ from dataclasses import dataclass
 from mbaid_ros.config.parameters import parameter
 
 KNOWN_LINKS_MODES = ('consider', 'estimate')
+# Parameters of a robot that is exactly its URDF, as only a simulated one is.
+EXACT = {
+    'known_links.relative_std': 0.0,
+    'known_joints.zero_std': 0.0,
+    'known_joints.origin_std': 0.0,
+    'known_joints.axis_std': 0.0,
+    'odometry_mount.position_std': 0.0,
+    'odometry_mount.orientation_std': 0.0,
+}
 
 
 @dataclass(frozen=True)
@@ -14,7 +23,7 @@ class KnownLinksConfig:
     """How well the known bodies are known."""
 
     relative_std: float = parameter(
-        0.0,
+        0.01,
         'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
         minimum=0.0,
         maximum=1.0,
@@ -27,7 +36,8 @@ class KnownLinksConfig:
     )
     calibration: str = parameter(
         '',
-        'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
+        'JSON file of calibrate, whose covariance of all links counts, not relative_std; the URDF is then the one it '
+        'wrote.',
     )
     mode: str = parameter(
         'consider',
@@ -42,20 +52,20 @@ class KnownJointsConfig:
     """How well the joints are known."""
 
     zero_std: float = parameter(
-        0.0,
+        1e-3,
         'Standard deviation of the true position of every joint less the measured one, constant; in m for a prismatic '
         "joint. 0 takes the encoders' zeros as exact.",
         unit='rad',
         minimum=0.0,
     )
     origin_std: float = parameter(
-        0.0,
+        1e-3,
         "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
         unit='m',
         minimum=0.0,
     )
     axis_std: float = parameter(
-        0.0,
+        1e-3,
         "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
         unit='rad',
         minimum=0.0,
@@ -79,14 +89,14 @@ class OdometryMountConfig:
     """How well it is known where on the base the odometry is mounted."""
 
     position_std: float = parameter(
-        0.0,
+        2e-3,
         "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
         'exact.',
         unit='m',
         minimum=0.0,
     )
     orientation_std: float = parameter(
-        0.0,
+        2e-3,
         "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
         unit='rad',
         minimum=0.0,

@@ -104,7 +104,13 @@ class TwoStageEstimator:
             self._first = None
         if early is None:
             return late
-        early = replace(early, method=self.method, time_offset=late.time_offset, time_offset_std=late.time_offset_std)
+        early = replace(
+            early,
+            method=self.method,
+            stage=first.method,
+            time_offset=late.time_offset,
+            time_offset_std=late.time_offset_std,
+        )
         if not self._second.settled:
             return early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:

@@ -32,11 +32,10 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
     if not config.calibration:
         size = config.relative_std * body_sizes(link) if link[0] > 0.0 else np.zeros(10)
         return kernel.doubted(declared_errors(kernel, config)), np.diag(size**2) if np.any(size) else None
-    given = [name for name in ('relative_std', 'names') if getattr(config, name)]
-    if given:
+    if config.names:
         raise ParameterError(
-            f"parameter 'known_links.{given[0]}' is {getattr(config, given[0])!r}; with 'known_links.calibration', "
-            'which says it of all bodies, none is accepted'
+            f"parameter 'known_links.names' is {config.names!r}; with 'known_links.calibration', which says it of all "
+            'bodies, none is accepted'
         )
     found = read_calibration(config.calibration)
     _require_the_same(found, kernel.model)

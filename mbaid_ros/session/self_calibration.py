@@ -36,7 +36,7 @@ def self_calibration(
     """
     if not config.calibration.enabled:
         return None
-    declared = next((x for x in ('calibration', 'relative_std', 'names') if getattr(config.known_links, x)), '')
+    declared = next((x for x in ('calibration', 'names') if getattr(config.known_links, x)), '')
     if declared:
         raise ParameterError(
             f"parameter 'known_links.{declared}' is {getattr(config.known_links, declared)!r}; with "

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from benchmarks.data import MAXIMUM_GAP
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
@@ -70,6 +71,7 @@ class Identification:
     def identifier(self, method: str, settings: Mapping[str, object] | None = None) -> Identifier:
         """Return a method of the registry, ready for its first measurement."""
         values: dict[str, object] = {
+            **EXACT,  # as the simulated robots are
             'paper.total_angular_momentum': [float(value) for value in self.momentum[3:]],
             **{f'noise.{name}': value for name, value in vars(self.noise).items()},
             **METHODS[method].settings,

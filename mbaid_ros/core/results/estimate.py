@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+
+if TYPE_CHECKING:
+    from mbaid_ros.core.results.budget import ErrorBudget
 
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
@@ -67,6 +70,8 @@ class Estimate:
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
     samples : number of samples used
+    stage : method of the stage that it is from, where the method has several
+    budget : where the parameters' variances come from; None where not available
     events : what disturbed the momentum
     warnings : one line each
     """
@@ -86,6 +91,8 @@ class Estimate:
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
     samples: int = 0
+    stage: str = ''
+    budget: ErrorBudget | None = None
     events: tuple[Event, ...] = ()
     warnings: tuple[str, ...] = ()
 

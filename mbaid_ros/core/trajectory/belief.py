@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.state import Layout
+from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 
 
@@ -132,26 +132,21 @@ class Moments:
         part = self.factor[rows]
         return np.asarray(part @ part.T + variables.outside[np.ix_(rows, rows)])
 
-    def shares(self, rows: Array, jacobian: Array, layout: Layout) -> dict[str, Array]:
-        """Return the part of the variance of some numbers that comes from the prior of each cause.
+    def contributions(self, own: Array, layout: Layout) -> tuple[tuple[str, ...], Array]:
+        """Return the part of the variance of m numbers that comes from the prior of each cause.
 
-        An estimate errs by what noise and priors contribute, which are independent: the prior of unknowns nu of unit
-        variance contributes the square of their covariance with the estimate. What is left is sensor noise.
+        An estimate errs by what noise and priors contribute, which are independent: the prior of unknowns of unit
+        variance contributes the square of their covariance with the estimate. What is left of the variance is sensor
+        noise.
 
         Parameters
         ----------
-        rows : (k,) of the state
-        jacobian : (m, k) from these to the numbers
+        own : (m, v) a covariance factor of the numbers, rows of `factor` or linear in these
         layout : of the state
 
         Returns
         -------
-        (m,) variances by cause
+        names of c causes, (m, c) variances
         """
-        own = jacobian @ self.factor[rows]
-        parts: dict[str, Array] = {}
-        for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-            squares = (own @ self.factor[place].T) ** 2
-            for cause, square in zip(unknown.causes, squares.T, strict=True):
-                parts[cause] = parts.get(cause, 0.0) + square
-        return parts
+        squares = (own @ self.factor[BODY.stop :].T) ** 2
+        return layout.causes, squares @ layout.belongs

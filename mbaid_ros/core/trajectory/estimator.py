@@ -8,10 +8,11 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.inertia import physical_jacobian, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -70,6 +71,7 @@ class _Solved:
     nis: float
     events: tuple[Event, ...]
     delay: tuple[float, float]
+    budget: ErrorBudget
 
 
 class TrajectoryEstimator:
@@ -203,7 +205,17 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
         )
         found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
-        return _Solved(solution, now, track, nis, found, self._delay(moments))
+        budget = self._budget(moments, solution.x[:10])
+        return _Solved(solution, now, track, nis, found, self._delay(moments), budget)
+
+    def _budget(self, moments: Moments, body: Array) -> ErrorBudget:
+        """Return where the variances of the parameters of a body (10,) come from."""
+        own = physical_jacobian(body) @ moments.factor[BODY]
+        variance = np.sum(own**2, axis=1)
+        causes, parts = moments.contributions(own, self._layout)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            shares = np.column_stack((variance - parts.sum(axis=1), parts)) / variance[:, None]
+        return ErrorBudget((SENSOR_NOISE, *causes), shares)
 
     def _delay(self, moments: Moments) -> tuple[float, float]:
         """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
@@ -226,7 +238,7 @@ class TrajectoryEstimator:
 
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     """Return the estimate with what its run says against it."""
-    track, nis = solved.track, solved.nis
+    track, nis, budget = solved.track, solved.nis, solved.budget
     warnings = list(estimate.warnings)
     if track.hypothesis.disturbed:
         warnings.append(f'{track.hypothesis.name}; estimated along, which widens the intervals')
@@ -236,11 +248,20 @@ def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
             f'the model does not explain the data: innovations {np.sqrt(nis):.1f} times the noise, '
             f'{len(track.jumps)} jumps of the momentum'
         )
+    elif not track.hypothesis.physical:
+        wrong = True
+        warnings.append(
+            'only a random walk explains the data, which explains anything: the numbers are not to be trusted'
+        )
+    known = estimate.status != 'not_identifiable'
+    budget = replace(budget, shares=np.where(estimate.identifiable[:, None], budget.shares, np.nan))
     return replace(
         estimate,
-        status='inconsistent' if wrong and estimate.status != 'not_identifiable' else estimate.status,
+        stage='trajectory',
+        status='inconsistent' if wrong and known else estimate.status,
+        budget=budget if known else None,
         events=solved.events,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *(budget.warnings if known else ())),
         time_offset=solved.delay[0],
         time_offset_std=solved.delay[1],
     )

@@ -87,6 +87,19 @@ class Layout:
         """The others."""
         return tuple(each for each in self.unknowns if each.read)
 
+    @cached_property
+    def causes(self) -> tuple[str, ...]:
+        """What the unknowns belong to in the error budget, c names."""
+        return tuple(dict.fromkeys(cause for unknown in self.unknowns for cause in unknown.causes))
+
+    @cached_property
+    def belongs(self) -> Array:
+        """Which of them each number does, (e, c) of zeros and ones."""
+        labels = [cause for unknown in self.unknowns for cause in unknown.causes]
+        return np.array([[float(label == cause) for cause in self.causes] for label in labels]).reshape(
+            len(labels), len(self.causes)
+        )
+
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
         values = state.copy()
