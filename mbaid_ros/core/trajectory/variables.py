@@ -52,6 +52,11 @@ class Variables:
         """How many are those of pose error and momentum: as many of either."""
         return 2 * self.poses
 
+    @property
+    def own(self) -> int:
+        """How many are those of pose error, momentum and target body; the others are the unknowns themselves."""
+        return self.basis.shape[1] - (len(self.basis) - BODY.stop)
+
     @cached_property
     def spread(self) -> Array:
         """The (s, v) matrix from variables to state."""
@@ -59,8 +64,7 @@ class Variables:
 
     def rows(self, of_state: Array) -> Array:
         """Return (..., s) rows of the state as (..., v) rows of the variables: those of unknowns are both."""
-        own = self.basis.shape[1] - (len(self.basis) - BODY.stop)
-        moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, :own]
+        moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, : self.own]
         return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
 
     @cached_property
@@ -92,8 +96,11 @@ class Variables:
             deviation = _NEAR * mass
             likelihood = float(np.log(deviation / factor[BODY.start, BODY.start]))
             mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
-        root: Array = np.asarray(np.linalg.qr((self.gather @ factor).T, mode='r'))  # covariance = root^T root
-        return self.gather @ mean, np.asarray(np.linalg.qr(np.linalg.inv(root).T, mode='r')), likelihood
+        own = self.own
+        root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
+        information = np.eye(len(self.scale))
+        information[:own, :own] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
+        return self.gather @ mean, information, likelihood
 
 
 def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
