@@ -57,7 +57,14 @@ def failed(run: CampaignRun, reason: str) -> Result:
 def _head(run: CampaignRun) -> Result:
     simulator = run.case.simulator
     motion = simulator.motion.seed if simulator.motion.kind == 'random' else None
-    return {'run': run.number, 'case': dict(run.case.choices), 'motion': motion, 'seed': simulator.seed}
+    sizes = {name: size for name, size in vars(simulator.model_errors).items() if name != 'seed'}
+    return {
+        'run': run.number,
+        'case': dict(run.case.choices),
+        'robot': simulator.model_errors.seed if any(sizes.values()) else None,
+        'motion': motion,
+        'seed': simulator.seed,
+    }
 
 
 def _result(run: CampaignRun, urdf: str) -> Result:
