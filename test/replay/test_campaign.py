@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -131,6 +132,25 @@ def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     assert nees['drawn', 'none'] > 10.0
     assert 0.3 < nees['drawn', 'same'] < 2.0
     assert nees['exact', 'same'] < 0.5
+
+
+PUSHED = """
+simulator: {duration: 12.0, joint_rate: 20.0, odometry_rate: 20.0, thrust.time: 4.0, thrust.duration: 1.3,
+            thrust.force: [1.5, -1.4, 1.2], thrust.link: link1}
+"""
+TOLD = """cases:
+  thrust:
+    told: {simulator: {thrust.publish: true}}
+    untold: {simulator: {thrust.publish: false}}
+"""
+
+
+def test_the_estimator_is_told_of_thrust_that_is_published(tmp_path: Path) -> None:
+    text = re.sub(r'\nsimulator: .*\n', PUSHED, CAD.partition('cases:')[0].replace('seeds: 4', 'seeds: 1')) + TOLD
+    output = tmp_path / 'output'
+    assert campaign.main([str(written(tmp_path, text)), '--output', str(output), '--processes', '1']) == 0
+    warned = [any('momentum' in warning for warning in run['warnings']) for run in lines(output)]
+    assert warned == [False, True]
 
 
 def test_the_band_is_that_of_a_right_covariance() -> None:
