@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
@@ -31,7 +31,6 @@ Topic = Literal['joint_states', 'odom', 'thrust']
 _COMMANDS = 0.1  # s, between two of thrust
 
 _QUATERNION_TOLERANCE = 1e-3
-_DRAWN = 6  # number of the stream that robots are drawn from: of the same seed the sensors' noise has 0 to 5
 
 
 @dataclass(frozen=True)
@@ -158,8 +157,8 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
         There is no body near one of the URDF's.
     """
     sizes = {name: size for name, size in vars(config.model_errors).items() if name != 'seed'}
-    stream = np.random.SeedSequence(config.model_errors.seed, spawn_key=(_DRAWN,))
-    return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), np.random.default_rng(stream))
+    rng = generator(config.model_errors.seed)
+    return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), rng)
 
 
 def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | CaptureSimulation | ThrustSimulation:

@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
@@ -117,8 +117,8 @@ def kernel(robot: str) -> MomentumKernel:
 
 
 def drawn(robot: str, sizes: ErrorSizes, seed: int) -> ModelErrors:
-    """Return what a robot has more than its URDF says."""
-    return draw(model(robot), model(robot).last_link, sizes, np.random.default_rng(seed))
+    """Return what a robot has more than its URDF says, as the simulator draws it for a seed."""
+    return draw(model(robot), model(robot).last_link, sizes, generator(seed))
 
 
 def true_model(robot: str, model_errors: ModelErrors | None = None) -> RobotModel:

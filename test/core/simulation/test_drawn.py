@@ -7,12 +7,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+import observed
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.results.consistency import are_physical, is_physical
 from mbaid_ros.core.robot.known_errors import declared
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
+from mbaid_ros.core.simulation.sensors import Sensors
 from random_robots import random_urdf
 from simulated import drawn, robot
 
@@ -34,6 +37,16 @@ def test_a_seed_gives_one_robot() -> None:
     assert same(errors, again)
     assert true.urdf == too.urdf
     assert not same(errors, drawn(model, 6, **vars(ALL))[0])
+
+
+def test_a_robot_shares_no_number_with_the_noise_of_its_seed() -> None:
+    zeros = drawn(robot('ets7'), 3, zero_std=1.0)[0].zeros
+    truth = observed.configured_motion('ets7', 0.1, 10.0, 0.02)
+    noise = Sensors(SensorNoise(*(1.0,) * 6), 3)
+    joints, base = noise.joints(truth), noise.base(truth)
+    given = [joints.position - truth.joint_position, joints.velocity - truth.joint_velocity]
+    given += [base.position - truth.base_position, base.linear_velocity - truth.base_linear_velocity]
+    assert not np.any(np.abs(np.concatenate([part.ravel() for part in given])[:, None] - zeros) < 1e-9)
 
 
 def test_without_sizes_the_robot_is_its_urdf() -> None:
@@ -63,7 +76,7 @@ def test_a_size_changes_what_it_scales_and_nothing_else(name: str) -> None:
 
 def test_the_spread_is_that_of_the_sizes() -> None:
     model, count = robot('servicer7'), 400
-    draws = [draw(model, 'link7', ALL, np.random.default_rng(seed)) for seed in range(count)]
+    draws = [draw(model, 'link7', ALL, generator(seed)) for seed in range(count)]
     prior = declared(model.body_parameters(without='link7'), [ALL.links_relative_std] * (model.joints + 1))
     units = np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]) / np.diag(prior.factor)
     blocks = {'bodies': (units, 1.0)}
