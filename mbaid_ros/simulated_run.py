@@ -14,9 +14,12 @@ from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import Link, RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
@@ -59,8 +62,10 @@ class SimulatedRun:
     Attributes
     ----------
     start : stamp at time 0, ns; to be set before the first message is asked for
-    model : RobotModel
-    target : the target link
+    model : RobotModel, as the URDF says
+    errors : what the robot that moves has more than that
+    robot : the one that moves, before a capture
+    target : the target link, as it is
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
     pulse : of thrust, None where there is none; the momentum is then that before it
     captured : what is captured, None where nothing is
@@ -75,21 +80,24 @@ class SimulatedRun:
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
         self.config = config
         self.model = load_model(urdf)
-        self.target = self.model.link(config.target_link or self.model.last_link)
+        target = self.model.link(config.target_link or self.model.last_link).name
+        self.errors = make_model_errors(config, self.model)
+        self.robot = true_robot(self.model, self.errors, fixed=(target,))
+        self.target = self.robot.link(target)
         self._types = types
         self._messages = SensorMessages(types, self.model, config.odom_frame)
         self.start = 0
-        simulation = make_simulation(config, self.model)
+        simulation = make_simulation(config, self.robot)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
         self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
         self._commands = commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
         if isinstance(simulation, CaptureSimulation):
             self.momentum, self.brought = simulation.momentum, simulation.brought
-            self.target = simulation.joined.link(self.target.name)
+            self.target = simulation.joined.link(target)
         else:
-            self.momentum = total_momentum(self.model, simulation.advance(np.zeros(1)))[0]
+            self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)))[0]
             self.brought = np.zeros(6)
-        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed)
+        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
 
     @property
@@ -140,8 +148,21 @@ class SimulatedRun:
         return sorted(messages, key=lambda message: message.time)
 
 
+def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:
+    """Return what the robot that moves has more than its URDF says, drawn as the parameters ask for.
+
+    Raises
+    ------
+    ModelError
+        There is no body near one of the URDF's.
+    """
+    sizes = {name: size for name, size in vars(config.model_errors).items() if name != 'seed'}
+    rng = generator(config.model_errors.seed)
+    return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), rng)
+
+
 def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | CaptureSimulation | ThrustSimulation:
-    """Return the robot in motion, as the parameters ask for, without sensors.
+    """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
 
     Raises
     ------

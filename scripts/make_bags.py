@@ -28,6 +28,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.replay import replay as replay_executable
 from mbaid_ros.replay import simulate as simulate_executable
+from mbaid_ros.replay.truth import TRUTH_FILE
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -101,7 +102,7 @@ def make(recipe: Recipe, bag: Path) -> None:
             whole = Path(folder) / 'whole'
             simulate(recipe, whole)
             leave_rates_out(whole, bag)
-            shutil.copy(whole / simulate_executable.TRUTH_FILE, bag)
+            shutil.copy(whole / TRUTH_FILE, bag)
     else:
         simulate(recipe, bag)
 
@@ -111,7 +112,7 @@ def simulate(recipe: Recipe, bag: Path) -> None:
     words = [word for name, value in recipe.parameters.items() for word in ('-p', f'{name}:={value}')]
     files = ('--model', f'{CONFIG}/{recipe.robot}.urdf', '--params', f'{CONFIG}/{recipe.robot}_simulator.yaml')
     _succeed(simulate_executable.main([*files, *words, '--output', str(bag)]), bag)
-    truth = bag / simulate_executable.TRUTH_FILE
+    truth = bag / TRUTH_FILE
     content = json.loads(truth.read_text(encoding='utf-8'))
     content['parameters']['robot_description_file'] = f'{CONFIG.name}/{recipe.robot}.urdf'  # the same on any machine
     truth.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
@@ -155,7 +156,7 @@ def record(recipe: Recipe, bag: Path) -> None:
             work.mkdir()
             run_graph(recipe, bag, work)
             if estimates(bag) == estimates(replayed(recipe, bag, work / 'replayed')):
-                shutil.copy(offline / simulate_executable.TRUTH_FILE, bag)
+                shutil.copy(offline / TRUTH_FILE, bag)
                 return
     raise DataError(f'{bag}: in {ATTEMPTS} recordings the recorder missed what the estimator had')
 

@@ -16,6 +16,8 @@ from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.run import Simulation, Truth
@@ -30,10 +32,14 @@ MID = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
 HIGH = SensorNoise(1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4)
 
 
-def configured_motion(name: str, seconds: float, rate: float, step: float) -> Truth:
+def configured_motion(
+    name: str, seconds: float, rate: float, step: float, model_errors: ModelErrors | None = None
+) -> Truth:
     """Return the run that config/ describes for a robot, sampled at a rate (Hz); `step` (s) is the integrator's."""
     config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator'))
     model = robot(name)
+    if model_errors is not None:
+        model = true_robot(model, model_errors, (model.last_link,))
     motion = make_motion(config, model)
     simulation = Simulation(model, motion, make_initial_state(config, model, motion), step)
     return simulation.advance(np.arange(round(seconds * rate)) / rate)
@@ -50,10 +56,12 @@ def drifting(truth: Truth, velocity: Array, start: Array | None = None) -> Truth
     return replace(truth, base_position=position + (0.0 if start is None else start), base_linear_velocity=linear)
 
 
-def observe(truth: Truth, noise: SensorNoise, seed: int | None = None) -> Samples:
+def observe(
+    truth: Truth, noise: SensorNoise, seed: int | None = None, model_errors: ModelErrors | None = None
+) -> Samples:
     """Return the samples that sensors give of a motion; without a seed exact ones that claim that noise."""
     none = SensorNoise(*(0.0,) * 6)
-    sensors = Sensors(none if seed is None else noise, seed or 0)
+    sensors = Sensors(none if seed is None else noise, seed or 0, model_errors)
     joints, base = sensors.joints(truth), sensors.base(truth)
     count = len(truth)
     return Samples(

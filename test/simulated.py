@@ -8,6 +8,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.run import without_linear_momentum
 
@@ -18,6 +21,12 @@ DEGREE = np.pi / 180.0
 def robot(name: str) -> RobotModel:
     """Return a robot of config/."""
     return load_model((CONFIG / f'{name}.urdf').read_text(encoding='utf-8'))
+
+
+def drawn(model: RobotModel, seed: int = 0, /, **sizes: float) -> tuple[ModelErrors, RobotModel]:
+    """Return the errors of a robot whose last link is the target, of the sizes given, and the robot that has them."""
+    errors = draw(model, model.last_link, ErrorSizes(**sizes), generator(seed))
+    return errors, true_robot(model, errors, (model.last_link,))
 
 
 def state(

@@ -12,9 +12,10 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
+from mbaid_ros.core.simulation.capture import with_target
 from mbaid_ros.core.simulation.run import Simulation, total_momentum
 from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_initial_state, make_motion
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_initial_state, make_motion, make_simulation
 from simulated import CONFIG, robot
 
 NAMES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
@@ -121,3 +122,61 @@ def test_what_does_not_fit_is_refused(values: dict[str, Any], words: str) -> Non
     with pytest.raises(MbaidError, match=words) as error:
         run(**values)
     assert isinstance(error.value, ModelError if 'target_link' in values else ParameterError)
+
+
+DRAWN = {
+    'links_relative_std': 0.02, 'zero_std': 1e-3, 'origin_std': 1e-3, 'axis_std': 1e-3,
+    'mount_position_std': 2e-3, 'mount_orientation_std': 2e-3,
+}  # fmt: skip
+MOVING: dict[str, Any] = {'motion': {'kind': 'random'}, 'noise': {'joint_position': 1e-4, 'base_position': 1e-3}}
+
+
+def test_a_robot_without_errors_is_the_urdfs_whatever_its_seed() -> None:
+    exact, none = run(**MOVING), run(**MOVING, model_errors=dict.fromkeys(DRAWN, 0.0) | {'seed': 9})
+    assert payloads(none.read(1.0)) == payloads(exact.read(1.0))
+    assert none.robot is none.model
+
+
+def test_a_drawn_robot_is_that_of_its_seed_and_the_description_the_urdfs() -> None:
+    runs = [run(**MOVING, model_errors={**DRAWN, 'seed': seed}) for seed in (4, 4, 5)]
+    first, again, other = (payloads(made.read(1.0)) for made in runs)
+    assert first == again
+    assert first != other
+    assert runs[0].description().data == (CONFIG / 'ets7.urdf').read_text()
+    # The truth: of a target that is not drawn, in a robot that is.
+    exact = run(**MOVING)
+    assert np.array_equal(runs[0].target_inertia, exact.target_inertia)
+    start = make_simulation(runs[0].config, runs[0].robot).advance(np.zeros(1))
+    assert np.array_equal(runs[0].momentum, total_momentum(runs[0].robot, start)[0])
+    assert not np.allclose(runs[0].momentum, exact.momentum, rtol=1e-3)
+
+
+def test_the_noise_does_not_depend_on_the_robot() -> None:
+    exact, drawn = run(**MOVING), run(**MOVING, model_errors={'zero_std': 1e-3})
+    angles = [
+        np.array([timed.message.position for timed in made.read(1.0) if timed.topic == 'joint_states'])
+        for made in (exact, drawn)
+    ]
+    # Other zeros are the same motion and the same noise.
+    assert angles[0] - angles[1] == pytest.approx(np.tile(drawn.errors.zeros, (101, 1)), abs=1e-15)
+    assert drawn.errors.zeros.all()
+
+
+@pytest.mark.parametrize('what', ['capture', 'thrust'])
+def test_a_drawn_robot_captures_and_fires_thrusters(what: str) -> None:
+    values: dict[str, Any] = {
+        'capture': {'time': 0.5, 'mass': 100.0, 'inertia': [9.0, 0.0, 0.0, 9.0, 0.0, 9.0]},
+        'thrust': {'time': 0.5, 'duration': 0.3, 'force': [1.0, 0.0, 0.0], 'link': 'link2'},
+    }
+    made = run(motion={'kind': 'random'}, model_errors=DRAWN, **{what: values[what]})
+    truth = make_simulation(made.config, made.robot).advance(np.array([0.0, 0.4, 0.9, 1.0]))
+    if what == 'capture':
+        exact = run(motion={'kind': 'random'}, **{what: values[what]})
+        assert made.target_inertia == pytest.approx(exact.target_inertia, rel=1e-12)
+        assert made.captured is not None
+        total = total_momentum(with_target(made.robot, made.captured), truth[2:])
+        assert total == pytest.approx(np.tile(made.momentum, (2, 1)), abs=1e-8)
+    else:
+        total = total_momentum(made.robot, truth)
+        assert total[1] == pytest.approx(total[0], abs=1e-9)
+        assert np.linalg.norm((total[3] - total[0])[:3]) == pytest.approx(0.3, rel=1e-3)

@@ -18,9 +18,9 @@ from mbaid_ros.core.errors import MbaidError, ParameterError, listing
 MOST_RUNS = 1_000_000
 _NODES = ('simulator', 'estimator')
 _SETTINGS = (*_NODES, 'noise')
-_KEYS = ('model', 'simulator_params', 'estimator_params', *_SETTINGS, 'seeds', 'motions', 'cases')
+_KEYS = ('model', 'simulator_params', 'estimator_params', *_SETTINGS, 'seeds', 'motions', 'robots', 'cases')
 # Parameters that have a key of their own.
-_ELSEWHERE = {'seed': 'seeds', 'robot_description_file': 'model'}
+_ELSEWHERE = {'seed': 'seeds', 'model_errors.seed': 'robots', 'robot_description_file': 'model'}
 _SEEDS = 'a whole number >= 1, of seeds from 0, or a list of different whole numbers >= 0'
 
 # Parameters by dotted name, of each of _NODES.
@@ -52,7 +52,7 @@ class CampaignRun:
 
     Attributes
     ----------
-    number : from 0, in the order of cases, motions, seeds
+    number : from 0, in the order of cases, robots, motions, seeds
     case : with the seeds of this run
     """
 
@@ -69,19 +69,23 @@ class Campaign:
     urdf : text of the robot description
     cases : every combination
     motions : seeds of the random motions that each case has; None where the motion is the case's own
+    robots : seeds of the model errors of the robots that make each motion; None where every seed has a robot of its own
     seeds : of the sensors' noise that each motion is observed with
     """
 
     urdf: str
     cases: tuple[Case, ...]
     motions: tuple[int, ...] | None
+    robots: tuple[int, ...] | None
     seeds: tuple[int, ...]
 
     def runs(self) -> Iterator[CampaignRun]:
         """Yield every run in order."""
         motions: Sequence[int | None] = (None,) if self.motions is None else self.motions
-        for number, (case, motion, seed) in enumerate(product(self.cases, motions, self.seeds)):
-            simulator = replace(case.simulator, seed=seed)
+        robots: Sequence[int | None] = (None,) if self.robots is None else self.robots
+        for number, (case, robot, motion, seed) in enumerate(product(self.cases, robots, motions, self.seeds)):
+            drawn = replace(case.simulator.model_errors, seed=seed if robot is None else robot)
+            simulator = replace(case.simulator, seed=seed, model_errors=drawn)
             if motion is not None:
                 simulator = replace(simulator, motion=replace(simulator.motion, seed=motion))
             yield CampaignRun(number, replace(case, simulator=simulator))
@@ -113,16 +117,17 @@ def _campaign(content: Mapping[str, object], folder: Path) -> Campaign:
             basis[node] = load_parameter_file(folder / path, node)
         basis[node]['robot_description_file'] = ''
     motions = _seeds('motions', content['motions']) if 'motions' in content else None
+    robots = _seeds('robots', content['robots']) if 'robots' in content else None
     own = _settings('', {key: content[key] for key in _SETTINGS if key in content})
     groups = _groups(content.get('cases'))
     seeds = _seeds('seeds', content.get('seeds', 1))
-    total = len(seeds) * len(motions or (0,))
+    total = len(seeds) * len(motions or (0,)) * len(robots or (0,))
     for levels in groups.values():
         total *= len(levels)
     if total > MOST_RUNS:
-        raise ParameterError(f'seeds, motions and cases make {total} runs; accepted: {MOST_RUNS} at most')
+        raise ParameterError(f'seeds, motions, robots and cases make {total} runs; accepted: {MOST_RUNS} at most')
     cases = tuple(_case(choice, groups, _over(basis, own), motions) for choice in product(*groups.values()))
-    return Campaign(urdf, cases, motions, seeds)
+    return Campaign(urdf, cases, motions, robots, seeds)
 
 
 def _groups(content: object) -> dict[str, dict[str, Settings]]:

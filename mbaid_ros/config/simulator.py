@@ -114,6 +114,31 @@ class SimulatedCaptureConfig:
 
 
 @dataclass(frozen=True)
+class SimulatedModelErrorsConfig:
+    """Standard deviations of what the robot that moves has more than its URDF says; 0 is exact."""
+
+    links_relative_std: float = parameter(
+        0.0,
+        "Relative standard deviation of the inertial parameters of every body but the target link, as the estimator's "
+        'known_links.relative_std has it.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    zero_std: float = parameter(0.0, "Error of each joint's zero (m for a prismatic joint).", 'rad', minimum=0.0)
+    origin_std: float = parameter(0.0, "Error of each coordinate of each joint's origin.", 'm', minimum=0.0)
+    axis_std: float = parameter(
+        0.0, "Error of each joint's axis about both directions normal to it.", 'rad', minimum=0.0, maximum=1.0
+    )
+    mount_position_std: float = parameter(
+        0.0, 'Error of each coordinate of where the frame that the odometry locates is on the base.', 'm', minimum=0.0
+    )
+    mount_orientation_std: float = parameter(
+        0.0, 'Error of how that frame is turned, about each of its axes.', 'rad', minimum=0.0, maximum=1.0
+    )
+    seed: int = parameter(0, 'The same seed gives the same robot.', minimum=0)
+
+
+@dataclass(frozen=True)
 class SimulatedNoiseConfig:
     """One standard deviation of the noise added to each channel of a sample; 0 is none."""
 
@@ -166,4 +191,5 @@ class SimulatorConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
     thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
+    model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

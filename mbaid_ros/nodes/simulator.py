@@ -122,9 +122,10 @@ class SimulatorNode(Node):
     def _say_what_runs(self) -> None:
         config = self._config
         length = f'{config.duration:g} s' if config.duration > 0.0 else 'until it is stopped'
+        seed = '' if self._run.errors.exact else f' of model_errors.seed {config.model_errors.seed}'
         self.get_logger().info(  # type: ignore[no-untyped-call]
-            f"robot '{self._run.model.name}', target link '{self._run.target.name}', motion {config.motion.kind}, "
-            f'{length}'
+            f"robot '{self._run.model.name}'{seed}, target link '{self._run.target.name}', motion "
+            f'{config.motion.kind}, {length}'
         )
 
 

@@ -55,7 +55,8 @@ def _campaign(argv: list[str]) -> int:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'campaign',
-        'Simulate and identify many times over seeds, motions, noise and methods, on all cores or a Dask cluster.\n'
+        'Simulate and identify many times over seeds, motions, robots, noise and methods, on all cores or a Dask '
+        'cluster.\n'
         'Stopped by anything, the same command goes on from the runs that were made.\n'
         'Exit code: 0 every run was made, 3 some failed, 2 bad input.',
         'campaign config/table1_campaign.yaml --output table1_campaign',

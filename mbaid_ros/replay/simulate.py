@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,18 +13,18 @@ from tqdm import tqdm
 from mbaid_ros import cli
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameters import build, values_of
+from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.truth import TRUTH_FILE
+from mbaid_ros.replay.truth_output import write_truth
 from mbaid_ros.simulated_run import SimulatedRun
 
 NODE = 'simulator'
 JOINT_STATES, ODOMETRY, THRUST = '/joint_states', '/odom', '/thrust'
 DESCRIPTION, TRUTH = '/robot_description', f'/{NODE}/truth'
-TRUTH_FILE = 'truth.json'
 
 _CHUNK = 1.0  # s of the run between two looks at the progress bar
 
@@ -46,10 +45,10 @@ def _main(argv: list[str]) -> int:
     run = SimulatedRun(config, read_robot_description(config.robot_description_file), BAG_TYPES)
     begin = time.monotonic()
     if arguments.truth is not None:
-        _write_truth(arguments.truth, run)
+        write_truth(arguments.truth, run)
     with BagWriter(arguments.output) as bag:
         if arguments.truth is None:
-            _write_truth(arguments.output / TRUTH_FILE, run)
+            write_truth(arguments.output / TRUTH_FILE, run)
         _record(run, bag)
     print(
         f'{bag.messages} messages, {config.duration:g} s of {run.model.name} in {time.monotonic() - begin:.1f} s: '
@@ -126,40 +125,3 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
             for timed in run.read(until):
                 bag.write(topics[timed.topic], timed.message, run.stamp(timed.time))
             bar.update(until - bar.n)
-
-
-def _captured(run: SimulatedRun) -> dict[str, object] | None:
-    """Return what is captured, its momentum before, and when; None where nothing is."""
-    target = run.captured
-    if target is None:
-        return None
-    body = dict(zip(PARAMETERS, target.body.tolist(), strict=True))
-    return {
-        't': target.time,
-        'mass': body['mass'],
-        'com': [body[name] for name in ('com_x', 'com_y', 'com_z')],
-        'inertia': {name: body[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
-        'target_linear_momentum': run.brought[:3].tolist(),
-        'target_angular_momentum': run.brought[3:].tolist(),
-        'target_linear_velocity': target.velocity.tolist(),
-        'target_angular_velocity': target.spin.tolist(),
-    }
-
-
-def _write_truth(path: Path, run: SimulatedRun) -> None:
-    parameters = dict(zip(PARAMETERS, run.target_inertia.tolist(), strict=True))
-    truth = {
-        'robot': run.model.name,
-        'target_link': run.target.name,
-        'mass': parameters['mass'],
-        'com': [parameters[name] for name in ('com_x', 'com_y', 'com_z')],
-        'inertia': {name: parameters[name] for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
-        # With thrust it is not one momentum.
-        'momentum': None
-        if run.pulse is not None
-        else {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
-        'capture': _captured(run),
-        'seed': run.config.seed,
-        'parameters': values_of(run.config),
-    }
-    path.write_text(json.dumps(truth, indent=2) + '\n', encoding='utf-8')

@@ -18,7 +18,10 @@ from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_qu
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
@@ -113,16 +116,41 @@ def kernel(robot: str) -> MomentumKernel:
     return MomentumKernel(model(robot), model(robot).last_link)
 
 
+def drawn(robot: str, sizes: ErrorSizes, seed: int) -> ModelErrors:
+    """Return what a robot has more than its URDF says, as the simulator draws it for a seed."""
+    return draw(model(robot), model(robot).last_link, sizes, generator(seed))
+
+
+def true_model(robot: str, model_errors: ModelErrors | None = None) -> RobotModel:
+    """Return the robot that has these errors."""
+    nominal = model(robot)
+    return nominal if model_errors is None else true_robot(nominal, model_errors, (nominal.last_link,))
+
+
+def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
+    """Return the true motion of a robot, as config/<robot>_simulator.yaml has it, at 0 ... 60 s.
+
+    That of the robot that is exactly its URDF is made once.
+    """
+    return _exact_motion(robot, rate) if model_errors is None else _motion(robot, rate, model_errors)
+
+
 @cache
-def motion(robot: str, rate: float = RATE) -> Truth:
-    """Return the true motion of a robot, as config/<robot>_simulator.yaml has it, at 0 ... 60 s."""
+def _exact_motion(robot: str, rate: float) -> Truth:
+    return _motion(robot, rate, None)
+
+
+def _motion(robot: str, rate: float, model_errors: ModelErrors | None) -> Truth:
     config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator'))
-    driven = make_motion(config, model(robot))
-    simulation = Simulation(model(robot), driven, make_initial_state(config, model(robot), driven), config.step)
+    moving = true_model(robot, model_errors)
+    driven = make_motion(config, moving)
+    simulation = Simulation(moving, driven, make_initial_state(config, moving, driven), config.step)
     return simulation.advance(np.arange(round(DURATION * rate) + 1) / rate)
 
 
-def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) -> Truth:
+def endless_motion(
+    robot: str, rate: float = RATE, seconds: float = DURATION, model_errors: ModelErrors | None = None
+) -> Truth:
     """Return one period (60 s), or its beginning, of a motion that repeats exactly, from rest and without momentum.
 
     All joints follow cosines with whole numbers of periods a minute: in the second half minute they go back the way
@@ -138,7 +166,9 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
         phase=np.full(cycles.shape, 0.5 * np.pi),
     )
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
+    return Simulation(true_model(robot, model_errors), driven, rest, 0.02).advance(
+        np.arange(round(seconds * rate)) / rate
+    )
 
 
 def moved(truth: Truth, case: Case) -> Truth:
@@ -153,12 +183,14 @@ def moved(truth: Truth, case: Case) -> Truth:
     )
 
 
-def momentum_of(robot: str, truth: Truth) -> Array:
+def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:
     """Return the true (6,) total momentum, about the odometry origin."""
-    return total_momentum(model(robot), truth[:1])[0]
+    return total_momentum(true_model(robot, model_errors), truth[:1])[0]
 
 
-def readings(truth: Truth, noise: SensorNoise, seed: int | None) -> tuple[JointStream, BaseStream]:
+def readings(
+    truth: Truth, noise: SensorNoise, seed: int | None, model_errors: ModelErrors | None = None
+) -> tuple[JointStream, BaseStream]:
     """Return what sensors say of a motion; without a seed they are right, but do not know it.
 
     Parameters
@@ -166,11 +198,15 @@ def readings(truth: Truth, noise: SensorNoise, seed: int | None) -> tuple[JointS
     truth : the motion
     noise : one standard deviation of each channel
     seed : of the noise
+    model_errors : of the robot, whose zeros and mount the sensors do not know
     """
-    return sensed(truth, Sensors(_SILENT, 0) if seed is None else Sensors(noise, seed), noise)
+    sensors = Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors)
+    return sensed(truth, sensors, noise)
 
 
-def observed(truth: Truth, case: Case, seed: int) -> tuple[JointStream, BaseStream]:
+def observed(
+    truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
+) -> tuple[JointStream, BaseStream]:
     """Return what a case's sensors say of a motion.
 
     Parameters
@@ -178,8 +214,9 @@ def observed(truth: Truth, case: Case, seed: int) -> tuple[JointStream, BaseStre
     truth : the motion, as `moved` has it
     case : Case
     seed : of the noise, before `Case.draw`
+    model_errors : of the robot
     """
-    joints, base = readings(truth, case.noise, case.draw(seed))
+    joints, base = readings(truth, case.noise, case.draw(seed), model_errors)
     if case.wander:
         step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))
         walk = step[:, None] * np.random.default_rng([seed, 1]).normal(size=base.position.shape)
@@ -208,9 +245,9 @@ def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStr
     )
 
 
-def exact_samples(truth: Truth, noise: SensorNoise) -> Samples:
+def exact_samples(truth: Truth, noise: SensorNoise, model_errors: ModelErrors | None = None) -> Samples:
     """Return noise-free samples that carry the covariances of noisy ones."""
-    samples = Synchroniser(MAXIMUM_GAP).push(*readings(truth, noise, None))
+    samples = Synchroniser(MAXIMUM_GAP).push(*readings(truth, noise, None, model_errors))
     if samples is None:
         raise ValueError('no samples')
     return samples

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.data import CONFIG, LEVELS, exact_samples, readings
+from benchmarks.data import CONFIG, LEVELS, readings
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -17,6 +17,8 @@ from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation.run import Simulation, Truth
@@ -43,9 +45,23 @@ def free_model() -> RobotModel:
     return load_model(free_urdf())
 
 
+def motion(seed: int, seconds: float, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
+    """Return a random motion of the whole arm, the servicer turning slowly, without linear momentum.
+
+    Errors of `servicer7`, as data.drawn draws them, are those of the same robot before the capture. That of the robot
+    without any is made once.
+    """
+    if model_errors is None:
+        return _exact_motion(seed, seconds, rate)
+    return _motion(true_robot(free_model(), model_errors, ('link7',)), seed, seconds, rate)
+
+
 @cache
-def motion(seed: int, seconds: float, rate: float = RATE) -> Truth:
-    """Return a random motion of the whole arm, the servicer turning slowly, without linear momentum."""
+def _exact_motion(seed: int, seconds: float, rate: float) -> Truth:
+    return _motion(free_model(), seed, seconds, rate)
+
+
+def _motion(moving: RobotModel, seed: int, seconds: float, rate: float) -> Truth:
     values: dict[str, object] = {
         'initial': {
             'joint_positions': [0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2],
@@ -55,15 +71,17 @@ def motion(seed: int, seconds: float, rate: float = RATE) -> Truth:
         'motion': {'kind': 'random', 'seed': seed, 'amplitude': 1.0, 'period_min': 12.0, 'period_max': 30.0},
     }
     config = build(SimulatorConfig, values)
-    driven = make_motion(config, free_model())
-    simulation = Simulation(free_model(), driven, make_initial_state(config, free_model(), driven), 0.05)
+    driven = make_motion(config, moving)
+    simulation = Simulation(moving, driven, make_initial_state(config, moving, driven), 0.05)
     return simulation.advance(np.arange(round(seconds * rate)) / rate)
 
 
-def windows(truth: Truth, seed: int | None, noise: SensorNoise = NOISE) -> list[Samples]:
-    """Return what sensors say of a motion, in windows; without a seed exactly."""
-    samples = Synchroniser(0.1).push(*readings(truth, noise, seed)) if seed is not None else exact_samples(truth, noise)
+def windows(
+    truth: Truth, seed: int | None, noise: SensorNoise = NOISE, model_errors: ModelErrors | None = None
+) -> list[Samples]:
+    """Return what sensors say of a motion, in windows; without a seed without noise."""
     cutter = Windows(0.5)
+    samples = Synchroniser(0.1).push(*readings(truth, noise, seed, model_errors))
     return [*cutter.push(samples), *cutter.flush()] if samples is not None else []
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -95,6 +96,61 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert 'noise=mid: 4 runs, ' in told
     assert '8 runs, 0 of them failed' in told
     assert content(whole) == before
+
+
+CAD = f"""
+model: {CONFIG / 'servicer7.urdf'}
+simulator_params: {CONFIG / 'servicer7_simulator.yaml'}
+simulator: {{duration: 15.0, joint_rate: 20.0, odometry_rate: 20.0}}
+estimator: {{method: difference, target_link: link7}}
+noise:
+  {{joint_position: 1.0e-4, joint_velocity: 1.0e-3, base_position: 1.0e-3, base_orientation: 1.0e-4,
+    base_linear_velocity: 1.0e-3, base_angular_velocity: 1.0e-4}}
+seeds: 4
+cases:
+  robot:
+    exact: {{}}
+    drawn: {{simulator: {{model_errors.links_relative_std: 0.01}}}}
+  prior:
+    none: {{estimator: {{known_links.relative_std: 0.0}}}}
+    same: {{estimator: {{known_links.relative_std: 0.01}}}}
+"""
+
+
+def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
+    output = tmp_path / 'output'
+    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output), '--processes', '2']) == 0
+    results = lines(output)
+    by_case = {tuple(runs[0]['case'].values()): runs for runs in (results[i : i + 4] for i in range(0, 16, 4))}
+    # The truth is one for all: the target is never drawn.
+    assert {json.dumps(run['truth']) for run in results} == {json.dumps(results[0]['truth'])}
+    assert [run['robot'] for run in by_case['exact', 'none']] == [None] * 4
+    assert [run['robot'] for run in by_case['drawn', 'same']] == [0, 1, 2, 3]
+    # A percent of the links is far beyond what the sensors leave, unless the estimator is told of it.
+    nees = {case: np.mean([run['nees'] for run in runs]) for case, runs in by_case.items()}
+    assert nees['exact', 'none'] < 2.0
+    assert nees['drawn', 'none'] > 10.0
+    assert 0.3 < nees['drawn', 'same'] < 2.0
+    assert nees['exact', 'same'] < 0.5
+
+
+PUSHED = """
+simulator: {duration: 12.0, joint_rate: 20.0, odometry_rate: 20.0, thrust.time: 4.0, thrust.duration: 1.3,
+            thrust.force: [1.5, -1.4, 1.2], thrust.link: link1}
+"""
+TOLD = """cases:
+  thrust:
+    told: {simulator: {thrust.publish: true}}
+    untold: {simulator: {thrust.publish: false}}
+"""
+
+
+def test_the_estimator_is_told_of_thrust_that_is_published(tmp_path: Path) -> None:
+    text = re.sub(r'\nsimulator: .*\n', PUSHED, CAD.partition('cases:')[0].replace('seeds: 4', 'seeds: 1')) + TOLD
+    output = tmp_path / 'output'
+    assert campaign.main([str(written(tmp_path, text)), '--output', str(output), '--processes', '1']) == 0
+    warned = [any('momentum' in warning for warning in run['warnings']) for run in lines(output)]
+    assert warned == [False, True]
 
 
 def test_the_band_is_that_of_a_right_covariance() -> None:

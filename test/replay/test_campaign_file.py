@@ -27,6 +27,15 @@ def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
     assert str(runs[-1].case) == 'noise=mid'
 
 
+def test_every_seed_has_a_robot_of_its_own_or_all_have_those_named(tmp_path: Path) -> None:
+    def seeds(text: str) -> list[tuple[int, int]]:
+        runs = list(load_campaign(written(tmp_path, text)).runs())[:4]
+        return [(run.case.simulator.model_errors.seed, run.case.simulator.seed) for run in runs]
+
+    assert seeds(TEXT) == [(0, 0), (1, 1), (2, 2), (3, 3)]
+    assert seeds(TEXT.replace('seeds: 4', 'seeds: [5, 6]\nrobots: [8, 9]')) == [(8, 5), (8, 6), (9, 5), (9, 6)]
+
+
 @pytest.mark.parametrize(
     ('old', 'new', 'told'),
     [
@@ -45,6 +54,11 @@ def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
         ('duration: 3.0', 'duration: long', "parameter 'duration' is 'long'; accepted: a number >= 0 s"),
         ('duration: 3.0', 'length: 3.0', "unknown parameter 'length'; known: "),
         ('duration: 3.0', 'duration: 3.0, seed: 3', "'simulator.seed' is not accepted; the key for it is 'seeds'"),
+        ('seeds: 4', 'robots: none', "'robots' is 'none'; accepted: a whole number >= 1"),
+        (
+            'duration: 3.0', 'model_errors.seed: 3, duration: 3.0',
+            "'simulator.model_errors.seed' is not accepted; the key for it is 'robots'",
+        ),
         ('simulator: {', 'simulator: 3 #', "'simulator' is 3; accepted: 'name: value' pairs"),
         ('mid: {noise', 'mid: {sensors', "'cases.noise.mid' has the unknown key 'sensors'; known: "),
         ('{joint_position: 1.0e-4}', '{joint_position: -1.0}', "noise=mid: parameter 'noise.joint_position' is -1"),

@@ -45,6 +45,38 @@ def test_a_bag_and_its_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert truth['parameters']['duration'] == 2.0
 
 
+ERRORS = {
+    'links_relative_std': 0.01, 'zero_std': 1e-3, 'origin_std': 2e-3, 'axis_std': 3e-3,
+    'mount_position_std': 4e-3, 'mount_orientation_std': 5e-3, 'seed': 7,
+}  # fmt: skip
+
+
+def test_the_truth_says_what_the_robot_has_more_than_its_urdf(tmp_path: Path) -> None:
+    drawn = [word for name, value in ERRORS.items() for word in ('-p', f'model_errors.{name}:={value}')]
+    for name, options in (('exact', []), ('drawn', drawn)):
+        assert main([*TABLE1, *options, '--output', str(tmp_path / name)]) == 0
+    exact, truth = (json.loads((tmp_path / name / 'truth.json').read_text()) for name in ('exact', 'drawn'))
+    assert exact['model_errors'] is None
+    assert all(truth[key] == exact[key] for key in ('target_link', 'mass', 'com', 'inertia'))
+    told = truth['model_errors']
+    assert set(told['links']) == {'base_link', 'link1', 'link2', 'link3'}
+    assert 0.0 < abs(told['links']['base_link']['mass']) < 4.0 * 0.01 * 2552.0
+    assert set(told['links']['link1']) == {'mass', 'com', 'inertia'}
+    assert list(told['joints']) == ['joint1', 'joint2', 'joint3', 'joint4']
+    for joint in told['joints'].values():
+        assert 0.0 < abs(joint['zero']) < 4e-3
+        assert 0.0 < np.linalg.norm(joint['origin']) < 1e-2
+        assert (len(joint['axis']), joint['axis'][2]) == (3, 0.0)  # all turn about z
+    assert {key: len(values) for key, values in told['mount'].items()} == {'position': 3, 'orientation': 3}
+    # The bags: one description, other data.
+    bags = [contents(tmp_path / name) for name in ('exact', 'drawn')]
+    descriptions, data = ([[x for x in bag if (x[0] == '/robot_description') == own] for bag in bags] for own in (1, 0))
+    assert descriptions[0] == descriptions[1]
+    assert data[0] != data[1]
+    # Without linear momentum is the robot that moves, not its URDF.
+    assert np.linalg.norm(truth['momentum']['linear']) < 1e-9
+
+
 def test_the_same_seed_gives_the_same_payloads(tmp_path: Path) -> None:
     bags = {}
     for name, seed in (('one', 5), ('two', 5), ('three', 6)):
@@ -70,6 +102,8 @@ def test_the_truth_goes_where_it_is_told(tmp_path: Path) -> None:
         ([*TABLE1, '--duration', '0'], "'0' is not accepted; accepted: a number > 0 s"),
         ([*TABLE1, '-p', 'noise.joint:=1'], "'noise.joint'; known: noise.joint_position"),
         ([*TABLE1, '-p', 'step:=2'], "'step' is 2 s; accepted"),
+        ([*TABLE1, '-p', 'model_errors.zero_std:=-1e-3'], "'model_errors.zero_std' is -0.001 rad; accepted"),
+        ([*TABLE1, '-p', 'model_errors.zero:=1e-3'], "'model_errors.zero'; known: model_errors.zero_std"),
         ([*TABLE1, '-p', 'step'], "'step' is not a parameter; accepted: name:=value"),
         ([*TABLE1, '--sed', '3'], "'--sed'; options: --seed"),
         ([*TABLE1, '--truth', '/nowhere/truth.json'], "'/nowhere/truth.json'"),

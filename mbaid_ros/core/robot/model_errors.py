@@ -41,6 +41,11 @@ class ModelErrors:
             np.zeros((joints + 1, 10)), np.zeros(joints), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros(6)
         )
 
+    @property
+    def exact(self) -> bool:
+        """Whether the robot is exactly its URDF."""
+        return not any(np.any(block) for block in vars(self).values())
+
 
 def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
     """Return a robot with its joints' frames elsewhere.
@@ -60,19 +65,25 @@ def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
 def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str] = ()) -> RobotModel:
     """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
 
-    The first link with mass of each body, other than those in `fixed`, takes the change; a body without one stays.
+    Of each body the link that `changing_link` names takes the change; a body without one stays.
     """
-    links, taken = [], set(np.flatnonzero(~np.any(change, axis=1)).tolist())
-    for link in model.links:
-        if link.body in taken or link.name in fixed or not link.parameters[0] > 0.0:
-            links.append(link)
-            continue
-        taken.add(link.body)
-        links.append(replace(link, parameters=link.parameters + _in_frame_of(link, change[link.body])))
-    return replace(model, links=tuple(links))
+    changed = {}
+    for body in np.flatnonzero(np.any(change, axis=1)).tolist():
+        link = changing_link(model, body, fixed)
+        if link is not None:
+            changed[link.name] = replace(link, parameters=link.parameters + in_frame_of(link, change[body]))
+    return replace(model, links=tuple(changed.get(link.name, link) for link in model.links))
 
 
-def _in_frame_of(link: Link, parameters: Array) -> Array:
+def changing_link(model: RobotModel, body: int, fixed: Sequence[str] = ()) -> Link | None:
+    """Return the heaviest link of a moving body, other than those in `fixed`; None where none of them has mass."""
+    massive = [
+        link for link in model.links if link.body == body and link.name not in fixed and link.parameters[0] > 0.0
+    ]
+    return max(massive, key=lambda link: float(link.parameters[0]), default=None)
+
+
+def in_frame_of(link: Link, parameters: Array) -> Array:
     """Return a body's (10,) standard parameters in the frame of one of its links."""
     back = link.rotation.T
     return express(parameters, back, -back @ link.position)

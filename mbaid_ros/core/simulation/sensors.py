@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation
+from mbaid_ros.core.simulation.misreading import misread
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.thrust import ThrustSimulation
 
@@ -67,10 +69,12 @@ class Sensors:
     ----------
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
+    errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
     """
 
-    def __init__(self, noise: SensorNoise, seed: int) -> None:
+    def __init__(self, noise: SensorNoise, seed: int, errors: ModelErrors | None = None) -> None:
         self.noise = noise
+        self._errors = errors
         streams = np.random.SeedSequence(seed).spawn(6)
         self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope = (
             np.random.default_rng(stream) for stream in streams
@@ -78,7 +82,7 @@ class Sensors:
 
     def joints(self, truth: Truth) -> JointReadings:
         """Return what the encoders read of the true motion."""
-        noise = self.noise
+        noise, truth = self.noise, self._without_noise(truth)
         return JointReadings(
             time=truth.time,
             position=truth.joint_position + _white(self._encoder, noise.joint_position, truth.joint_position),
@@ -92,7 +96,7 @@ class Sensors:
         The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
         ROS pose has it.
         """
-        noise = self.noise
+        noise, truth = self.noise, self._without_noise(truth)
         error = _white(self._attitude, noise.base_orientation, truth.base_position)
         linear = truth.base_linear_velocity
         angular = truth.base_angular_velocity
@@ -105,6 +109,9 @@ class Sensors:
             pose_covariance=noise.pose_covariance(),
             twist_covariance=noise.twist_covariance(),
         )
+
+    def _without_noise(self, truth: Truth) -> Truth:
+        return truth if self._errors is None else misread(truth, self._errors)
 
 
 class SensedSimulation:

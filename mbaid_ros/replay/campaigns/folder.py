@@ -131,6 +131,7 @@ def as_json(campaign: Campaign) -> dict[str, Any]:
     return {
         'seeds': list(campaign.seeds),
         'motions': None if campaign.motions is None else list(campaign.motions),
+        'robots': None if campaign.robots is None else list(campaign.robots),
         'cases': [
             {
                 'choices': dict(case.choices),

@@ -57,7 +57,14 @@ def failed(run: CampaignRun, reason: str) -> Result:
 def _head(run: CampaignRun) -> Result:
     simulator = run.case.simulator
     motion = simulator.motion.seed if simulator.motion.kind == 'random' else None
-    return {'run': run.number, 'case': dict(run.case.choices), 'motion': motion, 'seed': simulator.seed}
+    sizes = {name: size for name, size in vars(simulator.model_errors).items() if name != 'seed'}
+    return {
+        'run': run.number,
+        'case': dict(run.case.choices),
+        'robot': simulator.model_errors.seed if any(sizes.values()) else None,
+        'motion': motion,
+        'seed': simulator.seed,
+    }
 
 
 def _result(run: CampaignRun, urdf: str) -> Result:
@@ -83,12 +90,14 @@ def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
     """Return the last estimate of a run, None if there is none."""
     last = None
     duration = simulated.config.duration
+    take = {
+        'joint_states': session.add_joint_state,
+        'odom': session.add_odometry,
+        'thrust': session.add_thrust,
+    }
     for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
         for timed in simulated.read(float(end)):
-            if timed.topic == 'joint_states':
-                session.add_joint_state(timed.message)
-            else:
-                session.add_odometry(timed.message)
+            take[timed.topic](timed.message)
         estimates = session.process()
         last = estimates[-1] if estimates else last
     return last
