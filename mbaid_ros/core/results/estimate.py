@@ -72,6 +72,8 @@ class Estimate:
     samples : number of samples used
     stage : method of the stage that it is from, where the method has several
     budget : where the parameters' variances come from; None where not available
+    causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
+        the data would be without it (log-likelihood)
     events : what disturbed the momentum
     warnings : one line each
     """
@@ -93,6 +95,7 @@ class Estimate:
     samples: int = 0
     stage: str = ''
     budget: ErrorBudget | None = None
+    causes: tuple[tuple[str, float], ...] = ()
     events: tuple[Event, ...] = ()
     warnings: tuple[str, ...] = ()
 

@@ -6,7 +6,7 @@ triangular again, whatever is known or not, and what no window has seen of an un
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.verdict.innovations import Innovations
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class Belief:
     nis, measured : sum of the normalised innovations squared, and how many there were
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
+    innovations : what they were, sensor by sensor
     """
 
     root: Array
@@ -37,6 +39,7 @@ class Belief:
     last_nis: float = 0.0
     last_measured: int = 0
     log_likelihood: float = 0.0
+    innovations: Innovations = field(default_factory=Innovations)
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
-from mbaid_ros.core.trajectory.filter_run import LARGEST_NIS, FilterRun
+from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.gathering import Gathering, Taken
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
@@ -26,11 +26,11 @@ from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.core.verdict.judgement import Evidence, Judgement, judge
 
 _NOTHING = 1e-6  # chance of a force that is none to be told of
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
-_MOST_JUMPS = 3  # from more on the model is wrong rather than the run unlucky
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,13 @@ class TrajectorySettings:
 class _Solved:
     """What a run has led to by an instant.
 
-    `track` is the best hypothesis, `nis` its mean normalised innovation squared, `delay` value and standard deviation
-    of the joints' delay, s.
+    `track` is the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
     """
 
     solution: Solution
     instant: Instant
     track: Track
-    nis: float
+    judgement: Judgement
     events: tuple[Event, ...]
     delay: tuple[float, float]
     budget: ErrorBudget
@@ -192,9 +191,8 @@ class TrajectoryEstimator:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = tracker.best, self._gathering.origin
         moments = tracker.moments()
-        # Larger innovations than the noise explains widen the intervals.
-        nis = track.belief.nis / max(track.belief.measured, 1)
-        covariance = moments.covariance(_ORDER, self._variables) * max(1.0, nis)
+        judgement = judge(self._evidence(tracker, moments))
+        covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,
@@ -206,7 +204,7 @@ class TrajectoryEstimator:
         )
         found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
         budget = self._budget(moments, solution.x[:10])
-        return _Solved(solution, now, track, nis, found, self._delay(moments), budget)
+        return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
 
     def _budget(self, moments: Moments, body: Array) -> ErrorBudget:
         """Return where the variances of the parameters of a body (10,) come from."""
@@ -216,6 +214,25 @@ class TrajectoryEstimator:
         with np.errstate(divide='ignore', invalid='ignore'):
             shares = np.column_stack((variance - parts.sum(axis=1), parts)) / variance[:, None]
         return ErrorBudget((SENSOR_NOISE, *causes), shares)
+
+    def _evidence(self, tracker: FilterRun, moments: Moments) -> Evidence:
+        """Return what the run says of its model."""
+        track = tracker.best
+        belief, hypothesis = track.belief, track.hypothesis
+        values = moments.mean[BODY.stop :]
+        largest = np.max(np.abs(values)[:, None] * self._layout.belongs, axis=0, initial=0.0)
+        squares = values**2 @ self._layout.belongs
+        return Evidence(
+            nis=belief.nis / max(belief.measured, 1),
+            innovations=belief.innovations,
+            deviations=dict(
+                zip(self._layout.causes, zip(largest.tolist(), squares.tolist(), strict=True), strict=True)
+            ),
+            jumps=len(track.jumps),
+            hypothesis=hypothesis.name if hypothesis.disturbed else '',
+            physical=hypothesis.physical,
+            gain=tracker.lead,
+        )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:
         """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
@@ -238,30 +255,21 @@ class TrajectoryEstimator:
 
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     """Return the estimate with what its run says against it."""
-    track, nis, budget = solved.track, solved.nis, solved.budget
+    judgement = solved.judgement
     warnings = list(estimate.warnings)
-    if track.hypothesis.disturbed:
-        warnings.append(f'{track.hypothesis.name}; estimated along, which widens the intervals')
-    wrong = nis > LARGEST_NIS or len(track.jumps) > _MOST_JUMPS
-    if wrong:
-        warnings.append(
-            f'the model does not explain the data: innovations {np.sqrt(nis):.1f} times the noise, '
-            f'{len(track.jumps)} jumps of the momentum'
-        )
-    elif not track.hypothesis.physical:
-        wrong = True
-        warnings.append(
-            'only a random walk explains the data, which explains anything: the numbers are not to be trusted'
-        )
+    if solved.track.hypothesis.disturbed and solved.track.hypothesis.physical:
+        warnings.append(f'{solved.track.hypothesis.name}; estimated along, which widens the intervals')
     known = estimate.status != 'not_identifiable'
-    budget = replace(budget, shares=np.where(estimate.identifiable[:, None], budget.shares, np.nan))
+    shares = np.where(estimate.identifiable[:, None], solved.budget.shares, np.nan)
+    budget = replace(solved.budget, shares=shares)
     return replace(
         estimate,
         stage='trajectory',
-        status='inconsistent' if wrong and known else estimate.status,
+        status='inconsistent' if known and not judgement.adequate else estimate.status,
         budget=budget if known else None,
+        causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
         events=solved.events,
-        warnings=(*warnings, *(budget.warnings if known else ())),
+        warnings=(*warnings, *judgement.reasons, *(budget.warnings if known else ())),
         time_offset=solved.delay[0],
         time_offset_std=solved.delay[1],
     )

@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 _BLOCK = 16  # columns that LAPACK reflects together
 
 
-def update(belief: Belief, window: WhitenedWindow) -> Belief:
+def update(belief: Belief, window: WhitenedWindow, variables: Variables) -> Belief:
     """Return the belief after a window's measurements."""
     size, (count, columns) = belief.size, window.rows.shape
     triangle = np.zeros((size + 2, size + 2), order='F')
@@ -43,7 +43,18 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
         nis,
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),
+        belief.innovations.after(_normalised(belief, window), variables.angular),
     )
+
+
+def _normalised(belief: Belief, window: WhitenedWindow) -> Array:
+    """Return a window's innovations in units of their standard deviations, each given those before it, (k,)."""
+    size, (count, columns) = belief.size, window.rows.shape
+    rows = np.zeros((size, count), order='F')
+    rows[:columns] = window.rows.T
+    gain = dtrtrs(belief.root[:, :size], rows, trans=1, overwrite_b=True)[0]  # R^-T H^T
+    factor = np.linalg.cholesky(_identity(count) + gain.T @ gain)
+    return np.asarray(dtrtrs(factor, window.value - gain.T @ belief.root[:, -1], lower=1)[0])
 
 
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:

@@ -14,9 +14,8 @@ from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-# Mean normalised innovation squared from which the model is wrong rather than the run unlucky.
-LARGEST_NIS = 1.5
 _GROWTH = 1.5  # of a young run, until all of it is linearised again
 _RETRY = 2  # windows after which a start that has not settled is tried again
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
@@ -82,6 +81,13 @@ class FilterRun:
         """The hypothesis to report: the first, unless another one explains the data far better."""
         assert self._latest is not None, 'there is a start'
         return self._latest
+
+    @property
+    def lead(self) -> float:
+        """How much better (log-likelihood) the hypothesis to report explains the data than the first."""
+        if self._bank is None:
+            return 0.0
+        return best(self._bank).belief.log_likelihood - self._bank[0].belief.log_likelihood
 
     def moments(self) -> Moments:
         """Return the latest state under the best hypothesis."""

@@ -83,6 +83,6 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
         still,
         inertial,
         body,
-        Hypothesis('the momentum drifts: a changing external force', momentum=_CHANGING_FORCE * known_mass),
-        Hypothesis('the odometry position drifts', position=position_std),
+        Hypothesis('the momentum drifts', momentum=_CHANGING_FORCE * known_mass, physical=False),
+        Hypothesis('the odometry position drifts', position=position_std, physical=False),
     )

@@ -1,0 +1,128 @@
+"""The verdict on a run: whether a physical hypothesis explains the data, and if not, what the likeliest causes are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
+
+# Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
+LARGEST_NIS = 1.5
+# Standard deviations from which what the innovations show is no accident: one in a billion.
+_SIGNIFICANT = 6.0
+# Correlation of neighbouring windows from which the noise is not white enough for the intervals.
+_LARGEST_CORRELATION = 0.25
+# Prior standard deviations from which what is known of the robot has to be wrong.
+_FAR = 5.0
+_MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may be wrong, and how much likelier the data would be if it were right (log-likelihood)."""
+
+    text: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a run says of its model.
+
+    Attributes
+    ----------
+    nis : mean normalised innovation squared
+    innovations : by sensor, and from window to window
+    deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
+        their squares
+    jumps : of the momentum
+    hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
+    gain : log-likelihood of that hypothesis over the first
+    """
+
+    nis: float
+    innovations: Innovations
+    deviations: Mapping[str, tuple[float, float]]
+    jumps: int
+    hypothesis: str
+    physical: bool
+    gain: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether the model explains the data.
+
+    Attributes
+    ----------
+    adequate : whether it does
+    reasons : why not, one line each
+    causes : the likeliest first; also of a model that does, where something is suspicious
+    widening : factor for the covariance of what is published
+    """
+
+    adequate: bool
+    reasons: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    widening: float
+
+
+def judge(evidence: Evidence) -> Judgement:
+    """Return the verdict on a run."""
+    innovations, reasons = evidence.innovations, []
+    if evidence.nis > LARGEST_NIS or evidence.jumps > _MOST_JUMPS:
+        reasons.append(
+            f'the model does not explain the data: innovations {np.sqrt(evidence.nis):.1f} times the noise, '
+            f'{evidence.jumps} jumps of the momentum'
+        )
+    elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > _SIGNIFICANT)):
+        reasons.append('the noise of a sensor is not as declared')
+    if not evidence.physical:
+        reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
+    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
+        innovations.correlation_significance > _SIGNIFICANT
+    )
+    if np.any(correlated):
+        reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
+    far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
+    if far:
+        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
+    return Judgement(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+
+
+def _widening(evidence: Evidence) -> float:
+    """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
+
+    The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
+    r_k = r^k that is (1 + r) / (1 - r).
+    """
+    innovations = evidence.innovations
+    significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
+    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
+    correlation = min(max(correlation, 0.0), 0.9)
+    return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
+
+
+def _causes(evidence: Evidence) -> tuple[Cause, ...]:
+    """Return what may be wrong, the likeliest first."""
+    causes = [
+        Cause(f'{cause} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
+        for cause, (largest, square) in evidence.deviations.items()
+        if largest > 0.6 * _FAR
+    ]
+    innovations = evidence.innovations
+    for place, sensor in enumerate(SENSORS):
+        ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
+        if innovations.ratio_significance[place] > _SIGNIFICANT:
+            gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
+            causes.append(Cause(f'noise.{sensor} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
+        correlation = float(innovations.correlation[place])
+        if innovations.correlation_significance[place] > _SIGNIFICANT:
+            gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - correlation**2, 1e-3))
+            causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
+    if evidence.hypothesis:
+        causes.append(Cause(evidence.hypothesis, evidence.gain))
+    return tuple(sorted(causes, key=lambda cause: -cause.gain))
