@@ -73,17 +73,17 @@ def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variabl
 def met(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
     """Return a hypothesis at the window's first node."""
     before = pose_reset(track.belief, variables) if window.fresh else track.belief
-    after = update(before, white, variables)
+    after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or track.just_jumped:
         return replace(track, belief=after, just_jumped=False)
     # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
     likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
     loose = momentum_inflation(before, white, variables, _JUMP * variables.open_momentum)
-    belief = update(loose, white, variables)
+    belief = update(loose, white)
     if belief.last_nis > _limit(belief.last_measured):
         # More than a jump: nothing links this window to the ones before.
-        belief = update(pose_reset(loose, variables), white, variables)
+        belief = update(pose_reset(loose, variables), white)
     count = len(variables.scale)
     jump = Jump(window.start, variables.spread[MOMENTUM] @ before.least_squares[:count])
     return replace(

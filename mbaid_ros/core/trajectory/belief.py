@@ -6,7 +6,7 @@ triangular again, whatever is known or not, and what no window has seen of an un
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
@@ -27,19 +27,19 @@ class Belief:
     ----------
     root : (v, v + 2) the triangle R, and beside it z of the correction for noise that rows and values share, and z of
         the least squares' mean: x = R^-1 (their sum); innovations are those of the mean itself
+    innovations : what they were, sensor by sensor
     nis, measured : sum of the normalised innovations squared, and how many there were
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
-    innovations : what they were, sensor by sensor
     """
 
     root: Array
+    innovations: Innovations
     nis: float = 0.0
     measured: int = 0
     last_nis: float = 0.0
     last_measured: int = 0
     log_likelihood: float = 0.0
-    innovations: Innovations = field(default_factory=Innovations)
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:
@@ -57,7 +57,7 @@ class Belief:
         root[: len(mean), : len(mean)] = triangle
         root[: len(mean), -1] = triangle @ mean
         root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        return Belief(root, log_likelihood=likelihood)
+        return Belief(root, Innovations.none(variables.poses), log_likelihood=likelihood)
 
     @property
     def size(self) -> int:

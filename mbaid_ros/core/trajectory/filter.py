@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 _BLOCK = 16  # columns that LAPACK reflects together
 
 
-def update(belief: Belief, window: WhitenedWindow, variables: Variables) -> Belief:
+def update(belief: Belief, window: WhitenedWindow) -> Belief:
     """Return the belief after a window's measurements."""
     size, (count, columns) = belief.size, window.rows.shape
     triangle = np.zeros((size + 2, size + 2), order='F')
@@ -38,12 +38,12 @@ def update(belief: Belief, window: WhitenedWindow, variables: Variables) -> Beli
     growth = 2.0 * float(_log_diagonal(root) - _log_diagonal(belief.root))
     return Belief(
         root,
+        belief.innovations.after(_normalised(belief, window)),
         belief.nis + nis,
         belief.measured + count,
         nis,
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),
-        belief.innovations.after(_normalised(belief, window), variables.angular),
     )
 
 

@@ -47,11 +47,6 @@ class Variables:
         """How many variables are those of the pose error."""
         return len(self.measured)
 
-    @property
-    def angular(self) -> int:
-        """How many of these are angles: three, or one in a plane."""
-        return 3 if self.poses > 3 else 1
-
     @cached_property
     def head(self) -> int:
         """How many are those of pose error and momentum: as many of either."""

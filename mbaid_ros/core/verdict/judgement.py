@@ -114,14 +114,15 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if largest > 0.6 * _FAR
     ]
     innovations = evidence.innovations
+    counts, pairs = innovations.by_sensor(innovations.count), innovations.by_sensor(innovations.pairs)
     for place, sensor in enumerate(SENSORS):
-        ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
+        ratio, count = float(innovations.ratio[place]), float(counts[place])
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
             causes.append(Cause(f'noise.{sensor} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:
-            gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - correlation**2, 1e-3))
+            gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - correlation**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
     if evidence.hypothesis:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
