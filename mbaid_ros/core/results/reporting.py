@@ -4,8 +4,8 @@ The rules of `status`:
 
 - `waiting`: no window has been completed.
 - `not_identifiable`: the data determine none of the ten parameters.
-- `inconsistent`: the residuals are larger than the noise explains (by the factor `largest_residual`): the model, the
-  noise parameters or the conservation of momentum is wrong.
+- `inconsistent`: the residuals are larger than the noise explains (by the factor `largest_residual`), or the estimate
+  is far from any body that can exist: the model, the noise parameters or the conservation of momentum is wrong.
 - `converged`: the standard deviation of every parameter that is determined is below `converged_std`, relative.
 - `estimating`: otherwise.
 
@@ -29,7 +29,8 @@ from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
-_LARGE_CORRECTION = 3.0  # standard deviations
+# Standard deviations of an estimate from the nearest real body: from which that is told, and from which it is none.
+_LARGE_CORRECTION, _IMPOSSIBLE = 3.0, 5.0
 _ENOUGH = 50  # redundant equations, before the residual is judged
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
@@ -131,7 +132,7 @@ class Reporting:
             known, correction = identifiable[k], float(corrections[k])
             estimate = Estimate(
                 method=method,
-                status=self._status(known, residual, solution.redundancy, settled=bool(settled[k])),
+                status=self._status(known, residual, correction, solution.redundancy, settled=bool(settled[k])),
                 time=instant.time,
                 stamp=instant.stamp,
                 parameters=parameters[k],
@@ -183,10 +184,12 @@ class Reporting:
         typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
 
-    def _status(self, identifiable: Flags, residual: float, redundancy: int, *, settled: bool) -> Status:
+    def _status(
+        self, identifiable: Flags, residual: float, correction: float, redundancy: int, *, settled: bool
+    ) -> Status:
         if not identifiable.any():
             return 'not_identifiable'
-        if residual > self.largest_residual and redundancy > _ENOUGH:
+        if correction > _IMPOSSIBLE or (residual > self.largest_residual and redundancy > _ENOUGH):
             return 'inconsistent'
         return 'converged' if settled else 'estimating'
 
