@@ -1,7 +1,7 @@
 """What is believed of the state: a Gaussian in square-root information form, and how well the data agree with it.
 
-R x = z with unit covariance (Bierman 1977, chapter 5): a window adds rows to R and Householder reflections make it
-triangular again, whatever is known or not, and what no window has seen of an unknown stays at its prior exactly.
+R x = z with unit covariance (Bierman 1977, chapter 5; docs/trajectory.md, eq. 4): a window adds rows to R, Householder
+reflections make it triangular again, and what no window has seen of an unknown stays at its prior exactly.
 """
 
 from __future__ import annotations

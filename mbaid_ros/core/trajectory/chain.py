@@ -210,7 +210,7 @@ def _at_nodes(values: Array, inside: slice) -> Array:
 
 
 def _pose_measurement(errors: Array, readings: Array, point: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the nodes + what the readings depend on + noise, for (B, 6, r) readings linearised at (r,).
+    """0 = mean of xi over the nodes + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
 
     The twist in the readings is that at the nodes themselves. Its noise is the joints', as that of xi is, and cancels
     in the product of both where it comes alike from before and after; half an interval later it would tell of a delay

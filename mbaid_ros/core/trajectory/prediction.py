@@ -120,7 +120,8 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
     bodies = Bodies(known, target, placed, body_twist, mobility)
-    # M dV = dh - (dM V + db): the latter is what the momentum of the predicted motion changes by.
+    # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
+    # motion changes by.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
     right[..., :6] = np.eye(6)

@@ -98,7 +98,7 @@ def joint_placements(
 
 
 def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequence[int]) -> Array:
-    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint."""
+    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint (trajectory.md, eq. 2)."""
     carried = kernel.kinematics.ancestors.T
     inertia = inertia_matrix(carried @ states.known)
     whole = carried @ momentum(states.known, states.body_twist)
