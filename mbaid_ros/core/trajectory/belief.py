@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.nodes import Integers
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.trajectory.variables import Variables
 
@@ -127,12 +128,12 @@ class Moments:
         """Standard deviations, (s,)."""
         return np.sqrt(self.variance)
 
-    def covariance(self, rows: Array, variables: Variables) -> Array:
+    def covariance(self, rows: Integers, variables: Variables) -> Array:
         """Return the covariance of some numbers of the state."""
         part = self.factor[rows]
         return np.asarray(part @ part.T + variables.outside[np.ix_(rows, rows)])
 
-    def shares(self, rows: Array, jacobian: Array, layout: Layout) -> dict[str, Array]:
+    def shares(self, rows: Integers, jacobian: Array, layout: Layout) -> dict[str, Array]:
         """Return the part of the variance of some numbers that comes from the prior of each cause.
 
         An estimate errs by what noise and priors contribute, which are independent: the prior of unknowns nu of unit

@@ -13,18 +13,15 @@ from floating import true_momentum
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import WindowModel, window_model
+from mbaid_ros.core.trajectory.chain import window_model
 from mbaid_ros.core.trajectory.midpoints import midpoints
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, average
+from mbaid_ros.core.trajectory.nodes import BEFORE, Nodes
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from mbaid_ros.core.trajectory.state import POSE, Layout, Point
-from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, drifting, kernel, observe
+from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_of
 
-LENGTH = 0.5  # s, of the window
-START = 4.0  # s
-JOINT = 1e-4  # rad
 LATE = 0.005  # s
 SWAP = np.array([3, 4, 5, 0, 1, 2])
 PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the delay, in seconds
@@ -47,17 +44,6 @@ def point(robot: Layout, exact: Samples) -> Array:
     return np.concatenate((true_momentum(robot.kernel, exact)[0], robot.kernel.target.parameters))
 
 
-def window_of(samples: Samples, spacing: float) -> Window:
-    """Return the window at START, with its neighbours, of samples that are free of noise."""
-    begin = START - BEFORE * spacing
-    count = BEFORE + round(LENGTH / spacing) + AFTER
-    first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
-    nodes = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
-    assert nodes is not None
-    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
-    return Window(nodes, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
-
-
 def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array:
     x = np.zeros(len(point) + 7)
     x[POSE] = 0.0 if error is None else error
@@ -67,15 +53,6 @@ def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array
 
 def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
     return robot.point(state(point, delay=delay))
-
-
-def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
-    """Return what pose and twist leave unexplained, and the pose error at the next window."""
-    return (
-        model.pose_value - model.pose_rows @ x,
-        model.twist_value - model.twist_rows @ x,
-        model.transition @ x + model.drift,
-    )
 
 
 def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array) -> None:
@@ -133,7 +110,7 @@ def late(samples: Samples, delay: float) -> Samples:
 
 def test_late_joints_act_as_the_delay_says(robot: Layout, exact: Samples, point: Array) -> None:
     moving = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
-    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (START + 0.02, START + LENGTH + 0.02))
+    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (FIRST, LAST))
     parts = []
     for delay in (LATE, -LATE):
         model = window_model(robot, window_of(late(exact, delay), 0.05), at(robot, point))

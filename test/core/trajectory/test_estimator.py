@@ -102,6 +102,13 @@ def test_a_mass_that_turns_negative_does_not_halt_the_start(plane: Truth) -> Non
     assert np.all(np.abs(errors(out[-1], kernel('table1'))) < 4.0 * out[-1].std[out[-1].identifiable])
 
 
+def test_a_guess_that_leads_astray_does_not_end_the_run(robot: MomentumKernel, servicer: Truth) -> None:
+    # From the heaviest guess the passes over this draw lead to a robot that turns a thousand times a second.
+    last = follow(robot, until(observe(servicer, HIGH, 3), 8.0), HIGH)[-1]
+    assert last.status == 'estimating'
+    assert normalised(last, robot) < chi2.isf(1e-3, 10)
+
+
 def test_poses_and_joint_positions_are_enough(robot: MomentumKernel, servicer: Truth) -> None:
     surprises = []
     for seed in (1, 2):
