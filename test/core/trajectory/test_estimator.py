@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from floating import errors, follow, make, normalised, true_momentum, without_velocities
+from floating import DEFAULT, errors, follow, make, normalised, true_momentum, without_velocities
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from observed import HIGH, LOW, MID, kernel, observe, windows
+from wrong_robots import DECLARED, LINKS
 
 TURN = np.array([0.01, -0.02, 0.03])  # rad/s
 PLANAR = [True, True, True, False, False, False, False, False, False, True]
@@ -170,11 +172,14 @@ def test_waiting_before_the_start(robot: MomentumKernel, servicer: Truth) -> Non
     assert out[-1].status == 'estimating'
 
 
-def test_windows_together_are_windows_one_by_one(robot: MomentumKernel, servicer: Truth) -> None:
+@pytest.mark.parametrize(('known_std', 'uncertainty'), [(0.0, DEFAULT), (LINKS, DECLARED)])
+def test_windows_together_are_windows_one_by_one(
+    robot: MomentumKernel, servicer: Truth, known_std: float, uncertainty: Uncertainty
+) -> None:
     cut = windows(until(observe(servicer, MID, 2), 11.0))
-    together = make(robot, MID, adapt=True).update(cut, 0)
-    single = make(robot, MID, adapt=True)
-    for number, (whole, window) in enumerate(zip(together, cut, strict=True)):
+    together, single = (make(robot, MID, adapt=True, known_std=known_std, uncertainty=uncertainty) for _ in range(2))
+    estimates = together.update(cut, 0)
+    for number, (whole, window) in enumerate(zip(estimates, cut, strict=True)):
         (one,) = single.update([window], 0)
         # What is put off is done in between, all of it or some, or at the next window.
         for _ in range(number % 3 * 2):
