@@ -20,10 +20,12 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from observed import windows
 
 WINDOW = 0.5  # s
 RATE = 100.0  # Hz
+DEFAULT = Uncertainty(time_offset=0.02)  # of the known side, as the parameters have it
 
 # (time, base rotation, base position) -> rate of change of (P, L) about the odometry origin.
 Push = Callable[[float, Array, Array], Array]
@@ -129,13 +131,18 @@ def true_momentum(kernel: MomentumKernel, samples: Samples) -> Array:
 
 
 def make(
-    kernel: MomentumKernel, noise: SensorNoise, *, adapt: bool = False, known_std: float = 0.0, offset_std: float = 0.02
+    kernel: MomentumKernel,
+    noise: SensorNoise,
+    *,
+    adapt: bool = False,
+    known_std: float = 0.0,
+    uncertainty: Uncertainty = DEFAULT,
 ) -> TrajectoryEstimator:
     """Return an estimator with the defaults of the parameters."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
     return TrajectoryEstimator(
         kernel.doubted(declared(kernel.known, [known_std] * len(kernel.known))),
-        TrajectorySettings(noise, WINDOW, 10, 40, offset_std, adapt),
+        TrajectorySettings(noise, WINDOW, 10, 40, uncertainty, adapt),
         reporting,
     )
 

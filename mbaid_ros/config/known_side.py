@@ -116,7 +116,7 @@ class TargetPriorConfig:
     )
     com_std: float = parameter(
         0.0,
-        'Standard deviation of each coordinate of that; 0 means that nothing is known of it.',
+        'Standard deviation of each coordinate of that, which takes mass_std too; 0 means that nothing is known of it.',
         unit='m',
         minimum=0.0,
     )

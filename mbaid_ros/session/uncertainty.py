@@ -54,8 +54,10 @@ def _prior(config: TargetPriorConfig) -> TargetPrior:
         raise ParameterError(
             f"parameter 'target_prior.mass_std' is {config.mass_std:g} kg without 'target_prior.mass'; accepted: both"
         )
-    if config.com_std > 0.0 and not config.com:
+    missing = [name for name in ('com', 'mass_std') if not getattr(config, name)]
+    if config.com_std > 0.0 and missing:
         raise ParameterError(
-            f"parameter 'target_prior.com_std' is {config.com_std:g} m without 'target_prior.com'; accepted: both"
+            f"parameter 'target_prior.com_std' is {config.com_std:g} m without 'target_prior.{missing[0]}'; accepted: "
+            'with the centre of mass, and the mass that it is the centre of'
         )
     return TargetPrior(config.mass, config.mass_std, config.com, config.com_std)

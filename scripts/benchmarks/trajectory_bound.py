@@ -20,7 +20,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, joint_gains, predicted
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, joint_gains, predict
+from mbaid_ros.core.trajectory.state import POSE, Layout
 
 _STRIDE = 4  # samples from node to node
 _KNOT = 1.0  # s
@@ -61,8 +62,10 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     step = float(samples.time[_STRIDE] - samples.time[0])
     count = len(samples.time[between])
     middle = _midpoints(samples[between], step)
-    prediction, states = predicted(robot, middle, np.concatenate((momentum, robot.target.parameters)))
-    by_rate, by_position = joint_gains(robot, states)
+    layout = Layout.of(robot, ())
+    state = np.concatenate((np.zeros(POSE.stop), momentum, robot.target.parameters))
+    prediction, bodies = predict(layout, middle, layout.point(state))
+    by_rate, by_position = joint_gains(robot, bodies)
     value, rate = _splines(samples.time[between], float(samples.time[-1]))
     # A spline's own columns: the k-th spline of the j-th joint is column k n + j.
     path = np.einsum('tk,tij->tikj', rate, by_rate) + np.einsum('tk,tij->tikj', value, by_position)

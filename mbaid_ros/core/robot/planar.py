@@ -61,19 +61,6 @@ class PlaneDetector:
         self._normal: Array | None = None
         self.planar = self._axis is not None
 
-    @property
-    def axis(self) -> Array:
-        """The (3,) normal of the plane in the base's frame.
-
-        Raises
-        ------
-        ValueError
-            The mechanism has none.
-        """
-        if self._axis is None:
-            raise ValueError('the joints of this robot share no direction')
-        return self._axis
-
     def update(self, window: Samples) -> None:
         """Take the next window's samples."""
         if not self.planar or self._axis is None:
@@ -104,6 +91,19 @@ class PlaneDetector:
         if abs(normal[along]) > 1.0 - _PARALLEL:
             return Plane(normal, np.delete(np.eye(3), along, axis=0))
         return Plane(normal, np.linalg.svd(normal[None])[2][1:])
+
+    def plane_of(self, body: int) -> Plane:
+        """Return the plane in a moving body's frame.
+
+        Raises
+        ------
+        ValueError
+            The motion is spatial.
+        """
+        plane = self.plane(Link('', body, np.eye(3), np.zeros(3), np.zeros(10)))
+        if plane is None:
+            raise ValueError('a spatial motion has no plane')
+        return plane
 
     def rows(self) -> Array:
         """Return the (k, 6) selection E of the equations that hold: E (P, L), k = 3 in a plane, else 6."""

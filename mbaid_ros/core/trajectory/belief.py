@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.nodes import Integers
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations
@@ -130,7 +131,7 @@ class Moments:
         """Standard deviations, (s,)."""
         return np.sqrt(self.variance)
 
-    def covariance(self, rows: Array, variables: Variables) -> Array:
+    def covariance(self, rows: Integers, variables: Variables) -> Array:
         """Return the covariance of some numbers of the state."""
         part = self.factor[rows]
         return np.asarray(part @ part.T + variables.outside[np.ix_(rows, rows)])

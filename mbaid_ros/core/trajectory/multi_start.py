@@ -202,21 +202,37 @@ class MultiStart:
     ) -> Generator[int, None, _Result]:
         """Pass over the windows until they move the point no more, at most a dozen times; near its mass, if held."""
         mass = float(point.parameters[_MASS]) if held else None
+        result: _Result | None = None
         for _ in range(_PASSES):
-            passed = yield from self._pass(stacks, point)
-            (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
-            moments = Moments.of(track.belief, self.variables)
-            deviation = moments.deviation[self.layout.parameters]
-            state = moments.mean
-            step = state[self.layout.parameters] - point.parameters
-            while _massless(point.parameters + step):
-                step = 0.5 * step
-            state[self.layout.parameters] = point.parameters + step
-            point = self.layout.point(state, moments.deviation)
-            settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
-            if settled:
+            try:
+                result = yield from self._solve(stacks, point, hypothesis, mass)
+            except np.linalg.LinAlgError:
+                if result is None:
+                    raise
+                # It has led away to where nothing physical moves so: what was found before that has not settled.
+                return result
+            point = result.point
+            if result.settled:
                 break
-        return _Result(point, passed, track, moments, deviation, settled=settled, held=held)
+        assert result is not None, 'there is a pass'
+        return result
+
+    def _solve(
+        self, stacks: list[list[Stack]], point: Point, hypothesis: Hypothesis, mass: float | None
+    ) -> Generator[int, None, _Result]:
+        """Pass over the windows once."""
+        passed = yield from self._pass(stacks, point)
+        (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
+        moments = Moments.of(track.belief, self.variables)
+        deviation = moments.deviation[self.layout.parameters]
+        state = moments.mean
+        step = state[self.layout.parameters] - point.parameters
+        while _massless(point.parameters + step):
+            step = 0.5 * step
+        state[self.layout.parameters] = point.parameters + step
+        settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
+        after = self.layout.point(state, moments.deviation)
+        return _Result(after, passed, track, moments, deviation, settled=settled, held=mass is not None)
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
@@ -247,14 +263,14 @@ class MultiStart:
         return bank
 
     def _guesses(self) -> list[Point]:
-        """Return the parameters of balls of some parts of the known mass, without momentum."""
+        """Return the parameters of balls at rest: of the mass that is declared, or of parts of the known mass."""
         kernel = self.layout.kernel
-        known = kernel.known
+        declared = float(self.variables.mean[BODY.start])
+        parts = [part * float(np.sum(kernel.known[:, 0])) for part in _GUESSED_MASSES]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
-        for part in _GUESSED_MASSES:
-            mass = part * float(np.sum(known[:, 0]))
+        for mass in [declared] if declared > 0.0 else parts:
             state = np.zeros(self.layout.size)
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2

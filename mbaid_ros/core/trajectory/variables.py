@@ -92,10 +92,12 @@ class Variables:
         """
         mean, factor, likelihood = self.mean, self.factor, 0.0
         if mass is not None:
-            mean, factor = mean.copy(), factor.copy()
-            deviation = _NEAR * mass
-            likelihood = float(np.log(deviation / factor[BODY.start, BODY.start]))
-            mean[BODY.start], factor[BODY.start, BODY.start] = mass, deviation
+            before = factor[BODY.start, BODY.start]
+            deviation = min(_NEAR * mass, before)
+            likelihood = float(np.log(deviation / before))
+            along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
+            mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
+            factor[:, BODY.start] = deviation * along
         own = self.own
         root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
         information = np.eye(len(self.scale))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
@@ -63,19 +64,16 @@ class JointPlacements(Unknown):
         return KnownSide(kernel, zeros, side.mount, side.delay)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
-        """Return the zeros, and the displacements in the plane."""
-        model = detector.model
-        normals = np.swapaxes(_at_zero(model.parents, model.rotations), -1, -2) @ detector.axis
-        columns = []
-        for joint, normal in enumerate(normals):
-            zero = np.zeros(_EACH * len(normals))
-            zero[_EACH * joint] = 1.0
-            columns.append(zero)
-            for direction in np.linalg.svd(normal[None])[2][1:]:
-                origin = np.zeros(_EACH * len(normals))
-                origin[_EACH * joint + 1 : _EACH * joint + 4] = direction
-                columns.append(origin)
-        return np.array(columns).T
+        """Return the zeros, the displacements in the plane, and the tilts of the axes that slide within it."""
+        blocks = []
+        for joint, slides in enumerate(detector.model.prismatic):
+            plane = detector.plane_of(joint + 1)
+            block = np.zeros((_EACH, 4))
+            block[0, 0] = 1.0
+            block[1:4, 1:3] = plane.across.T
+            block[4:, 3] = self.across[joint].T @ plane.normal
+            blocks.append(block if slides else block[:, :3])
+        return np.asarray(block_diag(*blocks))
 
 
 def joint_placements(
@@ -111,11 +109,3 @@ def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequen
     motion[..., :3, :3] = motion[..., 3:, 3:] = -skew(parent[..., 3:])
     motion[..., :3, 3:] = -skew(parent[..., :3])
     return np.asarray(force - inertia @ motion)
-
-
-def _at_zero(parents: Sequence[int], rotations: Array) -> Array:
-    """Return the (n, 3, 3) orientations of the joints' frames in the base's, all joints at zero."""
-    bodies = [np.eye(3)]
-    for joint, parent in enumerate(parents):
-        bodies.append(bodies[parent] @ rotations[joint])
-    return np.array(bodies[1:]).reshape(-1, 3, 3)

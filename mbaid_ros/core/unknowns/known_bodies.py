@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
-from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import Unknown
@@ -44,17 +45,7 @@ class KnownBodies(Unknown):
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""
-        basis: Array = np.zeros((0, 0))
-        for body in self.bodies:
-            plane = detector.plane(Link('', body, np.eye(3), np.zeros(3), np.zeros(10)))
-            block = np.eye(10) if plane is None else plane.basis
-            basis = np.block(
-                [
-                    [basis, np.zeros((len(basis), block.shape[1]))],
-                    [np.zeros((len(block), basis.shape[1])), block],
-                ]
-            )
-        return basis
+        return np.asarray(block_diag(*(detector.plane_of(body).basis for body in self.bodies)))
 
 
 def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:

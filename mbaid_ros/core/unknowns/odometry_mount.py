@@ -38,10 +38,9 @@ class OdometryMount(Unknown):
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the displacement in the plane."""
-        normal = detector.axis
+        plane = detector.plane_of(0)
         basis = np.zeros((6, 3))
-        basis[:3, 0] = normal
-        basis[3:, 1:] = np.linalg.svd(normal[None])[2][1:].T
+        basis[:3, 0], basis[3:, 1:] = plane.normal, plane.across.T
         return basis
 
 

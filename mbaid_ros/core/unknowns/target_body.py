@@ -16,7 +16,8 @@ class TargetPrior:
     Attributes
     ----------
     mass, mass_std : kg; 0 where nothing is known of it
-    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it
+    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it. That of an unknown mass is not used:
+        what is estimated is their product
     """
 
     mass: float = 0.0
@@ -26,12 +27,12 @@ class TargetPrior:
 
     def apply(self, mean: Array, factor: Array) -> None:
         """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o): h = m c, to first order."""
-        if self.mass_std > 0.0:
-            mean[0], factor[0, 0] = self.mass, self.mass_std
+        if self.mass_std == 0.0:
+            return
+        mean[0], factor[0, 0] = self.mass, self.mass_std
         if self.com and self.com_std > 0.0:
             centre = np.array(self.com)
-            mass = self.mass if self.mass_std > 0.0 else factor[0, 0]
-            mean[1:4] = mean[0] * centre
+            mean[1:4] = self.mass * centre
             factor[1:4] = 0.0
-            factor[1:4, 1:4] = mass * self.com_std * np.eye(3)
-            factor[1:4, 0] = centre * factor[0, 0]
+            factor[1:4, 1:4] = self.mass * self.com_std * np.eye(3)
+            factor[1:4, 0] = centre * self.mass_std

@@ -11,26 +11,25 @@ from scipy.interpolate import CubicSpline
 from derivatives import central_difference
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import DELAY, PARAMETERS, Point, WindowModel, window_model
+from mbaid_ros.core.trajectory.chain import window_model
 from mbaid_ros.core.trajectory.midpoints import midpoints
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, average
-from mbaid_ros.core.trajectory.prediction import joint_gains, predicted
-from mbaid_ros.core.trajectory.windows import Window, WindowNoise
+from mbaid_ros.core.trajectory.nodes import BEFORE, Nodes
+from mbaid_ros.core.trajectory.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.state import POSE, Layout, Point
+from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, drifting, kernel, observe
+from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_of
 
-LENGTH = 0.5  # s, of the window
-START = 4.0  # s
-JOINT = 1e-4  # rad
 LATE = 0.005  # s
 SWAP = np.array([3, 4, 5, 0, 1, 2])
+PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the delay, in seconds
 
 
 @pytest.fixture(scope='module')
-def robot() -> MomentumKernel:
-    return kernel('servicer7')
+def robot() -> Layout:
+    return Layout.of(kernel('servicer7'), (time_offset(1.0),))
 
 
 @pytest.fixture(scope='module')
@@ -40,40 +39,24 @@ def exact(servicer: Truth) -> Samples:
 
 
 @pytest.fixture(scope='module')
-def point(robot: MomentumKernel, exact: Samples) -> Array:
+def point(robot: Layout, exact: Samples) -> Array:
     """Return the true parameters, (P, L) about the odometry origin."""
-    return np.concatenate((true_momentum(robot, exact)[0], robot.target.parameters))
-
-
-def window_of(samples: Samples, spacing: float) -> Window:
-    """Return the window at START, with its neighbours, of samples that are free of noise."""
-    begin = START - BEFORE * spacing
-    count = BEFORE + round(LENGTH / spacing) + AFTER
-    first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
-    nodes = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
-    assert nodes is not None
-    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
-    return Window(nodes, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
+    return np.concatenate((true_momentum(robot.kernel, exact)[0], robot.kernel.target.parameters))
 
 
 def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array:
-    x = np.zeros(len(point) + 13)
-    x[:6] = 0.0 if error is None else error
+    x = np.zeros(len(point) + 7)
+    x[POSE] = 0.0 if error is None else error
     x[PARAMETERS], x[DELAY] = point, delay
     return x
 
 
-def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
-    """Return what pose and twist leave unexplained, and the pose error at the next window."""
-    return (
-        model.pose_value - model.pose_rows @ x,
-        model.twist_value - model.twist_rows @ x,
-        model.transition @ x + model.drift,
-    )
+def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
+    return robot.point(state(point, delay=delay))
 
 
-def test_exact_data_leave_nothing(robot: MomentumKernel, exact: Samples, point: Array) -> None:
-    here = Point(point)
+def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array) -> None:
+    here = at(robot, point)
     found = [residuals(window_model(robot, window_of(exact, spacing), here), state(point)) for spacing in (0.1, 0.05)]
     sizes = np.array([[np.abs(part).max() for part in parts] for parts in found])
     # A hundredth of the standard deviation that any of them has at the lowest noise, 1e-6.
@@ -81,14 +64,14 @@ def test_exact_data_leave_nothing(robot: MomentumKernel, exact: Samples, point: 
     assert np.all(sizes[1] < sizes[0] / 3.0)
 
 
-def test_parameters_act_as_the_rows_say(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Array) -> None:
     window = window_of(exact, 0.05)
-    model = window_model(robot, window, Point(point))
+    model = window_model(robot, window, at(robot, point))
 
     def constants(change: Array) -> Array:
         """Return what is left with the state at the linearisation point."""
         shifted = point + change
-        pose, twist, drift = residuals(window_model(robot, window, Point(shifted)), state(shifted))
+        pose, twist, drift = residuals(window_model(robot, window, at(robot, shifted)), state(shifted))
         return np.concatenate((pose, twist, drift))
 
     expected = central_difference(constants, np.zeros(16), 1e-4 * np.maximum(np.abs(point), 1.0))
@@ -99,7 +82,7 @@ def test_parameters_act_as_the_rows_say(robot: MomentumKernel, exact: Samples, p
 
 
 @pytest.mark.parametrize('axis', range(6))
-def test_a_measured_pose_that_is_off(robot: MomentumKernel, exact: Samples, point: Array, axis: int) -> None:
+def test_a_measured_pose_that_is_off(robot: Layout, exact: Samples, point: Array, axis: int) -> None:
     error = np.zeros(6)
     error[axis] = 1e-3
     back = exp(-error[:3])
@@ -111,7 +94,7 @@ def test_a_measured_pose_that_is_off(robot: MomentumKernel, exact: Samples, poin
         base_linear_velocity=rotate(back, exact.base_linear_velocity),
         base_angular_velocity=rotate(back, exact.base_angular_velocity),
     )
-    model = window_model(robot, window_of(off, 0.05), Point(point))
+    model = window_model(robot, window_of(off, 0.05), at(robot, point))
     pose, twist, after = residuals(model, state(point, error))
     # What is left is of second order in the error; without F it would be 1e-3 times the speed, 1e-5.
     assert after == pytest.approx(error, abs=2e-7)
@@ -125,12 +108,12 @@ def late(samples: Samples, delay: float) -> Samples:
     return replace(samples, joint_position=curve(samples.time - delay))
 
 
-def test_late_joints_act_as_the_delay_says(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+def test_late_joints_act_as_the_delay_says(robot: Layout, exact: Samples, point: Array) -> None:
     moving = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
-    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (START + 0.02, START + LENGTH + 0.02))
+    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (FIRST, LAST))
     parts = []
     for delay in (LATE, -LATE):
-        model = window_model(robot, window_of(late(exact, delay), 0.05), Point(point))
+        model = window_model(robot, window_of(late(exact, delay), 0.05), at(robot, point))
         # A chain that is late lies behind by what the base moves in that time.
         parts.append(np.concatenate(residuals(model, state(point, -delay * first, delay))) / (2.0 * LATE))
     pose, twist, after = ((plus - minus) for plus, minus in zip(*(np.split(part, 3) for part in parts), strict=True))
@@ -140,7 +123,7 @@ def test_late_joints_act_as_the_delay_says(robot: MomentumKernel, exact: Samples
     assert twist == pytest.approx(np.zeros(6), abs=3e-3 * size)
     assert after == pytest.approx(-last, abs=3e-3 * size)
     # And the column is not nothing.
-    model = window_model(robot, window_of(exact, 0.05), Point(point))
+    model = window_model(robot, window_of(exact, 0.05), at(robot, point))
     assert np.abs(model.pose_rows[:, DELAY]).max() > 0.3 * size
     assert np.abs(model.twist_rows[:, DELAY]).max() > 0.01 * size
 
@@ -150,13 +133,11 @@ def _second(values: Array) -> Array:
     return np.concatenate((inner[:1], inner, inner[-1:]))
 
 
-def test_late_joints_leave_nothing_where_the_delay_is_known(
-    robot: MomentumKernel, exact: Samples, point: Array
-) -> None:
+def test_late_joints_leave_nothing_where_the_delay_is_known(robot: Layout, exact: Samples, point: Array) -> None:
     delay = 0.03
     parts = []
     for known in (0.0, delay):
-        model = window_model(robot, window_of(late(exact, delay), 0.05), Point(point, known))
+        model = window_model(robot, window_of(late(exact, delay), 0.05), at(robot, point, known))
         first = -(delay - known) * np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)[0]
         parts.append(np.abs(np.concatenate(residuals(model, state(point, first, delay))[:2])).max())
     # Not to first order alone: what is left is that of exact joints.
@@ -167,11 +148,11 @@ def test_late_joints_leave_nothing_where_the_delay_is_known(
 class JointNoise:
     """How an error of every joint at every node moves what a window says: exact, for it is linear."""
 
-    def __init__(self, robot: MomentumKernel, exact: Samples, point: Array) -> None:
+    def __init__(self, robot: Layout, exact: Samples, point: Array) -> None:
         self.window = window_of(exact, 0.05)
-        self.model = window_model(robot, self.window, Point(point))
+        self.model = window_model(robot, self.window, at(robot, point))
         middle = midpoints(self.window.nodes, self.window.spacing)
-        gain = joint_gains(robot, predicted(robot, middle, point)[1])[0][:, SWAP]
+        gain = joint_gains(robot.kernel, predict(robot, middle, at(robot, point))[1])[0][:, SWAP]
         # The gain at the window's first node.
         begin = self.window.inside.start
         gain = 0.5 * (gain[begin - 1] + gain[begin])
@@ -190,16 +171,16 @@ class JointNoise:
         rows = np.stack(columns, axis=1) * JOINT / np.sqrt(samples_a_node)
         self.covariance = rows @ rows.T
 
-    def _left(self, robot: MomentumKernel, point: Array, error: Array, first: Array) -> Array:
+    def _left(self, robot: Layout, point: Array, error: Array, first: Array) -> Array:
         nodes = replace(self.window.nodes, joint_position=self.window.nodes.joint_position + error)
         assert isinstance(nodes, Nodes)
-        model = window_model(robot, replace(self.window, nodes=nodes), Point(point))
+        model = window_model(robot, replace(self.window, nodes=nodes), at(robot, point))
         # The chain begins displaced by what the first node's error makes of the pose.
         pose, twist, _ = residuals(model, state(point, first))
         return np.concatenate((pose, twist))
 
 
-def test_covariances_are_those_of_the_joints_noise(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
     noise = JointNoise(robot, exact, point)
     for place, claimed in enumerate((noise.model.pose_covariance, noise.model.twist_covariance)):
         part = slice(6 * place, 6 * place + 6)
@@ -208,19 +189,21 @@ def test_covariances_are_those_of_the_joints_noise(robot: MomentumKernel, exact:
         assert np.all((ratio > 0.8) & (ratio < 1.35))
 
 
-def test_what_accumulates_of_the_joints_noise(robot: MomentumKernel, exact: Samples, point: Array) -> None:
+def test_what_accumulates_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
     window = window_of(exact, 0.05)
     columns = []
-    for joint in range(robot.model.joints):
+    for joint in range(robot.kernel.model.joints):
         # An error of a few nodes within the window, none at its ends: what is left of it at the next window's node.
         error = np.zeros_like(window.nodes.joint_position)
         error[BEFORE + 3 : BEFORE + 8, joint] = 1.0
         after = []
         for size in (JOINT, -JOINT):
             nodes = replace(window.nodes, joint_position=window.nodes.joint_position + size * error)
-            after.append(residuals(window_model(robot, replace(window, nodes=nodes), Point(point)), state(point))[2])
+            after.append(
+                residuals(window_model(robot, replace(window, nodes=nodes), at(robot, point)), state(point))[2]
+            )
         columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
     remainder = np.stack(columns, axis=1)
-    claimed = window_model(robot, window, Point(point)).process
+    claimed = window_model(robot, window, at(robot, point)).process
     expected = JOINT * LENGTH / np.sqrt(window.noise.samples) * remainder
     assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())

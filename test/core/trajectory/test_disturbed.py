@@ -16,7 +16,6 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import FORCE
 from observed import HIGH, MID, kernel, observe, windows
 
 SECONDS = 20.0
@@ -69,10 +68,11 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     assert [event.kind for event in last.events] == ['ramp']
     tracker = estimator._tracker
     assert tracker is not None
-    mean, covariance = tracker.state()
-    error = mean[FORCE] - FORCE_TORQUE
-    assert float(error @ np.linalg.solve(covariance[FORCE, FORCE], error)) < chi2.isf(1e-3, 6)
-    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), mean[FORCE])
+    moments = tracker.moments()
+    error = moments.force - FORCE_TORQUE
+    covariance = moments.force_factor @ moments.force_factor.T
+    assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 6)
+    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), moments.force)
     # Without the hypothesis the force is taken for inertia.
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 

@@ -1,4 +1,4 @@
-"""The Kalman filter over windows: least squares, done one window at a time."""
+"""The information filter over windows: least squares, done one window at a time."""
 
 from __future__ import annotations
 
@@ -6,22 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mbaid_ros.core.trajectory.steps import Step, prepare
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory import filter as kalman
-from mbaid_ros.core.trajectory.belief import Belief, Beliefs, Coordinates
-from mbaid_ros.core.trajectory.chain import ANGULAR, BODY, FORCE, LINEAR, WindowModel
-from mbaid_ros.core.trajectory.filter import Walk, jolted, unlinked
+from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.filter import advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import prepare
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.verdict.innovations import Innovations
 
-STATE = 29
-STILL = Walk('nothing drifts')
+UNKNOWNS = 3  # of the known side
+STATE = BODY.stop + UNKNOWNS
+STILL = Hypothesis('nothing drifts')
 
 
-def variables(rng: np.random.Generator) -> Coordinates:
-    scale = rng.uniform(0.5, 2.0, STATE)
-    return Coordinates(np.eye(STATE), scale, np.eye(6), np.diag(rng.uniform(1.0, 2.0, STATE)))
+def variables(rng: np.random.Generator) -> Variables:
+    scale, deviation = rng.uniform(0.5, 2.0, STATE), rng.uniform(1.0, 1.4, STATE)
+    scale[BODY.stop :] = deviation[BODY.stop :] = 1.0
+    mean = rng.normal(size=STATE)
+    mean[BODY.stop :] = 0.0
+    return Variables(np.eye(STATE), scale, np.eye(6), np.diag(rng.uniform(0.5, 2.0, 6)), mean, np.diag(deviation))
+
+
+def covariance_of(belief: Belief, space: Variables) -> Array:
+    """Return the covariance of the state."""
+    factor = Moments.of(belief, space).factor
+    return np.asarray(factor @ factor.T)
 
 
 def positive(rng: np.random.Generator, size: float = 1.0) -> Array:
@@ -32,7 +45,6 @@ def positive(rng: np.random.Generator, size: float = 1.0) -> Array:
 def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
     turn = 0.1 * rng.normal(size=(6, STATE))
     turn[:, :6] += np.eye(6)
-    turn[:, FORCE] = 0.0
     return WindowModel(
         *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
         *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
@@ -40,7 +52,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         drift=rng.normal(size=6),
         process=np.sqrt(process) * rng.normal(size=(6, 8)),
         joints=rng.normal(size=(6, 3)),
-        joints_by_parameters=rng.normal(size=(6, 10, 3)),
+        joints_by_body=rng.normal(size=(6, 10, 3)),
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
         rotation=np.eye(3),
@@ -48,15 +60,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
     )
 
 
-def update(belief: Belief, step: Step) -> Belief:
-    return kalman.update(Beliefs.of([belief]), step)[0]
-
-
-def advance(belief: Belief, step: Step, coordinates: Coordinates, walk: Walk) -> Belief:
-    return kalman.advance(Beliefs.of([belief]), step, coordinates, [walk])[0]
-
-
-def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, Array, float, Array]:
+def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, float, Array]:
     """Return the least-squares state at the last window's end, its covariance, and the log-likelihood of all values.
 
     All values as one linear function of the first state, without process noise. And last by what the joints' noise
@@ -78,7 +82,7 @@ def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, A
             # E[(d rows)^T covariance^-1 (d value)] of an error e of the joints, with unit covariance: d value is
             # joints e, d rows is the same of their derivative.
             weighed = np.linalg.solve(covariance, model.joints)
-            score[BODY] += size * np.einsum('aun,an->u', model.joints_by_parameters, weighed)
+            score[BODY] += size * np.einsum('aun,an->u', model.joints_by_body, weighed)
         step = np.eye(STATE)
         step[:6] = model.transition
         whole, constant = step @ whole, step @ constant
@@ -87,12 +91,12 @@ def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, A
     sigma = np.zeros((len(value), len(value)))
     for index, covariance in enumerate(noise):
         sigma[6 * index : 6 * index + 6, 6 * index : 6 * index + 6] = covariance
-    prior = coordinates.open_variance.copy()
-    prior[FORCE] = 0.0
+    prior = np.diag(space.factor) ** 2
     total = (matrix * prior) @ matrix.T + sigma
     gain = np.linalg.solve(total, matrix * prior).T
-    mean, covariance = gain @ value, np.diag(prior) - gain @ (matrix * prior)
-    likelihood = float(multivariate_normal(np.zeros(len(value)), total).logpdf(value))
+    mean = space.mean + gain @ (value - matrix @ space.mean)
+    covariance = np.diag(prior) - gain @ (matrix * prior)
+    likelihood = float(multivariate_normal(matrix @ space.mean, total).logpdf(value))
     likelihood += 0.5 * len(value) * np.log(2.0 * np.pi)
     return whole @ mean + constant, whole @ covariance @ whole.T, likelihood, whole @ covariance @ score
 
@@ -100,63 +104,65 @@ def batch(models: list[WindowModel], coordinates: Coordinates) -> tuple[Array, A
 @pytest.mark.parametrize('seed', range(3))
 def test_the_filter_is_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    coordinates = variables(rng)
+    space = variables(rng)
     models = [window(rng) for _ in range(4)]
-    belief = coordinates.open()
+    belief = Belief.prior(space)
     for model in models:
-        step = prepare(model, coordinates)
-        belief = advance(update(belief, step), step, coordinates, STILL)
-    mean, covariance, likelihood, shift = batch(models, coordinates)
-    spread = coordinates.spread
-    assert spread @ belief.means[:, 0] == pytest.approx(mean, rel=1e-8, abs=1e-8)
-    assert spread @ belief.covariance @ spread.T == pytest.approx(covariance, rel=1e-8, abs=1e-8)
-    assert belief.evidence == pytest.approx(likelihood, rel=1e-9)
+        white = prepare(model, space)
+        belief = advance(update(belief, white), white, space, STILL)
+    mean, covariance, likelihood, shift = batch(models, space)
+    moments = Moments.of(belief, space)
+    assert space.spread @ belief.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    assert covariance_of(belief, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
+    assert moments.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
+    assert belief.log_likelihood == pytest.approx(likelihood, rel=1e-9)
     assert belief.measured == 48
-    assert spread @ belief.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
-    state = coordinates.state(belief)
-    assert state[0] == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
+    assert moments.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
+    assert moments.mean == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
 
 
 def test_an_unmeasured_twist_is_left_out() -> None:
     rng = np.random.default_rng(0)
-    coordinates = variables(rng)
     model = window(rng)
-    step = prepare(replace(model, twist_value=np.full(6, np.nan)), coordinates)
-    assert len(step.value) == 6
-    assert step.log_noise == pytest.approx(np.linalg.slogdet(model.pose_covariance)[1])
+    white = prepare(replace(model, twist_value=np.full(6, np.nan)), variables(rng))
+    assert len(white.value) == 6
+    assert white.log_noise == pytest.approx(np.linalg.slogdet(model.pose_covariance)[1])
 
 
 def test_a_constant_force_moves_the_momentum() -> None:
     rng = np.random.default_rng(1)
-    coordinates = variables(rng)
+    space = variables(rng)
     model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
-    step = prepare(model, coordinates)
-    state = rng.normal(size=STATE)
-    belief = Belief(np.column_stack((coordinates.gather @ state, np.zeros(STATE))), np.eye(STATE), STATE)
-    force, torque = state[FORCE][:3], state[FORCE][3:]
+    white = prepare(model, space)
+    state, wrench = rng.normal(size=STATE), rng.normal(size=6)
+    known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
+    belief = Belief(np.column_stack((np.eye(STATE + 6), np.zeros(STATE + 6), known)), Innovations.none(6))
+    force, torque = wrench[:3], wrench[3:]
     turned = model.rotation @ force
     acting = {
         'inertial': (force, torque),
         'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
     }
-    for walk in (Walk('', force='inertial'), Walk('', force='body')):
-        after = coordinates.spread @ advance(belief, step, coordinates, walk).mean
-        linear, angular = acting[walk.force]
-        assert after[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
-        assert after[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
-    assert np.all(coordinates.open(force=True).covariance[FORCE, FORCE].diagonal() > 0.0)
-    assert np.all(coordinates.open().covariance[FORCE, FORCE] == 0.0)
+    for hypothesis in (Hypothesis('', force='inertial'), Hypothesis('', force='body')):
+        after = Moments.of(advance(belief, white, space, hypothesis), space)
+        linear, angular = acting[hypothesis.force]
+        assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
+        assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
+        assert after.force == pytest.approx(wrench)
+    acts, none = (Moments.of(Belief.prior(space, extra), space) for extra in (6, 0))
+    assert acts.force_factor @ acts.force_factor.T == pytest.approx(space.force @ space.force.T)
+    assert np.all(none.force == 0.0)
+    assert np.all(none.force_factor == 0.0)
 
 
 def test_walks_add_their_variance() -> None:
     rng = np.random.default_rng(2)
-    coordinates = variables(rng)
-    step = prepare(window(rng), coordinates)
-    belief = coordinates.open()
-    spread = coordinates.spread
+    space = variables(rng)
+    white = prepare(window(rng), space)
+    belief = Belief.prior(space)
     still, walked = (
-        spread @ advance(belief, step, coordinates, walk).covariance @ spread.T
-        for walk in (STILL, Walk('', momentum=3.0, position=2.0, orientation=1.0))
+        covariance_of(advance(belief, white, space, hypothesis), space)
+        for hypothesis in (STILL, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
     )
     expected = np.zeros(STATE)
     expected[:3], expected[3:6], expected[6:12] = 0.5, 2.0, 4.5
@@ -165,27 +171,27 @@ def test_walks_add_their_variance() -> None:
 
 def test_a_broken_chain_keeps_momentum_and_body() -> None:
     rng = np.random.default_rng(3)
-    coordinates = variables(rng)
-    step = prepare(window(rng), coordinates)
-    belief = update(coordinates.open(), step)
-    broken = unlinked(belief, coordinates)
-    assert np.array_equal(broken.means[6:], belief.means[6:])
-    assert broken.covariance[6:, 6:] == pytest.approx(belief.covariance[6:, 6:], rel=1e-9, abs=1e-12)
-    assert np.all(broken.means[:6] == 0.0)
-    assert broken.covariance[:6, 6:] == pytest.approx(np.zeros((6, STATE - 6)), abs=1e-12)
-    assert broken.covariance[:6, :6] == pytest.approx(coordinates.open().covariance[:6, :6], abs=1e-12)
+    space = variables(rng)
+    belief = update(Belief.prior(space), prepare(window(rng), space))
+    broken = pose_reset(belief, space)
+    before, after, prior = (Moments.of(each, space) for each in (belief, broken, Belief.prior(space)))
+    assert np.array_equal(after.mean[6:], before.mean[6:])
+    covariance = covariance_of(broken, space)
+    assert covariance[6:, 6:] == pytest.approx(covariance_of(belief, space)[6:, 6:], rel=1e-9, abs=1e-12)
+    assert np.all(after.mean[:6] == 0.0)
+    assert covariance[:6, 6:] == pytest.approx(np.zeros((6, STATE - 6)), abs=1e-12)
+    assert covariance[:6, :6] == pytest.approx(np.diag(prior.variance[:6]), abs=1e-12)
 
 
-def test_a_jolt_loosens_the_momentum_and_the_pose_it_moved() -> None:
+def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     rng = np.random.default_rng(4)
-    coordinates = variables(rng)
+    space = variables(rng)
     model = window(rng)
-    belief = update(coordinates.open(), prepare(model, coordinates))
+    belief = update(Belief.prior(space), prepare(model, space))
     sizes = np.arange(1.0, 7.0)
-    after = jolted(belief, prepare(model, coordinates), coordinates, sizes)
-    spread = coordinates.spread
-    added = spread @ (after.covariance - belief.covariance) @ spread.T
-    assert np.array_equal(after.means, belief.means)
+    loose = momentum_inflation(belief, prepare(model, space), space, sizes)
+    added = covariance_of(loose, space) - covariance_of(belief, space)
+    assert Moments.of(loose, space).mean == pytest.approx(Moments.of(belief, space).mean, abs=1e-9)
     assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
     # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
     moved = model.transition[:, 6:12] * sizes
@@ -196,47 +202,32 @@ def test_a_jolt_loosens_the_momentum_and_the_pose_it_moved() -> None:
 
 def test_covariances_stay_symmetric_and_positive() -> None:
     rng = np.random.default_rng(5)
-    coordinates = variables(rng)
+    space = variables(rng)
     models = [window(rng, 1e-4) for _ in range(20)]
     # A chain that neither grows nor dies: what it brings along decays a little.
-    steps = [prepare(replace(model, transition=0.9 * model.transition), coordinates) for model in models]
-    belief = coordinates.open(force=True)
+    windows = [prepare(replace(model, transition=0.9 * model.transition), space) for model in models]
+    belief = Belief.prior(space, 6)
     for number in range(3000):
-        step = steps[number % len(steps)]
-        belief = advance(update(belief, step), step, coordinates, Walk('', force='inertial'))
-    assert np.array_equal(belief.covariance, belief.covariance.T)
-    values = np.linalg.eigvalsh(belief.covariance)
-    assert values.min() > 0.0
-    assert np.all(np.diag(belief.covariance) > 0.0)
+        white = windows[number % len(windows)]
+        belief = advance(update(belief, white), white, space, Hypothesis('', force='inertial'))
+    factor = belief.moments()[2]
+    covariance = factor @ factor.T
+    assert np.array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+    assert np.all(np.diag(covariance) > 0.0)
 
 
 def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
-    coordinates = Coordinates(np.eye(STATE), np.ones(STATE), np.eye(6), np.eye(STATE))
+    unit = np.ones(STATE)
+    space = Variables(np.eye(STATE), unit, np.eye(6), np.eye(6), 0.0 * unit, np.eye(STATE))
     model = window(rng)
     sharp = 1e-18
     model = replace(
         model, pose_covariance=sharp * model.pose_covariance, twist_covariance=sharp * model.twist_covariance
     )
-    step = prepare(model, coordinates)
-    belief = update(coordinates.open(force=True), step)
-    spread = np.sum((step.rows @ belief.factor) ** 2, axis=1)
+    white = prepare(model, space)
+    factor = update(Belief.prior(space, 6), white).moments()[2]
+    spread = np.sum((white.rows @ factor[:STATE]) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
-
-
-def test_hypotheses_side_by_side_are_those_one_by_one() -> None:
-    rng = np.random.default_rng(7)
-    coordinates = variables(rng)
-    walks = [STILL, Walk('', force='inertial'), Walk('', force='body'), Walk('', momentum=0.3), Walk('', position=0.2)]
-    alone = [coordinates.open(force=walk.force != 'none') for walk in walks]
-    together = Beliefs.of(alone)
-    for model in [window(rng, 1e-2) for _ in range(4)]:
-        step = prepare(model, coordinates)
-        together = kalman.advance(kalman.update(together, step), step, coordinates, walks)
-        alone = [advance(update(each, step), step, coordinates, walk) for each, walk in zip(alone, walks, strict=True)]
-    for index, each in enumerate(alone):
-        assert together[index].means == pytest.approx(each.means, rel=1e-10, abs=1e-10)
-        assert together[index].covariance == pytest.approx(each.covariance, rel=1e-10, abs=1e-12)
-        assert together[index].evidence == pytest.approx(each.evidence, rel=1e-12)
-        assert together[index].last_surprise == pytest.approx(each.last_surprise, rel=1e-10)

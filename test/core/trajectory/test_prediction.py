@@ -11,15 +11,19 @@ from derivatives import central_difference
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.prediction import gains_by_bodies, joint_gains, predict, predicted
+from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_body, joint_gains, predict
+from mbaid_ros.core.trajectory.state import Layout
+from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from observed import LOW, drifting, kernel, observe
 from random_robots import random_state, random_urdf
 
 SEEDS = range(4)
 STEP = 1e-5
+TARGET = slice(6, 16)  # the body among the parameters
 TOLERANCE = 1e-7  # of the largest element
 
 
@@ -34,13 +38,26 @@ class Case:
         joints, rates, rotation, twist = random_state(rng, model.joints, count)
         none, thrust = np.zeros((count, 3)), np.zeros((count, 6))
         self.middle = Midpoints(joints, rates, rotation, rng.normal(size=(count, 3)), twist, none, none, thrust)
-        self.uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
-        errors = 0.01 * rng.normal(size=10 * len(self.uncertain))
-        self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, errors))
+        uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
+        errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
+        self.layout = Layout.of(self.kernel, (known_bodies(model, errors),))
+        changes = 0.01 * rng.normal(size=errors.count)
+        self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, changes))
+
+    def predicted(self, point: Array) -> tuple[Prediction, Bodies]:
+        """Return what a point's parameters predict."""
+        return predicted(self.layout, self.middle, point)
 
     def twist(self, point: Array) -> Array:
         """Return the predicted twists."""
-        return predict(self.kernel, self.middle, point, self.uncertain).twist
+        return self.predicted(point)[0].twist
+
+
+def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Prediction, Bodies]:
+    """Return what the parameters of a point predict."""
+    state = np.zeros(layout.size)
+    state[layout.parameters] = parameters
+    return predict(layout, middle, layout.point(state))
 
 
 def close(found: Array, expected: Array) -> None:
@@ -60,7 +77,7 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))
-        found = predict(case.kernel, middle[index : index + 1], point).twist[0]
+        found = predicted(Layout.of(case.kernel, ()), middle[index : index + 1], point)[0].twist[0]
         assert found == pytest.approx(middle.base_twist[index], abs=1e-10)
 
 
@@ -79,17 +96,17 @@ def test_the_predicted_twist_is_that_of_the_simulated_motion(servicer: Truth, ve
     )
     point = np.concatenate((momentum[0], robot.target.parameters))
     # The integrator's error: 1e-10 of the momentum.
-    assert predict(robot, middle, point).twist == pytest.approx(twist, abs=1e-9)
+    assert predicted(Layout.of(robot, ()), middle, point)[0].twist == pytest.approx(twist, abs=1e-9)
 
 
 def test_known_thrust_is_momentum_that_is_added() -> None:
     case = Case(0)
     impulse = np.random.default_rng(9).normal(size=(len(case.middle), 6))
-    pushed = predict(case.kernel, replace(case.middle, impulse=impulse), case.point, case.uncertain)
+    pushed, _ = predicted(case.layout, replace(case.middle, impulse=impulse), case.point)
     for index, brought in enumerate(impulse):
         point = case.point.copy()
         point[:6] += brought
-        expected = predict(case.kernel, case.middle[index : index + 1], point, case.uncertain)
+        expected, _ = predicted(case.layout, case.middle[index : index + 1], point)
         assert pushed.twist[index] == pytest.approx(expected.twist[0], rel=1e-12)
         assert pushed.by_parameters[index] == pytest.approx(expected.by_parameters[0], rel=1e-12)
         assert pushed.by_pose_error[index] == pytest.approx(expected.by_pose_error[0], rel=1e-12)
@@ -98,14 +115,14 @@ def test_known_thrust_is_momentum_that_is_added() -> None:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_by_parameters_and_known_bodies(seed: int) -> None:
     case = Case(seed)
-    found = predict(case.kernel, case.middle, case.point, case.uncertain).by_parameters
+    found = case.predicted(case.point)[0].by_parameters
     close(found, central_difference(case.twist, case.point, STEP))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
     case = Case(seed)
-    prediction = predict(case.kernel, case.middle, case.point, case.uncertain)
+    prediction, _ = case.predicted(case.point)
 
     def twist(error: Array) -> Array:
         turn = exp(error[:3])
@@ -114,7 +131,7 @@ def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
             base_rotation=turn @ case.middle.base_rotation,
             base_position=case.middle.base_position + error[3:],
         )
-        return predict(case.kernel, middle, case.point, case.uncertain).twist
+        return predicted(case.layout, middle, case.point)[0].twist
 
     expected = central_difference(twist, np.zeros(6), STEP)
     # The turn of V itself, theta x V, is left out of the field.
@@ -126,7 +143,7 @@ def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_by_joints(seed: int) -> None:
     case = Case(seed)
-    count = case.kernel.model.joints
+    count, layout = case.kernel.model.joints, Layout.of(case.kernel, ())
 
     def twist(error: Array) -> Array:
         middle = replace(
@@ -134,25 +151,26 @@ def test_derivatives_by_joints(seed: int) -> None:
             joint_position=case.middle.joint_position + error[:count],
             joint_velocity=case.middle.joint_velocity + error[count:],
         )
-        return predict(case.kernel, middle, case.point[:16]).twist
+        return predicted(layout, middle, case.point[:16])[0].twist
 
-    by_rate, by_position = joint_gains(case.kernel, predicted(case.kernel, case.middle, case.point[:16])[1])
+    by_rate, by_position = joint_gains(case.kernel, predicted(layout, case.middle, case.point[:16])[1])
     expected = central_difference(twist, np.zeros(2 * count), STEP)
     close(by_position, expected[..., :count])
     close(by_rate, expected[..., count:])
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_what_joint_rates_make_depends_on_the_bodies(seed: int) -> None:
+def test_what_joint_rates_make_depends_on_the_body(seed: int) -> None:
     case = Case(seed)
 
-    def by_rate(bodies: Array) -> Array:
-        point = np.concatenate((case.point[:6], bodies))
-        return joint_gains(case.kernel, predicted(case.kernel, case.middle, point, case.uncertain)[1])[0]
+    def by_rate(body: Array) -> Array:
+        point = case.point.copy()
+        point[TARGET] = body
+        return joint_gains(case.kernel, case.predicted(point)[1])[0]
 
-    states = predicted(case.kernel, case.middle, case.point, case.uncertain)[1]
-    found = gains_by_bodies(case.kernel, states, by_rate(case.point[6:]), case.uncertain)
-    expected = central_difference(by_rate, case.point[6:], STEP)  # (N, 6, n, u - 6)
+    body = case.point[TARGET]
+    found = gains_by_body(case.kernel, case.predicted(case.point)[1], by_rate(body))
+    expected = central_difference(by_rate, body, STEP)  # (N, 6, n, 10)
     close(found, np.swapaxes(expected, -1, -2))
 
 
@@ -166,7 +184,7 @@ def test_a_turned_robot_has_a_turned_twist() -> None:
     )
     point = case.point.copy()
     point[:3], point[3:6] = turn @ point[:3], turn @ point[3:6]
-    found = predict(case.kernel, middle, point, case.uncertain).twist
+    found = predicted(case.layout, middle, point)[0].twist
     twist = case.twist(case.point)
     assert found == pytest.approx(
         np.concatenate((rotate(turn, twist[:, :3]), rotate(turn, twist[:, 3:])), 1), abs=1e-10

@@ -1,0 +1,122 @@
+"""Robots that are off as much as is declared: followed, they are found within what is reported; ignored, far off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from floating import float_freely, make, normalised
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import declared
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.trajectory.state import BODY
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from observed import MID, kernel, observe, windows
+from wrong_robots import DECLARED, LINKS, Wrong
+
+SEEDS = range(3)
+SECONDS = 25.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot, how uncertain it is, and its motion: that of the joints, and the momentum (6,)."""
+
+    robot: MomentumKernel
+    uncertainty: Uncertainty
+    joints: Sinusoids
+    momentum: Array
+    planar: bool
+
+
+@dataclass(frozen=True)
+class Run:
+    """The last estimate of a run, and the errors of the unknowns' numbers (e,) with their covariance (e, e)."""
+
+    case: Case
+    samples: Samples
+    last: Estimate
+    error: Array
+    covariance: Array
+
+    @property
+    def misfit(self) -> float:
+        """Squared error of the target in units of its covariance."""
+        return normalised(self.last, self.case.robot)
+
+
+def planar_case() -> Case:
+    """Return the paper's robot, its joints swinging, as it turns within its plane."""
+    robot = kernel('table1')
+    frequency = np.array([[0.05, 0.11], [0.07, 0.13], [0.06, 0.15], [0.09, 0.17]])
+    phase = np.arange(8.0).reshape(4, 2)
+    joints = Sinusoids(np.array([1.0, -1.0, -1.0, 1.0]), np.full((4, 2), 0.3), frequency, phase)
+    each = (1e-3,) * robot.model.joints
+    momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4600.0])
+    return Case(robot, replace(DECLARED, zeros=each, origins=each, axes=each), joints, momentum, planar=True)
+
+
+@pytest.fixture(scope='module', params=['space', 'plane'])
+def runs(request: pytest.FixtureRequest, servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> list[Run]:
+    """Return runs of robots with errors drawn at their declared size."""
+    case = planar_case() if request.param == 'plane' else Case(servicer7, DECLARED, joints, start, planar=False)
+    return [_run(case, seed) for seed in SEEDS]
+
+
+def _run(case: Case, seed: int) -> Run:
+    robot = case.robot
+    unknowns = catalogue(robot.doubted(declared(robot.known, [LINKS] * len(robot.known))), case.uncertainty)
+    if case.planar:
+        unknowns = tuple(unknown.in_plane(PlaneDetector(robot.model)) for unknown in unknowns)
+    rng = np.random.default_rng([seed, 3])
+    numbers = tuple(rng.normal(size=unknown.count) for unknown in unknowns)
+    wrong = Wrong.by(unknowns, numbers, robot.model.joints)
+    truth = float_freely(wrong.robot(robot), case.joints, case.momentum, SECONDS)
+    samples = observe(wrong.read(truth), MID, seed)
+    estimator = make(robot, MID, known_std=LINKS, uncertainty=case.uncertainty)
+    last = estimator.update(windows(samples), 0)[-1]
+    assert estimator._tracker is not None
+    moments = estimator._tracker.moments()
+    # The catalogue's order is that of the state: what is only read comes last in both.
+    found, factor = moments.mean[BODY.stop :], moments.factor[BODY.stop :]
+    return Run(case, samples, last, found - np.concatenate(numbers), factor @ factor.T)
+
+
+def test_the_target_is_found_within_what_is_reported(runs: list[Run]) -> None:
+    count = 4 if runs[0].case.planar else 10
+    for run in runs:
+        assert int(np.sum(run.last.identifiable)) == count
+        assert run.misfit < chi2.isf(1e-3, count)
+        assert run.last.status in {'estimating', 'converged'}
+        assert all('planar motion' in warning or 'of the variance' in warning for warning in run.last.warnings)
+    low, high = chi2.interval(0.998, count * len(runs))
+    assert low < sum(run.misfit for run in runs) < high
+
+
+def test_the_innovations_are_as_large_as_they_should_be(runs: list[Run]) -> None:
+    assert 0.9 < np.mean([run.last.residual**2 for run in runs]) < 1.15
+
+
+def test_the_unknowns_are_found_within_what_is_reported(runs: list[Run]) -> None:
+    for run in runs:
+        low, high = chi2.interval(0.998, len(run.error))
+        assert low < float(run.error @ np.linalg.solve(run.covariance, run.error)) < high
+        # Some are learnt to a tenth of what was declared, and none is less known than before.
+        deviation = np.sqrt(np.diag(run.covariance))
+        assert deviation.min() < 0.12
+        assert deviation.max() < 1.0 + 1e-9
+
+
+def test_taken_for_exact_they_lead_far_astray_which_shows(runs: list[Run]) -> None:
+    for run in runs:
+        robot = run.case.robot
+        exact = make(robot, MID).update(windows(run.samples), 0)[-1]
+        assert normalised(exact, robot) > 10.0 * chi2.isf(1e-3, int(np.sum(exact.identifiable)))
+        assert exact.status == 'inconsistent'

@@ -1,0 +1,36 @@
+"""One window of samples that are free of noise, and what its linear model leaves of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, average
+from mbaid_ros.core.trajectory.windows import Window, WindowNoise
+
+LENGTH = 0.5  # s, of the window
+START = 4.0  # s
+FIRST, LAST = START + 0.025, START + LENGTH + 0.025  # s, its first node and the next window's, of 0.05 s each
+JOINT = 1e-4  # rad
+
+
+def window_of(samples: Samples, spacing: float) -> Window:
+    """Return the window at START, with its neighbours, of samples that are free of noise."""
+    begin = START - BEFORE * spacing
+    count = BEFORE + round(LENGTH / spacing) + AFTER
+    first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
+    nodes = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
+    assert nodes is not None
+    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
+    return Window(nodes, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
+
+
+def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
+    """Return what pose and twist leave unexplained, and the pose error at the next window."""
+    return (
+        model.pose_value - model.pose_rows @ x,
+        model.twist_value - model.twist_rows @ x,
+        model.transition @ x + model.drift,
+    )

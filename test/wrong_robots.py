@@ -1,0 +1,84 @@
+"""Robots that are not quite what their URDF says, and what their sensors then read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model_errors import ModelErrors, displaced, with_bodies
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.joint_placements import JointPlacements
+from mbaid_ros.core.unknowns.known_bodies import KnownBodies
+from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
+from mbaid_ros.core.unknowns.time_offset import TimeOffset
+
+LINKS = 0.01  # relative standard deviation of the known bodies
+DECLARED = Uncertainty(  # of the rest of a robot of seven joints
+    zeros=(1e-3,) * 7,
+    origins=(1e-3,) * 7,
+    axes=(1e-3,) * 7,
+    mount_position=2e-3,
+    mount_orientation=2e-3,
+    time_offset=5e-3,
+)
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """How a robot differs from what is known of it.
+
+    Attributes
+    ----------
+    errors : ModelErrors
+    delay : s, of the joints' stamps
+    """
+
+    errors: ModelErrors
+    delay: float
+
+    @staticmethod
+    def by(unknowns: tuple[Unknown, ...], numbers: tuple[Array, ...], joints: int) -> Wrong:
+        """Return what the independent numbers (e,) of each of some unknowns stand for."""
+        errors, delay = ModelErrors.none(joints), 0.0
+        for unknown, standard in zip(unknowns, numbers, strict=True):
+            value = unknown.factor @ standard
+            if isinstance(unknown, KnownBodies):
+                errors.bodies[list(unknown.bodies)] = value.reshape(-1, 10)
+            elif isinstance(unknown, JointPlacements):
+                each = value.reshape(-1, 6)
+                errors.zeros[:], errors.origins[:] = each[:, 0], each[:, 1:4]
+                errors.tilts[:] = rotate(unknown.across, each[:, 4:])
+            elif isinstance(unknown, OdometryMount):
+                errors.mount[:] = value
+            else:
+                assert isinstance(unknown, TimeOffset)
+                delay = float(value[0])
+        return Wrong(errors, delay)
+
+    def robot(self, known: MomentumKernel) -> MomentumKernel:
+        """Return the true robot, with the target that is to be identified."""
+        target = known.target.name
+        elsewhere = displaced(known.model, self.errors.origins, self.errors.tilts)
+        return MomentumKernel(with_bodies(elsewhere, self.errors.bodies, (target,)), target)
+
+    def read(self, truth: Truth) -> Truth:
+        """Return a motion as encoders that are off and late, and odometry that is mounted elsewhere, read it."""
+        turn, place = exp(self.errors.mount[:3]), self.errors.mount[3:]
+        rotation = rotation_from_quaternion(truth.base_orientation) @ turn.T
+        spin = rotate(turn, truth.base_angular_velocity)
+        joints = CubicSpline(truth.time, truth.joint_position - self.errors.zeros)
+        return replace(
+            truth,
+            joint_position=joints(truth.time - self.delay),
+            base_orientation=quaternion_from_rotation(rotation),
+            base_position=truth.base_position - rotation @ place,
+            base_angular_velocity=spin,
+            base_linear_velocity=rotate(turn, truth.base_linear_velocity)
+            - cross(spin, np.broadcast_to(place, spin.shape)),
+        )
