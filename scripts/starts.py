@@ -14,11 +14,11 @@ from benchmarks.honesty.command import command, outcomes, parsed, write
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.runs import PUBLISHED, Outcome
 from benchmarks.honesty.starts import STARTS
+from benchmarks.honesty.verdicts import FAR
 from benchmarks.pages import number, percent, provenance, table
 
 _SEEDS = 100
 _PAGE = 'starts.md'
-_FAR = 5.0  # standard deviations
 _HEADER = (
     'motion',
     'runs',
@@ -48,7 +48,7 @@ def _line(condition: Condition, outcome: Outcome) -> list[str]:
     ended = np.isin(outcome.status, PUBLISHED) & np.any(np.isfinite(outcome.error), axis=1)
     given = ended[:, None] & np.isfinite(outcome.error) & (outcome.std > 0.0)
     last = np.abs(np.divide(outcome.error, outcome.std, out=np.zeros(outcome.error.shape), where=given))
-    wrong = np.flatnonzero(outcome.worst > _FAR)
+    wrong = np.flatnonzero(outcome.worst > FAR)
     started = outcome.first[np.isfinite(outcome.first)]
     median, latest = (np.median(started), np.max(started)) if len(started) else (np.nan, np.nan)
     return [
@@ -61,7 +61,7 @@ def _line(condition: Condition, outcome: Outcome) -> list[str]:
         f'{number(float(median), 1)}, {number(float(latest), 1)}',
         number(float(np.max(outcome.worst)), 1),
         str(len(wrong)),
-        str(int(np.sum(np.max(last, axis=1) > _FAR))),
+        str(int(np.sum(np.max(last, axis=1) > FAR))),
         ', '.join(str(seed) for seed in wrong[:5]) or '-',
     ]
 
