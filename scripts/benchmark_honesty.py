@@ -28,7 +28,7 @@ def main() -> int:
         verdicts[condition.name] = judged(outcome)
         print(' | '.join(_line(condition, verdicts[condition.name])), flush=True)
     print(_summary(verdicts))
-    write(arguments, _PAGE, _page(arguments.conditions, verdicts, arguments.method))
+    write(arguments, _PAGE, _page(arguments.conditions, verdicts, arguments.method, command(arguments)))
     return 0
 
 
@@ -50,7 +50,7 @@ def _summary(verdicts: Mapping[str, Verdict]) -> str:
     return f'silently wrong in {wrong} of {len(verdicts)} conditions'
 
 
-def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: str) -> str:
+def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: str, made_by: str) -> str:
     groups = dict.fromkeys(condition.group for condition in chosen)
     sections = [
         f'## {group.capitalize()}\n\n'
@@ -58,7 +58,7 @@ def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: 
         for group in groups
     ]
     return _INTRODUCTION.format(
-        summary=_summary(verdicts), method=method, sections='\n\n'.join(sections), origin=provenance(command())
+        summary=_summary(verdicts), method=method, sections='\n\n'.join(sections), origin=provenance(made_by)
     )
 
 

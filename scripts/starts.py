@@ -39,7 +39,7 @@ def main() -> int:
     for condition, outcome in outcomes(arguments):
         rows.append(_line(condition, outcome))
         print(' | '.join(rows[-1]), flush=True)
-    text = _PAGE_TEXT.format(method=arguments.method, table=table(_HEADER, rows), origin=provenance(command()))
+    text = _PAGE_TEXT.format(method=arguments.method, table=table(_HEADER, rows), origin=provenance(command(arguments)))
     write(arguments, _PAGE, text)
     return 0
 

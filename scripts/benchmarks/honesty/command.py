@@ -64,6 +64,7 @@ def write(arguments: argparse.Namespace, page: str, text: str) -> None:
         (arguments.output / page).write_text(text, encoding='utf-8')
 
 
-def command() -> str:
-    """Return how the script was called, for its page."""
-    return f'scripts/{Path(sys.argv[0]).name} {" ".join(sys.argv[1:])}'.strip()
+def command(arguments: argparse.Namespace) -> str:
+    """Return how the script was called, for its page: what the numbers depend on."""
+    rows = f" --rows '{arguments.rows}'" if arguments.rows else ''
+    return f'scripts/{Path(sys.argv[0]).name} --seeds {arguments.seeds} --method {arguments.method}{rows}'
