@@ -6,52 +6,29 @@ usage: benchmark_honesty.py [--seeds N] [--rows PATTERN] [--method M] [--process
 
 from __future__ import annotations
 
-import argparse
-import re
 import sys
-from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
-
-from tqdm import tqdm
+from collections.abc import Mapping, Sequence
 
 from benchmarks.honesty.catalogue import CONDITIONS
+from benchmarks.honesty.command import command, outcomes, parsed, write
 from benchmarks.honesty.condition import Condition
-from benchmarks.honesty.runs import Outcome, run, run_file
 from benchmarks.honesty.verdicts import Verdict, judged
 from benchmarks.pages import number, percent, provenance, table
-from benchmarks.store import completed
-from mbaid_ros.config.estimator import METHODS
 
+_PAGE = 'honesty.md'
 _SEEDS = 6
 _HEADER = ('condition', 'seeds', 'last status', 'covered', 'largest error', 'named first', 'silently wrong')
 
 
 def main() -> int:
     """Run the benchmark and return the exit code."""
-    arguments = _parse()
-    chosen = [one for one in CONDITIONS if re.search(arguments.rows, f'{one.group}: {one.name}')]
-    if not chosen:
-        print(
-            f"--rows is '{arguments.rows}'; accepted: what is found in one of {len(CONDITIONS)} names", file=sys.stderr
-        )
-        return 2
+    arguments = parsed(__doc__.partition('\n')[0], CONDITIONS, _SEEDS, _PAGE)
     verdicts: dict[str, Verdict] = {}
-    with (
-        tqdm(total=len(chosen) * arguments.seeds, unit=' runs', disable=None, leave=False) as bar,
-        ProcessPoolExecutor(arguments.processes) as pool,
-    ):
-        for condition in chosen:
-            file = arguments.store and run_file(arguments.store, condition.name, arguments.method)
-            work = [(condition.name, arguments.method, seed) for seed in range(arguments.seeds)]
-            verdicts[condition.name] = judged(completed(Outcome, file, work, run, pool, bar))
-            print(' | '.join(_line(condition, verdicts[condition.name])), flush=True)
+    for condition, outcome in outcomes(arguments):
+        verdicts[condition.name] = judged(outcome)
+        print(' | '.join(_line(condition, verdicts[condition.name])), flush=True)
     print(_summary(verdicts))
-    if arguments.output:
-        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        page = _page(chosen, verdicts, arguments.method, provenance(command))
-        (arguments.output / 'honesty.md').write_text(page, encoding='utf-8')
+    write(arguments, _PAGE, _page(arguments.conditions, verdicts, arguments.method, command(arguments)))
     return 0
 
 
@@ -73,7 +50,7 @@ def _summary(verdicts: Mapping[str, Verdict]) -> str:
     return f'silently wrong in {wrong} of {len(verdicts)} conditions'
 
 
-def _page(chosen: list[Condition], verdicts: Mapping[str, Verdict], method: str, origin: str) -> str:
+def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: str, made_by: str) -> str:
     groups = dict.fromkeys(condition.group for condition in chosen)
     sections = [
         f'## {group.capitalize()}\n\n'
@@ -81,7 +58,7 @@ def _page(chosen: list[Condition], verdicts: Mapping[str, Verdict], method: str,
         for group in groups
     ]
     return _INTRODUCTION.format(
-        summary=_summary(verdicts), method=method, sections='\n\n'.join(sections), origin=origin
+        summary=_summary(verdicts), method=method, sections='\n\n'.join(sections), origin=provenance(made_by)
     )
 
 
@@ -105,17 +82,6 @@ the standard deviations of the noise are given, as they are where the condition 
 
 {origin}
 """
-
-
-def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--seeds', type=int, metavar='N', default=_SEEDS, help=f'runs of each row (default: {_SEEDS})')
-    parser.add_argument('--rows', metavar='PATTERN', default='', help="regular expression, as 'sensors: ' or 'mrad'")
-    parser.add_argument('--method', choices=METHODS, default='trajectory')
-    parser.add_argument('--processes', type=int, metavar='N', default=2, help='default: 2')
-    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished runs there, and go on from them')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write honesty.md there')
-    return parser.parse_args()
 
 
 if __name__ == '__main__':

@@ -5,10 +5,11 @@ from __future__ import annotations
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.disturbed_worlds import DISTURBED
 from benchmarks.honesty.sensor_defects import SENSORS
+from benchmarks.honesty.starts import STARTS
 from benchmarks.honesty.undisturbed import UNDISTURBED
 from benchmarks.honesty.wrong_models import WRONG_MODELS
 
 CONDITIONS: tuple[Condition, ...] = (*UNDISTURBED, *WRONG_MODELS, *SENSORS, *DISTURBED)
-CATALOGUE = {condition.name: condition for condition in CONDITIONS}
-if len(CATALOGUE) != len(CONDITIONS):
+CATALOGUE = {condition.name: condition for condition in (*CONDITIONS, *STARTS)}
+if len(CATALOGUE) != len(CONDITIONS) + len(STARTS):
     raise ValueError('two conditions have one name')

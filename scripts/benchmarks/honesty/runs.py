@@ -169,4 +169,4 @@ def _named(last: Estimate) -> str:
 
 def run_file(store: Path, name: str, method: str) -> Path:
     """Return the file that keeps the runs of a condition."""
-    return store / f'{method}-{re.sub(r"[^0-9A-Za-z]+", "_", name)}.npz'
+    return store / f'{method}-{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'

@@ -13,7 +13,7 @@ from benchmarks.honesty.robots import BASE, LINK, chain, scaled
 from benchmarks.honesty.robots import servicer as urdf
 
 GROUP = 'undisturbed'
-_AXES = ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0))
+AXES = ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0))
 
 
 def _moving(name: str, path: Callable[[int], Path], seconds: float = 60.0, *, varies: bool = False) -> Condition:
@@ -53,8 +53,8 @@ UNDISTURBED = (
     _shaped('all axes parallel', ((0, 0, 1),) * 5),
     _shaped('all axes collinear', ((0, 0, 1),) * 4, folded=True),
     _shaped('a single prismatic joint', ((1, 0, 0),), (0,)),
-    _shaped('a prismatic joint among six', _AXES, (2,)),
-    _shaped('20 joints', (_AXES * 4)[:20]),
+    _shaped('a prismatic joint among six', AXES, (2,)),
+    _shaped('20 joints', (AXES * 4)[:20]),
     _of_weight('a light base, a tenth', BASE, 0.1),
     _of_weight('a heavy base, a hundredfold', BASE, 100.0),
     _of_weight('a target of 1.6 kg', LINK, 0.01),

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.honesty.runs import PUBLISHED, Outcome
 from mbaid_ros.replay.campaigns.statistics import QUANTILE
 
-_FAR = 5.0  # standard deviations: beyond, something is wrong
+FAR = 5.0  # standard deviations: beyond, something is wrong
 _FEWEST_COVERED = 0.6  # of the parameters, over the seeds
 
 
@@ -46,5 +46,5 @@ def judged(outcome: Outcome) -> Verdict:
         covered=covered,
         largest=largest,
         named=Counter(outcome.named.tolist()).most_common(1)[0][0],
-        silently_wrong=bool(largest > _FAR or covered < _FEWEST_COVERED),
+        silently_wrong=bool(largest > FAR or covered < _FEWEST_COVERED),
     )

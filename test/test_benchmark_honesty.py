@@ -1,0 +1,125 @@
+"""The instrument that says whether the estimator is silently wrong: its worlds, its sensors and its verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.data import LEVELS, model, motion
+from benchmarks.honesty import readings, robots
+from benchmarks.honesty.catalogue import CATALOGUE, CONDITIONS
+from benchmarks.honesty.floating import World, float_freely
+from benchmarks.honesty.paths import moves, servicer, sinusoids
+from benchmarks.honesty.runs import Outcome, run, run_file
+from benchmarks.honesty.springs import swing
+from benchmarks.honesty.verdicts import judged
+from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.simulation.run import total_momentum
+
+
+def outcome(status: list[str], error: Array) -> Outcome:
+    """Return runs with errors (R, 10) in standard deviations of 1."""
+    none = np.zeros(len(status))
+    return Outcome(np.array(status), error, np.ones_like(error), np.array(['a cause'] * len(status)), none, none, none)
+
+
+def test_the_base_floats_as_the_simulator_has_it() -> None:
+    truth = float_freely(World(robots.servicer(), sinusoids(), seconds=20.0))
+    expected = motion('servicer7')[: len(truth)]
+    np.testing.assert_allclose(truth.joint_position, expected.joint_position, atol=1e-7)
+    np.testing.assert_allclose(truth.base_position, expected.base_position, atol=1e-7)
+    np.testing.assert_allclose(truth.base_orientation, expected.base_orientation, atol=1e-7)
+    np.testing.assert_allclose(truth.base_angular_velocity, expected.base_angular_velocity, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    'name', ['a flexible panel of 0.3 Hz', 'fuel that sloshes at 0.1 Hz', 'a flexible joint of 2 Hz']
+)
+def test_springs_keep_the_momentum_and_swing_at_their_frequency(name: str) -> None:
+    world = CATALOGUE[name].world(0)
+    truth = swing(replace(world, seconds=20.0))
+    robot = load_model(world.urdf)
+    momentum = total_momentum(robot, truth)
+    np.testing.assert_allclose(momentum - momentum[0], 0.0, atol=1e-4 * np.max(np.abs(momentum)))
+    joint, spring = next(iter(world.springs.items()))
+    deflection = truth.joint_position[:, robot.joint_names.index(joint)]
+    assert deflection[0] == spring.deflection
+    frequency = np.fft.rfftfreq(len(deflection), 1.0 / world.rate)
+    spectrum = np.abs(np.fft.rfft(deflection)) * (frequency > 0.5 * spring.frequency)  # not what is slow
+    # As the robot was at first; the spectrum has a line every 0.05 Hz.
+    assert frequency[np.argmax(spectrum)] == pytest.approx(spring.frequency, rel=0.15, abs=0.051)
+
+
+def test_trapezoids_stop_and_integrate_to_their_positions() -> None:
+    path = moves([(4.0, np.eye(7)[2] * 0.1)], dwell=1.0, rest=2.0)
+    time = np.linspace(0.0, 10.0, 10001)
+    position, rate = path(time)
+    np.testing.assert_allclose(np.gradient(position[:, 2], time)[1:-1], rate[1:-1, 2], atol=1e-4)
+    assert np.all(rate[(time < 2.0) | (time > 6.0)] == 0.0)
+    np.testing.assert_allclose(position[-1] - servicer().start, 0.35 * np.eye(7)[2], atol=1e-12)
+
+
+def test_what_slips_keeps_its_mass_and_shape() -> None:
+    whole = physical(model('servicer7').link('link7').parameters)
+    np.testing.assert_allclose(robots.slipped((0.0, 0.0, 0.3), 0.0), whole, atol=1e-9)
+    turned = robots.slipped((0.0, 0.0, 0.3), 0.5)
+    assert turned[0] == pytest.approx(whole[0])
+    assert np.max(np.abs(turned - whole)) > 1.0
+
+
+@pytest.mark.parametrize(
+    'view',
+    [
+        partial(readings.mounted, np.array([0.1, -0.2, 0.3]), np.array([0.2, 0.1, -0.3])),
+        partial(readings.in_orbit_frame, 0.01),
+        partial(readings.scaled, 1.01),
+    ],
+)
+def test_views_have_the_twist_of_their_poses(view: readings.View) -> None:
+    seen = view(motion('servicer7')[:500])
+    rotation = rotation_from_quaternion(seen.base_orientation)
+    velocity = np.einsum('nij,nj->ni', rotation, seen.base_linear_velocity)
+    np.testing.assert_allclose(np.gradient(seen.base_position, 0.01, axis=0)[1:-1], velocity[1:-1], atol=1e-6)
+    middle = 0.01 * 0.5 * (seen.base_angular_velocity[1:] + seen.base_angular_velocity[:-1])
+    np.testing.assert_allclose(rotation[:-1] @ exp(middle), rotation[1:], atol=1e-7)
+
+
+def test_correlated_noise_is_as_strong_as_white() -> None:
+    truth = motion('servicer7')
+    read = readings.read(truth, LEVELS['mid'], 1)
+    coloured = readings.correlated(0.3, read, np.random.default_rng(0)).base
+    error = coloured.position - truth.base_position
+    assert np.std(error) == pytest.approx(1e-3, rel=0.1)
+    assert np.mean(error[1:] * error[:-1]) / np.var(error) == pytest.approx(np.exp(-0.01 / 0.3), abs=0.01)
+
+
+def test_a_row_is_silently_wrong_by_error_or_by_coverage() -> None:
+    right, off = np.full((2, 10), 0.5), np.full((2, 10), 0.5)
+    off[1, 3] = -5.5
+    few = np.full((2, 10), 0.5)
+    few[:, :5] = 3.0
+    assert not judged(outcome(['converged', 'estimating'], right)).silently_wrong
+    assert judged(outcome(['converged', 'estimating'], off)).silently_wrong
+    assert judged(outcome(['converged', 'estimating'], few)).covered == 0.5
+    assert judged(outcome(['converged', 'estimating'], few)).silently_wrong
+    # The run that is off says so.
+    assert not judged(outcome(['converged', 'inconsistent'], off)).silently_wrong
+    assert np.isnan(judged(outcome(['inconsistent', 'not_identifiable'], off)).largest)
+
+
+def test_there_are_many_conditions_and_each_has_its_file() -> None:
+    assert len(CONDITIONS) >= 60
+    assert len({run_file(Path(), name, 'trajectory') for name in CATALOGUE}) == len(CATALOGUE)
+
+
+def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
+    told = run(('5 s of data', 'difference', 0))
+    assert told.error.shape == told.std.shape == (10,)
+    assert told.status in {'estimating', 'not_identifiable'}
+    assert 0.0 <= told.worst < 5.0
