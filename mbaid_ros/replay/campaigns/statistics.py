@@ -102,6 +102,7 @@ def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[
     """Return the statistics as scripts read them; what is not known is None."""
     return {
         'runs': len(results),
+        'inconsistent': _inconsistent(results),
         'failed': [{'run': result['run'], 'reason': result['reason']} for result in _failed(results)],
         'cases': [
             {
@@ -133,7 +134,7 @@ def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
             low, high = case.nees_band
             rows.append(f'  NEES a parameter {case.nees:.3g}; {low:.3g} to {high:.3g} if the covariance is right')
     failed = _failed(results)
-    rows += ['', f'{len(results)} runs, {len(failed)} of them failed']
+    rows += ['', f'{len(results)} runs, {len(failed)} of them failed, {_inconsistent(results)} inconsistent']
     rows += [f'  run {result["run"]}: {result["reason"]}' for result in failed[:_REASONS]]
     if len(failed) > _REASONS:
         rows.append(f'  ... ({len(failed) - _REASONS} more)')
@@ -148,6 +149,11 @@ def _row(case: CaseStatistics, index: int) -> str:
     share = f'{100.0 * case.determined[index]:.1f} %'
     percent = f'{inside} %' if inside != '-' else inside
     return f'  {PARAMETERS[index]:6} {case.rmse[index]:>10.3g} {std:>10} {percent:>12} {share:>11}  {UNITS[index]}'
+
+
+def _inconsistent(results: Sequence[Result]) -> int:
+    """Return the number of runs whose data contradict the model."""
+    return sum(result['status'] == 'inconsistent' for result in results)
 
 
 def _failed(results: Sequence[Result]) -> list[Result]:
