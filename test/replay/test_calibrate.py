@@ -158,7 +158,7 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # CAD values that are wrong, and said to be exact.
-    exact = 'mass_relative_std: 1.0e-6, com_std: 1.0e-7, inertia_relative_std: 1.0e-6'
+    exact = 'mass_relative_std: 1.0e-3, com_std: 2.0e-4, inertia_relative_std: 1.0e-3'
     (tmp_path / 'exact.yaml').write_text(f'calibrate: {{ros__parameters: {{prior: {{{exact}}}}}}}')
     files = {name: tmp_path / f'out.{name}' for name in ('json', 'urdf', 'html')}
     outputs = ['--json', str(files['json']), '--report', str(files['html']), '--output', str(files['urdf'])]

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
 from mbaid_ros.replay.campaigns.make import FAILED, Result
+from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 
-_BAND = 0.95
-QUANTILE = float(ndtri(0.5 * (1.0 + _BAND)))  # standard deviations either side that hold 95 %
 _REASONS = 5  # failed runs that the text names
 
 
@@ -62,21 +59,17 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
     made = [result for result in results if result['status'] != FAILED]
     estimate, truth, std = (np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in _VALUES)
     nees = np.array([result['nees'] for result in made if result['nees'] is not None])
-    freedom = int(np.sum(np.isfinite(estimate) & np.isfinite(std)))
-    # chdtri: quantiles of the chi-square distribution from above.
-    tails = (0.5 * (1.0 + _BAND), 0.5 * (1.0 - _BAND))
-    low, high = (float(chdtri(freedom, tail)) / freedom if freedom else np.nan for tail in tails)
     error = estimate - truth
     return CaseStatistics(
         name=name,
         choices=results[0]['case'],
         statuses=dict(sorted(Counter(result['status'] for result in results).items())),
-        rmse=np.sqrt(_mean(error**2)),
-        mean_std=_mean(std),
-        inside=_mean(np.where(np.isfinite(error / std), np.abs(error) < QUANTILE * std, np.nan)),
-        determined=_mean(np.isfinite(estimate) * 1.0),
+        rmse=rmse(error),
+        mean_std=mean(std),
+        inside=coverage(error, std),
+        determined=mean(np.isfinite(estimate) * 1.0),
         nees=float(np.mean(nees)) if len(nees) else np.nan,
-        nees_band=(low, high),
+        nees_band=nees_band(int(np.sum(np.isfinite(estimate) & np.isfinite(std)))),
     )
 
 
@@ -89,13 +82,6 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
         return np.full(10, np.nan)
     ten = (values['mass'], *values['com'], *(values['inertia'][name] for name in PARAMETERS[4:]))
     return np.array(ten, dtype=float)
-
-
-def _mean(values: Array) -> Array:
-    """Return the means of the columns over what is no NaN."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RuntimeWarning)  # a column of nothing but NaN
-        return np.asarray(np.nanmean(values, axis=0)) if len(values) else np.full(10, np.nan)
 
 
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
