@@ -18,7 +18,6 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
@@ -56,7 +55,7 @@ def replay(arguments: argparse.Namespace, argv: Sequence[str]) -> int:
         with _estimate_writer(arguments.output, with_debris=config.debris.report) as writer:
             runs = [_replay_one(arguments.bags[0], config, urdf, inputs, writer)]
     if arguments.json or arguments.report:
-        made = made_by('replay', argv, load_model(urdf).name, arguments.model)
+        made = made_by('replay', argv, arguments.model, urdf)
         runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     _write_results(runs, arguments, truths)
     return exit_code(runs)

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.versions import version_of
 
 LARGEST_HASHED = 1_000_000_000  # bytes; more would take longer to read twice than a result is worth waiting for
@@ -51,20 +52,22 @@ class MadeBy:
     robot: RobotFile
 
 
-def made_by(executable: str, argv: Sequence[str], robot: str, model: str) -> MadeBy:
+def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> MadeBy:
     """Return what the results of this command, now, are made by.
 
     Parameters
     ----------
     executable, argv : the command
-    robot : name of the robot
-    model : path of its description
+    model : path of the robot description
+    urdf : its text: of a pipe, which can be read but once, what there is
     """
+    path = Path(model)
+    found = sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
     return MadeBy(
         version=version_of('mbaid_ros'),
         command=shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv)),
         date=datetime.now(timezone.utc).isoformat(timespec='seconds'),
-        robot=RobotFile(robot, model, sha256(Path(model))),
+        robot=RobotFile(load_model(urdf).name, model, found),
     )
 
 

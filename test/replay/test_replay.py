@@ -6,6 +6,7 @@ import hashlib
 import html
 import json
 import math
+import os
 import re
 import shlex
 import xml.etree.ElementTree as ET
@@ -220,6 +221,14 @@ def jsonable(config: EstimatorConfig, changes: dict[str, Any]) -> Any:
 
 def sha256(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def test_a_robot_description_from_a_pipe_is_hashed_too() -> None:
+    text = Path(MODEL).read_text(encoding='utf-8')
+    read, write = os.pipe()
+    os.close(write)  # read already
+    assert provenance.made_by('replay', [], f'/dev/fd/{read}', text).robot.sha256 == sha256(Path(MODEL))
+    os.close(read)
 
 
 def test_a_bag_that_is_too_large_is_not_hashed_and_says_so(monkeypatch: pytest.MonkeyPatch, bag: str) -> None:
