@@ -116,6 +116,8 @@ def _replay_one(bag: str, config: EstimatorConfig, urdf: str, inputs: Inputs, wr
 def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: Sequence[Truth | None]) -> None:
     results = [as_json(result) for result in runs]
     text = json.dumps(results[0] if len(results) == 1 else results, allow_nan=False, ensure_ascii=False) + '\n'
+    # Names of files may hold bytes that are no text: as JSON escapes them, they read back the same.
+    text = text.encode('utf-8', 'backslashreplace').decode('utf-8')
     # Files first: whoever reads the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
         Path(arguments.json).write_text(text, encoding='utf-8')

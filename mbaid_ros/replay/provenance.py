@@ -109,4 +109,4 @@ def files_in_words(bag: str, files: Mapping[str, str | None]) -> list[str]:
 
 
 def _hash_in_words(found: str | None) -> str:
-    return f'SHA-256 {found}' if found else f'SHA-256 not taken, for the bag is larger than {LARGEST_HASHED:.0e} bytes'
+    return f'SHA-256 {found}' if found else f'SHA-256 not taken, for the bag is larger than {LARGEST_HASHED / 1e9:g} GB'

@@ -231,6 +231,16 @@ def test_a_robot_description_from_a_pipe_is_hashed_too() -> None:
     os.close(read)
 
 
+def test_names_of_files_that_are_no_text_read_back_the_same(bag: str, tmp_path: Path) -> None:
+    odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff')
+    Path(f'{odd}.urdf').symlink_to(MODEL)
+    Path(odd).symlink_to(bag)
+    main([odd, '--model', f'{odd}.urdf', '--json', str(tmp_path / 'out.json'), '--report', str(tmp_path / 'out.html')])
+    result = json.loads((tmp_path / 'out.json').read_text(encoding='utf-8'))
+    assert (result['bag'], result['made_by']['robot']['file']) == (odd, f'{odd}.urdf')
+    assert 'udcff' in (tmp_path / 'out.html').read_text(encoding='utf-8')
+
+
 def test_a_bag_that_is_too_large_is_not_hashed_and_says_so(monkeypatch: pytest.MonkeyPatch, bag: str) -> None:
     monkeypatch.setattr(provenance, 'LARGEST_HASHED', Path(bag, 'papers_case.mcap').stat().st_size - 1)
     found = provenance.hashes(bag)
