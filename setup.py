@@ -43,6 +43,7 @@ setup(
             'calibrate = mbaid_ros.replay.calibrate:main',
             'campaign = mbaid_ros.replay.campaign:main',
             'export = mbaid_ros.replay.export:main',
+            'noise_at_rest = mbaid_ros.replay.noise_at_rest:main',
         ],
     },
 )

@@ -13,6 +13,8 @@ from typing import NoReturn
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
 
 EXIT_USER_ERROR = 2
+EXIT_NOT_DETERMINED = 3  # the data do not say what was asked for
+EXIT_INCONSISTENT = 4  # the data contradict the model: what comes out must not be trusted
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 _LONGEST_LINE = 2000

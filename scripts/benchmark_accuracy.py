@@ -7,14 +7,14 @@ usage: benchmark_accuracy.py [--seeds N] [--quick] [--robots R ...] [--levels L 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy_page, figures
+from benchmarks import accuracy_page, figures, pages
 from benchmarks.bound import bound
 from benchmarks.data import LEVELS, ROBOTS, Case, kernel, motion, moved
+from benchmarks.driver import add_run_arguments, parser_of
 from benchmarks.methods import METHODS
 from benchmarks.runs import Job, Outcome, monte_carlo
 from benchmarks.summary import summarise
@@ -69,11 +69,8 @@ def main() -> int:
     for line in accuracy_page.lines(report):
         print(line)
     if arguments.output:
-        arguments.output.mkdir(parents=True, exist_ok=True)
+        pages.write(arguments.output, 'accuracy.md', accuracy_page.page(report, _FIGURE))
         figures.draw(report, arguments.output / _FIGURE)
-        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
-        page = accuracy_page.page(report, command, _FIGURE)
-        (arguments.output / 'accuracy.md').write_text(page, encoding='utf-8')
     return 0
 
 
@@ -112,8 +109,8 @@ def _still(
 
 
 def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--seeds', type=int, metavar='N', help=f'runs of each case (default: {_SEEDS})')
+    parser = parser_of(__doc__)
+    add_run_arguments(parser, _SEEDS)
     parser.add_argument('--quick', action='store_true', help=f'{_QUICK_SEEDS} seeds, no drift, near the origin')
     parser.add_argument('--robots', nargs='+', choices=list(ROBOTS), default=list(ROBOTS))
     parser.add_argument('--levels', nargs='+', choices=list(LEVELS), default=list(LEVELS), help='encoder noise')
@@ -121,8 +118,6 @@ def _parse() -> argparse.Namespace:
         '--methods', nargs='+', choices=list(METHODS), default=[name for name in METHODS if not METHODS[name].extra]
     )
     parser.add_argument('--sections', nargs='*', choices=_SECTIONS, default=_SECTIONS, help='besides the plain cases')
-    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
-    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished cases there, and go on from them')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write accuracy.md and its figure there')
     return parser.parse_args()
 

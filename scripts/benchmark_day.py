@@ -20,6 +20,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.data import DURATION, LEVELS, ROBOTS, endless_motion, kernel, momentum_of, sensed
+from benchmarks.driver import parser_of
 from benchmarks.methods import METHODS, Identification
 from benchmarks.pages import number, provenance, put_section, table
 from mbaid_ros.core.geometry import Array
@@ -179,7 +180,6 @@ def _final(estimate: Estimate, truth: Array) -> str:
 
 
 def _section(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> str:
-    command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
     last = hours[-1]
     return _SECTION.format(
         hours=arguments.hours,
@@ -187,7 +187,7 @@ def _section(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> 
         level=arguments.level,
         method=arguments.method,
         updates=sum(hour.updates for hour in hours),
-        provenance=provenance(command),
+        provenance=provenance(),
         ratio=_ratio(hours),
         growth=last.memory - hours[0].memory,
         alarms=sum(hour.events for hour in hours),
@@ -199,7 +199,7 @@ def _section(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> 
 
 
 def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser = parser_of(__doc__)
     parser.add_argument('--hours', type=int, metavar='N', default=24)
     parser.add_argument('--robot', choices=list(ROBOTS), default='servicer7')
     parser.add_argument('--level', choices=list(LEVELS), default='mid', help='encoder noise')

@@ -7,21 +7,16 @@ usage: benchmark_disturbances.py [--seeds N] [--cases C ...] [--methods M ...] [
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from benchmarks.disturbed import CASES, LEVEL, ROBOT, SECONDS, Row, motion, run
-from benchmarks.pages import number, percent, provenance, table
-from benchmarks.store import Runs, completed
-from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.campaigns.statistics import QUANTILE
+from benchmarks.disturbed import CASES, LEVEL, ROBOT, SECONDS, Row, Said, motion, run
+from benchmarks.driver import add_run_arguments, driving, parser_of
+from benchmarks.pages import number, percent, provenance, table, write
+from mbaid_ros.replay.campaigns.monte_carlo import coverage
 
 _SEEDS = 50
 _METHODS = ('difference', 'trajectory')
@@ -64,17 +59,6 @@ ROWS = (
 )
 
 
-@dataclass(frozen=True)
-class Outcome(Runs):
-    """What S runs of a row said at their end: as in Said, with a leading axis."""
-
-    error: Array
-    std: Array
-    noticed: Array
-    events: Array
-    wrong: Array
-
-
 def main() -> int:
     """Run the benchmark and return the exit code."""
     arguments = _parse()
@@ -84,24 +68,18 @@ def main() -> int:
     for case in {row.case for row in rows}:
         motion(case)
     wanted = [(row, method) for method in arguments.methods for row in rows if method in row.methods]
-    results: dict[tuple[str, str], Outcome] = {}
-    with (
-        tqdm(total=len(wanted) * arguments.seeds, unit=' runs', disable=None, leave=False) as bar,
-        ProcessPoolExecutor(arguments.processes) as pool,
-    ):
+    results: dict[tuple[str, str], Said] = {}
+    with driving(len(wanted) * arguments.seeds, arguments.processes, arguments.store) as driver:
         for row, method in wanted:
-            file = None if arguments.store is None else arguments.store / f'{method}-{row.name}.npz'
             work = [(row, method, seed) for seed in range(arguments.seeds)]
-            results[method, row.name] = completed(Outcome, file, work, run, pool, bar)
+            results[method, row.name] = driver.completed(Said, f'{method}-{row.name}', work, run)
             print(' | '.join(_line(row, method, results)), flush=True)
     if arguments.output:
         order = list(CASES)
         lines = [
             _line(row, method, results) for row, method in sorted(wanted, key=lambda item: order.index(item[0].case))
         ]
-        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        (arguments.output / 'disturbances.md').write_text(_page(table(_HEADER, lines), command), encoding='utf-8')
+        write(arguments.output, 'disturbances.md', _page(table(_HEADER, lines)))
     return 0
 
 
@@ -121,12 +99,12 @@ _HEADER = (
 )
 
 
-def _line(row: Row, method: str, results: Mapping[tuple[str, str], Outcome]) -> list[str]:
+def _line(row: Row, method: str, results: Mapping[tuple[str, str], Said]) -> list[str]:
     outcome, plain = results[method, row.name], results[method, ROWS[0].name]
     known = np.isfinite(outcome.std) & np.isfinite(outcome.error)
     # What some runs leave open is judged by the others.
     deviation = np.abs(np.divide(outcome.error, outcome.std, where=known, out=np.full(known.shape, np.nan)))
-    share = np.mean(deviation < QUANTILE, axis=0, where=known)
+    share = coverage(outcome.error, outcome.std)
     ratio = widened = np.full(1, np.nan)
     if outcome.error.shape[1] == plain.error.shape[1]:
         ratio, widened = (
@@ -150,7 +128,7 @@ def _line(row: Row, method: str, results: Mapping[tuple[str, str], Outcome]) -> 
     ]
 
 
-def _page(lines: str, command: str) -> str:
+def _page(lines: str) -> str:
     return f"""# When something disturbs
 
 What a disturbance costs, and whether it is noticed: `{ROBOT}`, {LEVEL} noise, {SECONDS:g} s at 100 Hz, simulated as
@@ -170,17 +148,15 @@ had before (six).
 
 {lines}
 
-{provenance(command)}
+{provenance()}
 """
 
 
 def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--seeds', type=int, metavar='N', default=_SEEDS, help=f'runs of each row (default: {_SEEDS})')
+    parser = parser_of(__doc__)
+    add_run_arguments(parser, _SEEDS, _SEEDS)
     parser.add_argument('--cases', nargs='+', choices=list(CASES), default=list(CASES))
     parser.add_argument('--methods', nargs='+', choices=_METHODS, default=list(_METHODS))
-    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
-    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished runs there, and go on from them')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write disturbances.md there')
     return parser.parse_args()
 

@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks import speed_core, speed_live, speed_replay
+from benchmarks.driver import parser_of
 from benchmarks.pages import number, provenance, put_section, table
 from benchmarks.speed_replay import METHODS
 
@@ -58,7 +59,7 @@ def _provenance(part: str, arguments: argparse.Namespace) -> str:
         'd': '',
     }
     command = f'scripts/{Path(__file__).name} --parts {part} {own[part]}--repeats {arguments.repeats} --output docs'
-    return provenance(command, f'medians of {arguments.repeats}')
+    return provenance(f'medians of {arguments.repeats}', command)
 
 
 def _replays(arguments: argparse.Namespace, folder: Path) -> str:
@@ -153,7 +154,7 @@ def _middle(values: Sequence[float], form: str = '.2f') -> str:
 
 
 def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser = parser_of(__doc__)
     parser.add_argument('--minutes', type=float, metavar='M', default=60.0, help='length of the bag that is replayed')
     parser.add_argument('--seconds', type=float, metavar='S', default=30.0, help='length of the live runs')
     parser.add_argument(

@@ -5,26 +5,23 @@ usage: cold_starts.py [--seeds N] [--robots ROBOT ...] [--levels LEVEL ...] [--s
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 from benchmarks.data import LEVELS, Case, kernel, momentum_of, motion, observed  # noqa: E402 - from beside this file
+from benchmarks.driver import add_run_arguments, driving, parser_of  # noqa: E402
 from benchmarks.methods import Identification  # noqa: E402
 from benchmarks.pages import machine, number, percent, replace_marked, table  # noqa: E402
-from benchmarks.store import Runs, completed  # noqa: E402
+from benchmarks.store import Runs  # noqa: E402
 from mbaid_ros.core.geometry import Array  # noqa: E402
 from mbaid_ros.core.robot.inertia import physical  # noqa: E402
-from mbaid_ros.replay.campaigns.make import nees  # noqa: E402
+from mbaid_ros.replay.campaigns.monte_carlo import nees  # noqa: E402
 
 PAGE = ROOT / 'docs' / 'trajectory.md'
 SECONDS, METHOD = 20.0, 'trajectory'
@@ -33,7 +30,7 @@ DIVERGED = 10.0  # times the expected squared error, in the reported covariance,
 
 @dataclass(frozen=True)
 class Starts(Runs):
-    """What runs of `SECONDS` led to.
+    """What a run, or R runs, of `SECONDS` led to.
 
     Attributes
     ----------
@@ -49,17 +46,7 @@ class Starts(Runs):
     mass: Array
 
 
-@dataclass(frozen=True)
-class Start:
-    """One of them."""
-
-    told: float
-    settled: float
-    nees: float
-    mass: float
-
-
-def start(work: tuple[Case, int]) -> Start:
+def start(work: tuple[Case, int]) -> Starts:
     """Return what a run led to."""
     case, seed = work
     truth = motion(case.robot)
@@ -72,11 +59,11 @@ def start(work: tuple[Case, int]) -> Start:
     given = np.isfinite(errors)
     given_at, wrong_at = times[given], times[given & ~(errors < DIVERGED)]
     right_at = given_at[given_at > np.max(wrong_at, initial=-np.inf)]
-    return Start(
-        told=float(np.min(given_at, initial=np.inf)),
-        settled=float(np.min(right_at, initial=np.inf)),
-        nees=float(errors[-1]),
-        mass=float(history[-1].parameters[0] / right[0] - 1.0),
+    return Starts(
+        told=np.min(given_at, initial=np.inf),
+        settled=np.min(right_at, initial=np.inf),
+        nees=errors[-1],
+        mass=history[-1].parameters[0] / right[0] - 1.0,
     )
 
 
@@ -98,25 +85,19 @@ def row(case: Case, starts: Starts) -> list[str]:
 
 def main() -> None:
     """Write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--seeds', type=int, metavar='N', default=500, help='runs of each case (default: 500)')
+    parser = parser_of(__doc__)
+    add_run_arguments(parser, 500, 500)
     parser.add_argument('--robots', nargs='+', default=['servicer7'], metavar='ROBOT', help='default: servicer7')
     parser.add_argument('--levels', nargs='+', choices=list(LEVELS), default=list(LEVELS), help='encoder noise')
-    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep runs there, and go on from them')
-    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
     arguments = parser.parse_args()
     cases = [Case(robot, level) for robot in arguments.robots for level in arguments.levels]
     for robot in arguments.robots:
         motion(robot)  # once, for all processes
     rows = []
-    with (
-        tqdm(total=len(cases) * arguments.seeds, unit=' runs', disable=None, leave=False) as bar,
-        ProcessPoolExecutor(arguments.processes) as pool,
-    ):
+    with driving(len(cases) * arguments.seeds, arguments.processes, arguments.store) as driver:
         for case in cases:
-            file = arguments.store / f'cold-{case.robot}-{case.level}.npz' if arguments.store else None
             work = [(case, seed) for seed in range(arguments.seeds)]
-            rows.append(row(case, completed(Starts, file, work, start, pool, bar)))
+            rows.append(row(case, driver.completed(Starts, f'cold-{case.robot}-{case.level}', work, start)))
             print(' | '.join(rows[-1]), flush=True)
     header = ['run', 'seeds', 'with an estimate', 'diverged', 'first estimate, s: median, latest']
     header += ['settled, s', 'NEES: mean', 'largest', 'largest error of the mass']

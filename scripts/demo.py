@@ -38,7 +38,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from mbaid_ros.cli import ArgumentParser, number, one_line, run
+from mbaid_ros.cli import EXIT_NOT_DETERMINED, ArgumentParser, number, one_line, run
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.nodes.qos import qos
 
@@ -46,7 +46,6 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
 TOLERANCE = 1.0  # %, of the truth
 ROW_PERIOD = 2.0  # s of simulated time between two rows of the table
-NOT_DETERMINED = 3  # exit code of a replay whose data do not determine an estimate
 PATIENCE = 20.0  # s, for a process to appear on the graph or to end
 
 # What the planar motion of the paper's case determines: name, unit, decimals, where it is in a geometry_msgs/Inertia.
@@ -113,7 +112,7 @@ class Processes:
     def check(self) -> None:
         """Raise a DataError if one has failed."""
         for name, process in self._running.items():
-            if process.poll() not in (None, 0, NOT_DETERMINED):
+            if process.poll() not in (None, 0, EXIT_NOT_DETERMINED):
                 lines = self._log(name).read_text(errors='replace').splitlines()
                 raise DataError(f'{name} ended with exit code {process.returncode}: {" | ".join(lines[-3:])}')
 

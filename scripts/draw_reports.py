@@ -1,4 +1,4 @@
-"""Draw the pictures of reports in docs/images anew: a good run, a planar one, a push, a capture, and no estimate.
+"""Draw the pictures of reports in docs/images anew: a good run, a planar one, a push, a capture, none, a contradiction.
 
 usage: draw_reports.py [--output FOLDER]    (with `install/setup.bash` sourced; needs Chromium, minutes)
 """
@@ -23,7 +23,9 @@ from captured import CHASER, capture, sensed, servicer_motion, with_bare_link  #
 from chromium import Chromium  # noqa: E402
 from floating import float_freely  # noqa: E402
 from mbaid_ros.cli import ArgumentParser, run  # noqa: E402
+from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.core.robot.model import load_model  # noqa: E402
+from mbaid_ros.core.robot.urdf_values import change_inertial  # noqa: E402
 from mbaid_ros.core.simulation.run import Truth  # noqa: E402
 from mbaid_ros.replay import replay, simulate  # noqa: E402
 from observed import kernel  # noqa: E402
@@ -33,8 +35,8 @@ WIDTH = 800  # pixels
 TALLEST = 5600  # pixels of a page
 PUSH = (20.0, np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3]))  # s; N s, N m s
 # The page's colours, and what its bands make of them on white: few enough for small files.
-INKS = ('1d2330', '0072b2', 'd55e00', '009e73')
-PLAIN = ('ffffff', *INKS, '5b6474', '9aa3b2', 'dfe3ea', 'f5f7fa', 'c6c6a8', 'a8c6b8')
+INKS = ('1d2330', '0072b2', 'd55e00', '009e73', 'c1121f')
+PLAIN = ('ffffff', *INKS, '5b6474', '9aa3b2', 'dfe3ea', 'f5f7fa', 'fdecec', 'c6c6a8', 'a8c6b8')
 OPACITIES = (0.18, 0.45, 0.7)
 
 
@@ -70,7 +72,17 @@ def reports(folder: Path) -> dict[str, Path]:
         'report_event': page(folder, 'event', bag(folder / 'pushed', servicer, pushed), servicer, *follow),
         'report_capture': page(folder, 'capture', bag(folder / 'caught', str(bare), caught), str(bare), *told(folder)),
         'report_no_estimate': page(folder, 'nothing', folder / 'at_rest', servicer),
+        'report_contradiction': page(folder, 'wrong', BAGS / 'servicer7_mid', heavier(folder)),
     }
+
+
+def heavier(folder: Path) -> str:
+    """Return the servicer as somebody may believe it to be: its base weighs 40 % more."""
+    model = load_model((CONFIG / 'servicer7.urdf').read_text(encoding='utf-8'))
+    base = physical(model.link(model.base_link).parameters)
+    file = folder / 'heavier.urdf'
+    file.write_text(change_inertial(model.urdf, model.base_link, base * np.array([1.4, *[1.0] * 9])), encoding='utf-8')
+    return str(file)
 
 
 def told(folder: Path) -> Sequence[str]:
@@ -93,7 +105,10 @@ def page(folder: Path, name: str, recording: Path, urdf: str, *arguments: str) -
     with redirect_stdout(io.StringIO()):
         replay.main([str(recording), '--model', urdf, '--report', str(report), *arguments])
     # Where it was drawn is nobody's business.
-    report.write_text(report.read_text(encoding='utf-8').replace(f'{recording.parent}/', ''), encoding='utf-8')
+    text = report.read_text(encoding='utf-8')
+    for place in (recording.parent, folder, ROOT):
+        text = text.replace(f'{place}/', '')
+    report.write_text(text, encoding='utf-8')
     return report
 
 

@@ -8,14 +8,15 @@ servicer's parameters are not found.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import paper_page
 from benchmarks.data import LEVELS, ROBOTS, kernel, momentum_of, motion, readings
+from benchmarks.driver import parser_of
 from benchmarks.methods import Identification
+from benchmarks.pages import write
 from benchmarks.recursion import FORMS, all_bodies_rank, recursion
 from mbaid_ros.core.robot.inertia import physical
 
@@ -27,7 +28,7 @@ _DIFFERENCE_LIMIT = 1e-8  # relative error of method difference without noise
 
 def main() -> int:
     """Run the table and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser = parser_of(__doc__)
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write paper-claims.md there')
     arguments = parser.parse_args()
     measured = _measure()
@@ -36,9 +37,7 @@ def main() -> int:
     for problem in problems:
         print(f'paper_table.py: {problem}', file=sys.stderr)
     if arguments.output and not problems:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        page = paper_page.page(measured, f'scripts/{Path(__file__).name}')
-        (arguments.output / 'paper-claims.md').write_text(page, encoding='utf-8')
+        write(arguments.output, 'paper-claims.md', paper_page.page(measured))
     return 1 if problems else 0
 
 

@@ -1,17 +1,13 @@
 """Write the tables of docs/robustness.md: what defects of the input do to the estimate, and what is said of them.
 
-usage: robustness.py [--seeds N] [--processes N]    (with `install/setup.bash` sourced)
+usage: robustness.py [--seeds N] [--processes N] [--store FOLDER]    (with `install/setup.bash` sourced)
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +16,14 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
 
 import defects  # noqa: E402 - from the tests, which are no package
+from benchmarks.driver import Driver, add_run_arguments, driving, parser_of  # noqa: E402
 from benchmarks.pages import replace_marked  # noqa: E402
+from benchmarks.store import Runs  # noqa: E402
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates  # noqa: E402
 from mbaid_ros.core.geometry import Array, unvec  # noqa: E402
 from mbaid_ros.core.results.estimate import Estimate  # noqa: E402
 from mbaid_ros.core.robot.inertia import physical  # noqa: E402
+from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE  # noqa: E402
 from mbaid_ros.session import intake_warnings  # noqa: E402
 from simulated import robot  # noqa: E402
 
@@ -149,13 +148,24 @@ RUNS = [
 ]
 
 
-def last_estimate(run: int, method: str, seed: int) -> Estimate:
-    """Return what a run of RUNS ends with."""
+@dataclass(frozen=True)
+class Ends(Runs):
+    """What a run, or many runs, ended with: as in Estimate."""
+
+    parameters: Array
+    std: Array
+    time_offset: Array
+    time_offset_std: Array
+
+
+def end(work: tuple[int, str, int]) -> Estimate:
+    """Return what a run ends with: of RUNS which, method, seed."""
+    run, method, seed = work
     spoiled = RUNS[run][1](arrivals(ROBOT, SECONDS, 100 + seed))
     return estimates(ROBOT, spoiled, {'method': method}, 2000)[0][-1]
 
 
-def runs_table(seeds: dict[str, int], processes: int) -> str:
+def runs_table(seeds: dict[str, int], driver: Driver) -> str:
     """Return the statistics of many runs with some defects, of so many seeds by method."""
     numbers = ', '.join(f'{count} seeds for `{method}`' for method, count in seeds.items())
     told = (
@@ -169,39 +179,38 @@ def runs_table(seeds: dict[str, int], processes: int) -> str:
         '| method | input | RMSE | within 95 %: mean, least, most | delay, ms | error, standard deviations |',
     ]
     rows.append('|---|---|---|---|---|---|')
-    with ProcessPoolExecutor(processes) as pool:
-        for method in METHODS:
-            plain = np.ones(10)
-            for run, (name, _) in enumerate(RUNS):
-                found = list(pool.map(last_estimate, repeat(run), repeat(method), range(seeds[method])))
-                error = np.array([estimate.parameters for estimate in found]) - truth()
-                rmse = np.sqrt(np.mean(error**2, axis=0))
-                plain = rmse if run == 0 else plain
-                inside = np.mean(np.abs(error) < 1.96 * np.array([estimate.std for estimate in found]), axis=0)
-                late = np.array([estimate.time_offset for estimate in found])
-                true = DELAY if 'late' in name else 0.0
-                deviation = (late - true) / [estimate.time_offset_std for estimate in found]
-                cells = (
-                    method,
-                    name,
-                    f'{np.median(rmse / plain):.2f}',
-                    f'{inside.mean():.2f}, {inside.min():.2f}, {inside.max():.2f}',
-                    f'{1e3 * late.mean():.3f}',
-                    f'{np.sqrt(np.mean(deviation**2)):.2f}, {np.max(np.abs(deviation)):.1f}',
-                )
-                rows.append(f'| {" | ".join(cells)} |'.replace('nan', '-'))
-                print(rows[-1], flush=True)
+    for method in METHODS:
+        plain = np.ones(10)
+        for run, (name, _) in enumerate(RUNS):
+            work = [(run, method, seed) for seed in range(seeds[method])]
+            found = driver.completed(Ends, f'robustness-{method}-{run}', work, end)
+            error = found.parameters - truth()
+            rmse = np.sqrt(np.mean(error**2, axis=0))
+            plain = rmse if run == 0 else plain
+            inside = np.mean(np.abs(error) < QUANTILE * found.std, axis=0)
+            true = DELAY if 'late' in name else 0.0
+            deviation = (found.time_offset - true) / found.time_offset_std
+            cells = (
+                method,
+                name,
+                f'{np.median(rmse / plain):.2f}',
+                f'{inside.mean():.2f}, {inside.min():.2f}, {inside.max():.2f}',
+                f'{1e3 * found.time_offset.mean():.3f}',
+                f'{np.sqrt(np.mean(deviation**2)):.2f}, {np.max(np.abs(deviation)):.1f}',
+            )
+            rows.append(f'| {" | ".join(cells)} |'.replace('nan', '-'))
+            print(rows[-1], flush=True)
     return '\n'.join(rows)
 
 
 def main() -> None:
     """Write both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--seeds', type=int, metavar='N', help='of the table of many runs')
-    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
+    parser = parser_of(__doc__)
+    add_run_arguments(parser, SEEDS)
     arguments = parser.parse_args()
     seeds = dict.fromkeys(SEEDS, arguments.seeds) if arguments.seeds else SEEDS
-    replace_marked(PAGE, 'runs', WRITER, runs_table(seeds, arguments.processes))
+    with driving(len(RUNS) * sum(seeds.values()), arguments.processes, arguments.store) as driver:
+        replace_marked(PAGE, 'runs', WRITER, runs_table(seeds, driver))
     replace_marked(PAGE, 'defects', WRITER, defects_table())
 
 

@@ -54,6 +54,11 @@ def _read(path: str, text: str) -> CalibratedLinks:
     content = json.loads(text)
     if not isinstance(content, dict):
         raise TypeError('it is no object of JSON')
+    if content.get('status') == 'inconsistent':
+        raise ParameterError(
+            f"calibration '{path}' must not be trusted, for its data contradict the model; "
+            "accepted: one with the status 'calibrated'"
+        )
     names = tuple(content['links'])
     values, covariance = (np.array(content['covariance'][key], dtype=float) for key in ('values', 'matrix'))
     size = 10 * len(names)

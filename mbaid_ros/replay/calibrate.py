@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, ArgumentParser, one_line, run
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.robot import read_robot_description
@@ -24,12 +24,11 @@ from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
 
-NOT_DETERMINED = 3
 STDOUT = '-'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the executable: 0 if there is a calibration, 3 if the data do not determine one, 2 after a user's error."""
+    """Run the executable: 0 if there is a calibration; else 2, 3 or 4, as the help says."""
     return run(_calibrate, argv)
 
 
@@ -50,9 +49,9 @@ def _calibrate(argv: list[str]) -> int:
     reason = why_not(result)
     if reason:
         print(f'mbaid_ros calibrate: {one_line(reason)}', file=sys.stderr)
-        return NOT_DETERMINED
+        return EXIT_NOT_DETERMINED
     _write_results(result, urdf, arguments)
-    return 0
+    return EXIT_INCONSISTENT if result.contradicted else 0
 
 
 def _parser() -> ArgumentParser:
@@ -60,7 +59,8 @@ def _parser() -> ArgumentParser:
         'calibrate',
         'Identify any set of bodies of a free-floating robot from recorded motions, before it captures anything. The\n'
         'values in the URDF are where it starts from; the parameters prior.* say how well they are known.\n'
-        'Exit code: 0 calibrated, 3 the data and the prior do not determine the bodies, 2 bad input.',
+        'Exit code: 0 calibrated, 4 the data contradict the model: no --output is written, 3 data and prior do not\n'
+        'determine the bodies, 2 bad input.',
         'calibrate before_capture --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
     )
     add = parser.add_argument
@@ -147,7 +147,7 @@ def _motions(bag: str, parameters: CalibrationParameters, urdf: str, inputs: Inp
 
 def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace) -> None:
     text = json.dumps(as_json(result), allow_nan=False, ensure_ascii=False) + '\n'
-    if arguments.output:
+    if arguments.output and not result.contradicted:
         for link in result.calibration.links:
             urdf = change_inertial(urdf, link.name, link.parameters)
         Path(arguments.output).write_text(urdf, encoding='utf-8')

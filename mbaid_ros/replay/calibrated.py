@@ -20,6 +20,7 @@ from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.replay.motions import BagMotions
 
+CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # What a user should look at: a scale known worse, values further off than the prior makes likely, bent estimates.
@@ -45,6 +46,11 @@ class Calibrated:
     motions: tuple[BagMotions, ...]
     kernel: MomentumKernel
     parameters: CalibrationParameters
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict the model: what comes out must not be trusted."""
+        return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
 
     @cached_property
     def exchanges(self) -> tuple[Exchange, ...]:
@@ -109,8 +115,7 @@ def _about_motion(result: Calibrated) -> list[str]:
 def _about_values(result: Calibrated) -> list[str]:
     calibration = result.calibration
     told = []
-    limit = result.parameters.estimator.convergence.largest_residual
-    if calibration.residual > limit:
+    if result.contradicted:
         told.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
     if calibration.scale.relative_std > _LOOSE_SCALE:
         told.append(
@@ -134,6 +139,7 @@ def as_json(result: Calibrated) -> dict[str, Any]:
     links = result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
     return {
+        'status': INCONSISTENT if result.contradicted else CALIBRATED,
         'bags': [motion.bag for motion in result.motions],
         'links': {link.name: _link(link) for link in calibration.links},
         'covariance': {
@@ -215,10 +221,11 @@ def headline(result: Calibrated) -> str:
     """Return the result in one sentence."""
     calibration = result.calibration
     count = len(calibration.links)
-    return (
-        f'{count} {"body" if count == 1 else "bodies"} calibrated from {calibration.samples} samples, '
-        f'{calibration.span:.3g} s; residual {calibration.residual:.2f}'
-    )
+    bodies = f'{count} {"body" if count == 1 else "bodies"}'
+    data = f'{calibration.samples} samples, {calibration.span:.3g} s; residual {calibration.residual:.2f}'
+    if result.contradicted:
+        return f'the data contradict the model, so the values of {bodies} must not be trusted: {data}'
+    return f'{bodies} calibrated from {data}'
 
 
 def told(result: Calibrated) -> list[str]:

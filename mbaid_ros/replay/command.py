@@ -8,9 +8,11 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from mbaid_ros.bags import BagWriter
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -19,16 +21,21 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
+from mbaid_ros.replay.provenance import hashes, made_by
 from mbaid_ros.replay.results import Run, as_json, summary
 from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 
-NOT_DETERMINED = 3
 STDOUT = '-'
 
 
-def replay(arguments: argparse.Namespace) -> int:
+def replay(arguments: argparse.Namespace, argv: Sequence[str]) -> int:
     """Send bags through the estimator, write what was asked for, and return the exit code.
+
+    Parameters
+    ----------
+    arguments : parsed
+    argv : as they were given, for the record
 
     Raises
     ------
@@ -47,8 +54,18 @@ def replay(arguments: argparse.Namespace) -> int:
     else:
         with _estimate_writer(arguments.output, with_debris=config.debris.report) as writer:
             runs = [_replay_one(arguments.bags[0], config, urdf, inputs, writer)]
+    if arguments.json or arguments.report:
+        made = made_by('replay', argv, arguments.model, urdf)
+        runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     _write_results(runs, arguments, truths)
-    return 0 if all(result.reached for result in runs) else NOT_DETERMINED
+    return exit_code(runs)
+
+
+def exit_code(runs: Sequence[Run]) -> int:
+    """Return what the worst of the runs leads to: data that contradict the model, then data that say nothing."""
+    if any(run.contradicted for run in runs):
+        return EXIT_INCONSISTENT
+    return 0 if all(run.reached for run in runs) else EXIT_NOT_DETERMINED
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -99,6 +116,8 @@ def _replay_one(bag: str, config: EstimatorConfig, urdf: str, inputs: Inputs, wr
 def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: Sequence[Truth | None]) -> None:
     results = [as_json(result) for result in runs]
     text = json.dumps(results[0] if len(results) == 1 else results, allow_nan=False, ensure_ascii=False) + '\n'
+    # Names of files may hold bytes that are no text: as JSON escapes them, they read back the same.
+    text = text.encode('utf-8', 'backslashreplace').decode('utf-8')
     # Files first: whoever reads the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
         Path(arguments.json).write_text(text, encoding='utf-8')

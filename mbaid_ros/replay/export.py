@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, ArgumentParser, one_line, run
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
@@ -20,7 +20,6 @@ from mbaid_ros.replay import formats
 from mbaid_ros.replay.identified import Identified, read_identified
 
 FORMATS = ('urdf-link', 'urdf', 'mjcf', 'basilisk-hub', 'basilisk-effector', 'json')
-NOT_DETERMINED = 3
 _PRINCIPAL = ('urdf-link', 'mjcf', 'json')  # formats with axes of their own for the inertia
 _SHAPES = {
     'urdf-link': (formats.BOX,),
@@ -30,7 +29,7 @@ _SHAPES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the executable: 0 if it has written, 3 if the body is not determined, 2 after a user's error."""
+    """Run the executable: 0 if it has written; else 2, 3 or 4, as the help says."""
     return run(_export, argv)
 
 
@@ -44,7 +43,7 @@ def _export(argv: list[str]) -> int:
     reason = _why_not(body, arguments)
     if reason:
         print(f'mbaid_ros export: {one_line(reason)}', file=sys.stderr)
-        return NOT_DETERMINED
+        return EXIT_INCONSISTENT if body.contradicted else EXIT_NOT_DETERMINED
     text = _written(body, arguments, urdf)
     if arguments.output is None:
         sys.stdout.write(text)
@@ -57,7 +56,7 @@ def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'export',
         'Write an identified body as a URDF link, a whole URDF, a MuJoCo body, Basilisk parameters or plain JSON.\n'
-        'Exit code: 0 written, 3 the data do not determine the body, 2 bad input.',
+        'Exit code: 0 written, 4 the data contradict the model, 3 they do not determine the body, 2 bad input.',
         'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
     )
     add = parser.add_argument
@@ -108,11 +107,11 @@ def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
     """Return why a body cannot be written; empty if it can."""
     if arguments.format == 'json' and not (arguments.principal or arguments.equivalent):
         return ''
+    if body.contradicted:
+        return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
     if body.missing:
         hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
         return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
-    if body.status == 'inconsistent':
-        return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
     if np.linalg.eigvalsh(pseudo_inertia(standard(body.parameters)))[0] <= 0.0:
         return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"
     return ''

@@ -39,6 +39,11 @@ class Identified:
     covariance: Array
 
     @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict the model: the numbers must not be trusted."""
+        return self.status == 'inconsistent'
+
+    @property
     def missing(self) -> list[str]:
         """Names of the parameters that are not determined."""
         return [name for name, value in zip(PARAMETERS, self.parameters, strict=True) if math.isnan(value)]

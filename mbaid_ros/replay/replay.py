@@ -12,7 +12,7 @@ from mbaid_ros.replay.workers import add_processes_option
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the executable: 0 if every bag led to an estimate, 3 if one did not, 2 after a user's error."""
+    """Run the executable: 0 if every bag led to an estimate; else 2, 4 or 3, as the help says."""
     return run(_replay, argv)
 
 
@@ -20,14 +20,15 @@ def _replay(argv: list[str]) -> int:
     arguments = _parser().parse(argv)
     from mbaid_ros.replay.command import replay  # noqa: PLC0415 - takes a while, and --help needs none of it
 
-    return replay(arguments)
+    return replay(arguments, argv)
 
 
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'replay',
         'Identify the inertia of a link from recorded bags, as the estimator node does from live topics.\n'
-        'Exit code: 0 an estimate was reached, 3 the data do not determine one, 2 bad input.',
+        'Exit code: 0 an estimate was reached, 4 the data contradict the model: do not trust the numbers,\n'
+        '3 the data do not determine an estimate, 2 bad input. Of several bags the worst counts: 2, then 4, then 3.',
         'replay run1 --model robot.urdf --target gripper --report run1.html',
     )
     add = parser.add_argument

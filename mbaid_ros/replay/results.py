@@ -16,6 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate
 from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.replay import provenance
 from mbaid_ros.replay.jsonable import (
     matrix,
     number,
@@ -88,6 +89,8 @@ class Run:
     phase : in which the bag ends
     capture : what it tells, None where the bag holds none
     missing_joints : for want of which most of the joint states could not be used
+    made_by : which command, None where nobody asked
+    files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
 
     bag: str
@@ -105,11 +108,18 @@ class Run:
     phase: Phase = 'post_capture'
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()
+    made_by: provenance.MadeBy | None = None
+    files: Mapping[str, str | None] = field(default_factory=dict)
 
     @property
     def reached(self) -> bool:
         """Whether there is an estimate: at least one parameter is determined."""
         return self.final.status != 'waiting' and bool(np.any(self.final.identifiable))
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict the model: what comes out must not be trusted."""
+        return self.final.status == 'inconsistent'
 
     @property
     def all_warnings(self) -> list[str]:
@@ -175,6 +185,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
+        'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'history': [
             {
                 't': estimate.time,
@@ -238,8 +249,9 @@ def verdict(run: Run) -> str:
     """Return the result in one sentence."""
     missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
     rest = f'; not determined by this motion: {missing}' if missing else ''
-    if run.final.status == 'inconsistent':
-        return f'the data contradict the model of {run.target_link}: momentum is not conserved as assumed'
+    if run.contradicted:
+        why = 'momentum is not conserved as assumed'
+        return f'the data contradict the model of {run.target_link}, so its numbers must not be trusted: {why}'
     if run.phase != 'post_capture':
         return f'no estimate of {run.target_link}: the data end before the capture'
     if run.final.status == 'waiting':

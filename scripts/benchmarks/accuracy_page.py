@@ -52,10 +52,10 @@ class Report:
         return [robot for robot in ROBOTS if self.plain(robot)]
 
 
-def page(report: Report, command: str, figure: str) -> str:
+def page(report: Report, figure: str) -> str:
     """Return the page as Markdown."""
     parts = [
-        _INTRODUCTION.format(provenance=provenance(command, _seeds(report)), figure=figure),
+        _INTRODUCTION.format(provenance=provenance(_seeds(report)), figure=figure),
         _ERRORS,
         *(_errors(report, robot) for robot in report.robots()),
         _INTERVALS,

@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.data import CONFIG, LEVELS, RATE, model
 from benchmarks.speed_bag import START
+from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -142,23 +143,23 @@ CASES = {
 
 
 @dataclass(frozen=True)
-class Said:
-    """What a run said at its end.
+class Said(Runs):
+    """What a run, or many runs, said at the end.
 
     Attributes
     ----------
-    error, std : (10,) of the target's parameters; after a capture (16,), of the captured body's and the momentum that
-        it had before; NaN where not determined
-    noticed : s, when the first disturbance was reported; NaN for none
-    events : number of them
-    wrong : whether the model was said not to explain the data
+    error, std : (..., 10) of the target's parameters; after a capture (..., 16), of the captured body's and the
+        momentum that it had before; NaN where not determined
+    noticed : (...) s, when the first disturbance was reported; NaN for none
+    events : (...) number of them
+    wrong : (...) whether the model was said not to explain the data
     """
 
     error: Array
     std: Array
-    noticed: float
-    events: int
-    wrong: bool
+    noticed: Array
+    events: Array
+    wrong: Array
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,8 @@ def run(work: tuple[Row, str, int]) -> Said:
         parameters = np.concatenate((body[0], capture.momentum))
         std = np.concatenate((body[1], np.sqrt(np.diag(capture.covariance))))
     noticed = next((estimate.time for estimate in history if estimate.events), np.nan)
-    return Said(parameters - sought, std, noticed, len(last.events), last.status == 'inconsistent')
+    said = noticed, len(last.events), last.status == 'inconsistent'
+    return Said(parameters - sought, std, *map(np.asarray, said))
 
 
 def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[[Any], Any], Any]]:

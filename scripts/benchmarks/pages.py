@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import platform
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -63,8 +64,15 @@ def percent(share: float) -> str:
     return f'{100.0 * share:.0f} %' if np.isfinite(share) else '-'
 
 
-def provenance(command: str, note: str = '') -> str:
-    """Return the line that says how, where and when a page's numbers were made."""
+def write(folder: Path, name: str, text: str) -> None:
+    """Write a page into a folder, which is made where there is none."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(text, encoding='utf-8')
+
+
+def provenance(note: str = '', command: str = '') -> str:
+    """Return the line that says by which command (this one, if none is given), where and when numbers were made."""
+    command = command or ' '.join((f'scripts/{Path(sys.argv[0]).name}', *sys.argv[1:]))
     today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
     parts = [f'Written by `{command}`', note, f'{machine()}', today]
     return '; '.join(part for part in parts if part) + '.'

@@ -53,11 +53,11 @@ def text(measured: Measured) -> str:
     return '\n\n'.join((_settling(measured), _claims(measured), _exact(measured)))
 
 
-def page(measured: Measured, command: str) -> str:
+def page(measured: Measured) -> str:
     """Return the page as Markdown."""
     return '\n'.join(
         (
-            _INTRODUCTION.format(provenance=provenance(command)),
+            _INTRODUCTION.format(provenance=provenance(command='scripts/paper_table.py')),
             _claims(measured),
             _SETTLING,
             _settling(measured),

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed
+from benchmarks.driver import driving
 from benchmarks.methods import METHODS, Identification
-from benchmarks.store import Runs, completed
+from benchmarks.store import Runs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.replay.campaigns.make import nees
+from mbaid_ros.replay.campaigns.monte_carlo import nees
 
 
 @dataclass(frozen=True)
@@ -86,18 +85,14 @@ def monte_carlo(
     }
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
     total = sum(len(runs) for runs in wanted.values())
-    with (
-        tqdm(total=total, unit=' runs', disable=None, leave=False) as bar,
-        ProcessPoolExecutor(processes) as pool,
-    ):
+    with driving(total, processes, store) as driver:
         for (case, method), runs in wanted.items():
-            file = None if store is None else store / _file_name(case, method)
-            results[case][method] = completed(Outcome, file, runs, _outcome, pool, bar)
+            results[case][method] = driver.completed(Outcome, _file_name(case, method), runs, _outcome)
     return results
 
 
 def _file_name(case: Case, method: str) -> str:
-    return f'{case.name}-{method}.npz'.replace(' ', '_').replace('/', '_per_')
+    return f'{case.name}-{method}'.replace(' ', '_').replace('/', '_per_')
 
 
 def _outcome(run: _Run) -> Outcome:

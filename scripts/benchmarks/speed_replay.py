@@ -13,11 +13,11 @@ import numpy as np
 
 from benchmarks.data import CONFIG
 from benchmarks.speed_bag import ROBOT, make_bag
+from mbaid_ros.cli import EXIT_NOT_DETERMINED
 
 HERE = Path(__file__).parent
 METHODS = ('difference', 'trajectory')
 SHORT = 10.0 / 60.0  # min, of the bag whose first estimate is waited for
-NOT_DETERMINED = 3  # exit code of a replay whose data do not determine an estimate
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def _measured(command: Sequence[str]) -> Cost:
     run = subprocess.run(
         [sys.executable, str(HERE / 'speed_measured.py'), *command], stdout=subprocess.PIPE, text=True, check=False
     )
-    if run.returncode not in {0, NOT_DETERMINED}:
+    if run.returncode not in {0, EXIT_NOT_DETERMINED}:
         raise RuntimeError(f'exit code {run.returncode} of {" ".join(command)}')
     return Cost(**json.loads(run.stdout))

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from benchmarks.runs import Outcome
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
-from mbaid_ros.replay.campaigns.statistics import QUANTILE
-
-_BAND = 0.95
+from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
 
 
 @dataclass(frozen=True)
@@ -75,21 +71,13 @@ def summarise(outcome: Outcome, truth: Array, bounds: Array) -> list[Summary]:
 
 def _summary(error: Array, std: Array, error_norm: Array, bound: Array) -> Summary:
     free = np.isfinite(bound)
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RuntimeWarning)  # nothing but NaN: no run has determined it
-        rmse = np.where(free, np.sqrt(np.nanmean(error**2, axis=0)), np.nan)
-        inside = np.where(np.isfinite(std) & np.isfinite(error), np.abs(error) < QUANTILE * std, np.nan)
-        coverage = np.where(free, np.nanmean(inside, axis=0), np.nan)
-        nees = float(np.nanmean(error_norm))
+    size = np.where(free, rmse(error), np.nan)
     runs = int(np.sum(np.isfinite(error_norm)))
-    freedom = runs * int(np.sum(free))
-    tails = (0.5 * (1.0 - _BAND), 0.5 * (1.0 + _BAND))
-    low, high = (float(chi2.ppf(tail, freedom)) / freedom if freedom else np.nan for tail in tails)
     return Summary(
-        rmse=rmse,
-        ratio=rmse / bound,
+        rmse=size,
+        ratio=size / bound,
         determined=float(np.min(np.mean(np.isfinite(error[:, free]), axis=0))),
-        coverage=coverage,
-        nees=nees,
-        nees_band=(low, high),
+        coverage=np.where(free, coverage(error, std), np.nan),
+        nees=float(mean(error_norm)),
+        nees_band=nees_band(runs * int(np.sum(free))),
     )

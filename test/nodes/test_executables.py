@@ -28,6 +28,7 @@ NAMES = (
     'calibrate',
     'campaign',
     'export',
+    'noise_at_rest',
 )
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 

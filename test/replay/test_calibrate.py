@@ -80,6 +80,7 @@ def result(place: Path) -> Any:
 
 
 def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> None:
+    assert result['status'] == 'calibrated'
     assert list(result['links']) == list(LINKS)
     base = result['links']['base_link']
     for key in ('cad', 'estimate', 'std', 'prior_std', 'learnt', 'moved'):
@@ -151,6 +152,21 @@ def test_the_text_tells_what_moved_and_what_fixes_the_scale(place: Path, capsys:
     assert 'momentum can determine 59 combinations of 80 parameters' in out
     assert 'warning: the scale is known to' in out  # no body was weighed
     assert re.search(r'^  link3 +\d+[.\d]* -> ', out, re.MULTILINE)
+
+
+def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # CAD values that are wrong, and said to be exact.
+    exact = 'mass_relative_std: 1.0e-3, com_std: 2.0e-4, inertia_relative_std: 1.0e-3'
+    (tmp_path / 'exact.yaml').write_text(f'calibrate: {{ros__parameters: {{prior: {{{exact}}}}}}}')
+    files = {name: tmp_path / f'out.{name}' for name in ('json', 'urdf', 'html')}
+    outputs = ['--json', str(files['json']), '--report', str(files['html']), '--output', str(files['urdf'])]
+    run(place, '--params', str(tmp_path / 'exact.yaml'), *outputs, code=4)
+    assert 'so the values of 8 bodies must not be trusted' in capsys.readouterr().out.splitlines()[0]
+    assert json.loads(files['json'].read_text())['status'] == 'inconsistent'
+    assert '<p class="verdict wrong">the data contradict the model' in files['html'].read_text()
+    assert not files['urdf'].exists()
 
 
 def test_a_chosen_part_of_the_bodies(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

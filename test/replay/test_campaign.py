@@ -94,7 +94,7 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert campaign.main([str(whole.parent / 'campaign.yaml'), '--output', str(whole)]) == 0
     told = capsys.readouterr().out
     assert 'noise=mid: 4 runs, ' in told
-    assert '8 runs, 0 of them failed' in told
+    assert '8 runs, 0 of them failed, 0 inconsistent' in told
     assert content(whole) == before
 
 

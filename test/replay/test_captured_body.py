@@ -135,7 +135,7 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert 'spin z' in text
     # A capture that nobody told of is momentum that is not conserved.
     parameters.write_text(told.replace('4.0', '400.0'))
-    assert replay(arguments) == 3
+    assert replay(arguments) == 4
     result = json.loads(capsys.readouterr().out)
     assert (result['status'], result['capture']) == ('inconsistent', None)
     assert any('the known model changes' in warning for warning in result['warnings'])

@@ -188,7 +188,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
     flat = BODY.copy()
     flat[9] = 500.0
     assert 'no real body' in exported(capsys, written(tmp_path, estimate(parameters=flat)), code=3)
-    assert 'contradict the model' in exported(capsys, written(tmp_path, estimate(status='inconsistent')), code=3)
+    assert 'contradict the model' in exported(capsys, written(tmp_path, estimate(status='inconsistent')), code=4)
 
 
 @pytest.mark.parametrize(

@@ -183,6 +183,16 @@ def test_several_bags_are_compared() -> None:
     assert 'no parameter with an uncertainty in common' in html([run(), nothing()])
 
 
+def test_a_contradiction_among_several_bags_is_told_first() -> None:
+    wrong = run(estimate(status='inconsistent', events=(event(),)), bag='another/bag')
+    text = html([run(), wrong])
+    assert '<p class="verdict wrong">The data of (2) contradict the model' in text
+    assert 'The runs agree' not in text
+    assert '<p class="verdict wrong">The data contradict the model of link7, so its numbers must not be trusted' in text
+    assert '<p class="verdict good">The inertia of link7 is identified' in text
+    assert 'The momentum was changed from outside' not in text
+
+
 def hostile_run() -> Run:
     table1 = hostile_urdf()
     return run(
@@ -248,9 +258,10 @@ def test_a_momentum_is_not_shown_where_nothing_is_determined() -> None:
     assert 'linear x' not in text
 
 
-@pytest.mark.parametrize('kind', ['good', 'planar', 'event', 'nothing'])
+@pytest.mark.parametrize('kind', ['good', 'planar', 'event', 'wrong', 'nothing'])
 def test_a_browser_shows_it_light_and_dark(chromium: Chromium, tmp_path: Path, kind: str) -> None:
     made = {'good': run(), 'planar': run(planar()), 'event': run(estimate(events=(event(),))), 'nothing': nothing()}
+    made['wrong'] = run(estimate(status='inconsistent'))
     page = tmp_path / 'report.html'
     page.write_text(html([made[kind]], [truth()]), encoding='utf-8')
     light = chromium.screenshot(page, tmp_path / 'light.png')

@@ -67,6 +67,11 @@ def changed_values() -> list[float]:
         ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
         ({'links': {}, 'covariance': None}, {}, 'is no calibration: '),
         (
+            {**content(), 'status': 'inconsistent'},
+            {},
+            'must not be trusted, for its data contradict the model; accepted',
+        ),
+        (
             content(matrix=[[1.0]]),
             {},
             'is no calibration: values and covariance of 8 links have the shapes (80,), (1, 1)',

@@ -9,9 +9,9 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.campaign import CampaignRun, Case
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.campaigns.monte_carlo import nees
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
@@ -101,24 +101,3 @@ def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
         estimates = session.process()
         last = estimates[-1] if estimates else last
     return last
-
-
-def nees(estimate: Estimate, truth: Array) -> float:
-    """Return the squared error of an estimate in the metric of its covariance, a parameter: 1 is expected.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    truth : (10,) in the order of PARAMETERS
-
-    Returns
-    -------
-    The normalised estimation error squared, over the number of parameters that are determined; NaN if none is.
-    """
-    known = np.isfinite(estimate.std) & np.isfinite(estimate.parameters)
-    if not np.any(known):
-        return np.nan
-    deviation = estimate.std[known]
-    error = (estimate.parameters - truth)[known] / deviation
-    correlation = estimate.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
-    return float(error @ np.linalg.solve(correlation, error)) / len(error)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
 from mbaid_ros.replay.campaigns.make import FAILED, Result
+from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 
-_BAND = 0.95
-QUANTILE = float(ndtri(0.5 * (1.0 + _BAND)))  # standard deviations either side that hold 95 %
 _REASONS = 5  # failed runs that the text names
 
 
@@ -62,21 +59,17 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
     made = [result for result in results if result['status'] != FAILED]
     estimate, truth, std = (np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in _VALUES)
     nees = np.array([result['nees'] for result in made if result['nees'] is not None])
-    freedom = int(np.sum(np.isfinite(estimate) & np.isfinite(std)))
-    # chdtri: quantiles of the chi-square distribution from above.
-    tails = (0.5 * (1.0 + _BAND), 0.5 * (1.0 - _BAND))
-    low, high = (float(chdtri(freedom, tail)) / freedom if freedom else np.nan for tail in tails)
     error = estimate - truth
     return CaseStatistics(
         name=name,
         choices=results[0]['case'],
         statuses=dict(sorted(Counter(result['status'] for result in results).items())),
-        rmse=np.sqrt(_mean(error**2)),
-        mean_std=_mean(std),
-        inside=_mean(np.where(np.isfinite(error / std), np.abs(error) < QUANTILE * std, np.nan)),
-        determined=_mean(np.isfinite(estimate) * 1.0),
+        rmse=rmse(error),
+        mean_std=mean(std),
+        inside=coverage(error, std),
+        determined=mean(np.isfinite(estimate) * 1.0),
         nees=float(np.mean(nees)) if len(nees) else np.nan,
-        nees_band=(low, high),
+        nees_band=nees_band(int(np.sum(np.isfinite(estimate) & np.isfinite(std)))),
     )
 
 
@@ -91,17 +84,11 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
     return np.array(ten, dtype=float)
 
 
-def _mean(values: Array) -> Array:
-    """Return the means of the columns over what is no NaN."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RuntimeWarning)  # a column of nothing but NaN
-        return np.asarray(np.nanmean(values, axis=0)) if len(values) else np.full(10, np.nan)
-
-
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
     """Return the statistics as scripts read them; what is not known is None."""
     return {
         'runs': len(results),
+        'inconsistent': _inconsistent(results),
         'failed': [{'run': result['run'], 'reason': result['reason']} for result in _failed(results)],
         'cases': [
             {
@@ -133,7 +120,7 @@ def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
             low, high = case.nees_band
             rows.append(f'  NEES a parameter {case.nees:.3g}; {low:.3g} to {high:.3g} if the covariance is right')
     failed = _failed(results)
-    rows += ['', f'{len(results)} runs, {len(failed)} of them failed']
+    rows += ['', f'{len(results)} runs, {len(failed)} of them failed, {_inconsistent(results)} inconsistent']
     rows += [f'  run {result["run"]}: {result["reason"]}' for result in failed[:_REASONS]]
     if len(failed) > _REASONS:
         rows.append(f'  ... ({len(failed) - _REASONS} more)')
@@ -148,6 +135,11 @@ def _row(case: CaseStatistics, index: int) -> str:
     share = f'{100.0 * case.determined[index]:.1f} %'
     percent = f'{inside} %' if inside != '-' else inside
     return f'  {PARAMETERS[index]:6} {case.rmse[index]:>10.3g} {std:>10} {percent:>12} {share:>11}  {UNITS[index]}'
+
+
+def _inconsistent(results: Sequence[Result]) -> int:
+    """Return the number of runs whose data contradict the model."""
+    return sum(result['status'] == 'inconsistent' for result in results)
 
 
 def _failed(results: Sequence[Result]) -> list[Result]:

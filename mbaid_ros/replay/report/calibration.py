@@ -17,7 +17,7 @@ def html(result: Calibrated) -> str:
     parts = [
         f'<h1>Calibration of {text(result.kernel.model.name)}</h1>',
         paragraph(', '.join(one_line(motion.bag) for motion in result.motions), 'note'),
-        paragraph(headline(result), 'verdict bad' if result.warnings else 'verdict'),
+        paragraph(headline(result), f'verdict {_look(result)}'),
         listed(result.warnings, 'warnings'),
         *(paragraph(each) for each in told(result)),
         '<h2>Bodies</h2>',
@@ -35,6 +35,12 @@ def html(result: Calibrated) -> str:
     body = '\n'.join(part for part in parts if part)
     head += f'<style>{STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'
+
+
+def _look(result: Calibrated) -> str:
+    if result.contradicted:
+        return 'wrong'
+    return 'bad' if result.warnings else 'good'
 
 
 def _body(link: LinkResult) -> str:

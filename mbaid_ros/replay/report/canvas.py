@@ -26,8 +26,9 @@ _VARIABLES = {
     '#060606': 'var(--truth)',
     '#070707': 'var(--page)',
     '#080808': 'var(--line)',
+    '#090909': 'var(--alarm)',
 }
-INK, FAINT, FIRST, SECOND, THIRD, TRUTH, PAGE, LINE = _VARIABLES
+INK, FAINT, FIRST, SECOND, THIRD, TRUTH, PAGE, LINE, ALARM = _VARIABLES
 SERIES = ((FIRST, '-'), (SECOND, '--'), (THIRD, '-.'))  # told apart by the line as well
 
 WIDTH = 9.6  # inches

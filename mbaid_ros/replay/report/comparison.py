@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS
 from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
@@ -62,6 +63,9 @@ def _apart(values: Array, stds: Array) -> Array:
 
 def _agreement(apart: Array, runs: Sequence[Run]) -> tuple[str, str]:
     """Return the look and the sentence of the verdict on several runs."""
+    wrong = [f'({place})' for place, run in enumerate(runs, start=1) if run.contradicted]
+    if wrong:
+        return 'wrong', f'The data of {listing(wrong)} contradict the model: numbers from them must not be trusted.'
     if len({run.target_link for run in runs}) > 1:
         return 'bad', 'The runs are about different links.'
     if np.all(np.isnan(apart)):

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate, determined
 from mbaid_ros.replay.report.canvas import (
+    ALARM,
     FAINT,
     FIRST,
     INK,
@@ -33,7 +34,7 @@ _PLOTTED = 800  # points of a curve: more than a screen resolves
 _TIME = 'time [s]'
 _SHORTEST = 1e-9  # s, that a time axis spans
 SHOWN_UNITS = tuple(unit.replace('^2', '\N{SUPERSCRIPT TWO}') for unit in UNITS)
-_STATUS_COLOURS = {'converged': FIRST, 'estimating': FAINT, 'inconsistent': SECOND}
+_STATUS_COLOURS = {'converged': FIRST, 'estimating': FAINT, 'inconsistent': ALARM}
 
 
 def thinned(run: Run) -> Sequence[Estimate]:

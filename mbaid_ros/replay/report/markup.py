@@ -15,10 +15,11 @@ _NUMBER_STARTS = f'-+.0123456789{NO_NUMBER}\N{PLUS-MINUS SIGN}'
 # The colours of Okabe and Ito, which every kind of colour vision tells apart; on dark the lighter ones of them.
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2330; --soft: #5b6474; --faint: #9aa3b2; --line: #dfe3ea; --page: #ffffff;
-  --panel: #f5f7fa; --first: #0072b2; --second: #d55e00; --third: #009e73; --truth: #1d2330; }
+  --panel: #f5f7fa; --first: #0072b2; --second: #d55e00; --third: #009e73; --truth: #1d2330;
+  --alarm: #c1121f; --alarm-panel: #fdecec; }
 @media screen and (prefers-color-scheme: dark) { :root { --ink: #e4e8f0; --soft: #a7b0c0; --faint: #6f7a8c;
   --line: #2c3440; --page: #14181f; --panel: #1b212b; --first: #56b4e9; --second: #e69f00; --third: #1fc195;
-  --truth: #e4e8f0; } }
+  --truth: #e4e8f0; --alarm: #ff5c5c; --alarm-panel: #3a1a1e; } }
 * { box-sizing: border-box; }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--page); max-width: 64rem;
   margin: 2rem auto; padding: 0 1rem; }
@@ -28,6 +29,7 @@ p { margin: .4rem 0; } .note { color: var(--soft); font-size: .87rem; }
 .verdict { font-size: 1.12rem; font-weight: 600; padding: .6rem .9rem; background: var(--panel); border-radius: .3rem;
   border-left: .35rem solid var(--third); overflow-wrap: anywhere; }
 .verdict.bad { border-left-color: var(--second); }
+.verdict.wrong { border-left-color: var(--alarm); background: var(--alarm-panel); color: var(--alarm); }
 .warnings { padding: .1rem .9rem .3rem 2rem; margin: .6rem 0; border-left: .35rem solid var(--second);
   background: var(--panel); overflow-wrap: anywhere; }
 .scroll { overflow-x: auto; } .scroll + .scroll { margin-top: 1.1rem; } details { margin: .7rem 0; }
@@ -35,6 +37,7 @@ table { border-collapse: collapse; font-size: .93rem; } td, th { padding: .22rem
   border-bottom: 1px solid var(--line); vertical-align: top; } th { color: var(--soft); font-weight: 600; }
 td:first-child { overflow-wrap: anywhere; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 td.n { white-space: nowrap; }
+footer { margin-top: 2rem; overflow-wrap: anywhere; }
 figure { margin: .5rem 0; } svg { display: block; width: 100%; height: auto; }
 svg text { fill: var(--ink); font-family: system-ui, sans-serif; }
 figcaption { color: var(--soft); font-size: .87rem; }

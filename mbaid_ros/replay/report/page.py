@@ -10,15 +10,16 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS, determined
+from mbaid_ros.replay import provenance
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
 from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, STYLE, figure, listed, number, paragraph, table, text
 from mbaid_ros.replay.report.scene import scene
-from mbaid_ros.replay.report.versions import versions
 from mbaid_ros.replay.results import Run, events, verdict
 from mbaid_ros.replay.truth import Truth
+from mbaid_ros.replay.versions import versions
 
 _SIGMA = '\N{GREEK SMALL LETTER SIGMA}'
 _GOOD = {'converged', 'estimating'}
@@ -44,19 +45,18 @@ def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>Inertia identification</title>\n<style>{STYLE}</style>\n</head>\n'
-        f'<body>\n<h1>Inertia identification</h1>\n{body}\n{_versions()}\n</body>\n</html>\n'
+        f'<body>\n<h1>Inertia identification</h1>\n{body}\n{_foot(runs)}\n</body>\n</html>\n'
     )
 
 
 def _section(run: Run, truth: Truth | None, name: str) -> str:
-    good = run.reached and run.final.status in _GOOD
     sentence = verdict(run)
     matching = truth if truth is not None and not truth.why_not(run.target_link) else None
     parts = [
         f'<h2><code>{text(run.bag)}</code></h2>',
         paragraph(
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
-            f'verdict {"good" if good else "bad"}',
+            f'verdict {_look(run)}',
         ),
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
@@ -74,8 +74,17 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
     return '\n'.join(part for part in parts if part)
 
 
+def _look(run: Run) -> str:
+    """Return the look of the verdict on a run."""
+    if run.contradicted:
+        return 'wrong'
+    return 'good' if run.reached and run.final.status in _GOOD else 'bad'
+
+
 def _disturbed(run: Run) -> str:
-    """Return when something changed the momentum."""
+    """Return when something changed the momentum; data that contradict the model do not tell."""
+    if run.contradicted:
+        return ''
     times = ', '.join(f'{event.time:.4g} s' for event in run.final.events)
     return f' The momentum was changed from outside: {times}.' if times else ''
 
@@ -235,6 +244,10 @@ def _shown(value: object) -> str:
     return ', '.join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
-def _versions() -> str:
-    made = ', '.join(f'{name} {number}' for name, number in versions())
-    return paragraph(f'Made by {made}.', 'note')
+def _foot(runs: Sequence[Run]) -> str:
+    """Return what made the page: the packages, the command, the files."""
+    made = dict.fromkeys(run.made_by for run in runs if run.made_by is not None)
+    lines = [f'Made by {", ".join(f"{name} {number}" for name, number in versions())}.']
+    lines += [line for each in made for line in provenance.in_words(each)]
+    lines += [line for run in runs for line in provenance.files_in_words(run.bag, run.files)]
+    return f'<footer>{"".join(paragraph(line, "note") for line in lines)}</footer>'

@@ -1,4 +1,4 @@
-"""The versions of what made a report."""
+"""The versions of what made a result."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ _PACKAGES = (
 
 def versions() -> list[tuple[str, str]]:
     """Return (name, version) of each package that has a part in the numbers."""
-    return [*((shown, _version(name)) for name, shown in _PACKAGES), ('Python', platform.python_version())]
+    return [*((shown, version_of(name)) for name, shown in _PACKAGES), ('Python', platform.python_version())]
 
 
-def _version(name: str) -> str:
+def version_of(name: str) -> str:
+    """Return the version of an installed package."""
     try:
         return version(name)
     except PackageNotFoundError:

@@ -1,0 +1,223 @@
+"""The sensors' noise from what they say of a robot at rest, and when it was at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.messages import numbers_of
+from mbaid_ros.replay.inputs import JOINT_STATE_TYPE, ODOMETRY_TYPE
+
+FEWEST = 50  # messages
+SHORTEST = 5.0  # s of rest: in less, a cubic takes the slow part of the noise for motion
+_DEGREE = 3
+_BLOCK = 0.5  # s, over which motion is looked for: noise averages out, and a joint that moves gets somewhere
+_FEWEST_IN_BLOCK = 10
+_MOVED = 3.0  # standard deviations of a single sample; what noise leaves of a block's mean is far below one
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was measured.
+
+    Attributes
+    ----------
+    joints : names
+    joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
+    joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
+    base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one
+    """
+
+    joints: tuple[str, ...]
+    joint_time: Array
+    base_time: Array
+    joint_channels: dict[str, Array]
+    base_channels: dict[str, Array]
+
+    def between(self, begin: float, end: float) -> Recording:
+        """Return what was measured from a time to another, s."""
+        joints, bases = ((begin <= time) & (time <= end) for time in (self.joint_time, self.base_time))
+        return Recording(
+            self.joints,
+            self.joint_time[joints],
+            self.base_time[bases],
+            {name: values[joints] for name, values in self.joint_channels.items()},
+            {name: values[bases] for name, values in self.base_channels.items()},
+        )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a bag tells of the sensors.
+
+    Attributes
+    ----------
+    stds : standard deviation by channel; NaN where nothing was measured
+    warnings : what a user should know, one line each
+    """
+
+    stds: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+def measure(bag: str, joint_states: str, odom: str) -> Measured:
+    """Return the noise of each channel while the joints rest.
+
+    Parameters
+    ----------
+    bag : path
+    joint_states, odom : topics
+
+    Raises
+    ------
+    DataError
+        The bag cannot be used, or the joints do not rest for `SHORTEST`.
+    """
+    recording = _read(bag, joint_states, odom)
+    time = recording.joint_time
+    begin, end, moved = longest_rest(time, recording.joint_channels['joint_position'])
+    warnings = []
+    if moved:
+        moving = f'{listing(recording.joints[joint] for joint in moved)} {"moves" if len(moved) == 1 else "move"}'
+        if end - begin < SHORTEST:
+            raise DataError(
+                f"bag '{bag}' is of no robot at rest: {moving}, all joints rest for {end - begin:.2g} s at most; "
+                f'accepted: {SHORTEST:g} s with the joints braked'
+            )
+        part = f'{begin:.3g} s to {end:.3g} s of {time[-1]:.3g} s'
+        warnings.append(f"bag '{bag}': {moving}; measured from {part}, where all joints rest")
+        recording = recording.between(begin, end)
+        if min(len(recording.joint_time), len(recording.base_time)) < FEWEST:
+            raise DataError(
+                f"bag '{bag}' has fewer than {FEWEST} messages of a topic from {part}; there all joints rest"
+            )
+    loose = [name for name, values in recording.base_channels.items() if wanders(recording.base_time, values)]
+    if loose:
+        warnings.append(
+            f"bag '{bag}': {listing(loose)} {'is' if len(loose) == 1 else 'are'} not noise about a smooth curve alone: "
+            'the base was pushed or tumbles fast, or errors last for a while; the number is too large or means little'
+        )
+    channels = {**recording.joint_channels, **recording.base_channels}
+    return Measured({name: scatter(values) for name, values in channels.items()}, tuple(warnings))
+
+
+def _read(bag: str, joint_states: str, odom: str) -> Recording:
+    """Return what a bag's sensors say.
+
+    Raises
+    ------
+    DataError
+        The bag cannot be read, or lacks a topic or enough of its messages, or they cannot be used.
+    """
+    with BagReader(bag) as recording:
+        for topic, kind in ((joint_states, JOINT_STATE_TYPE), (odom, ODOMETRY_TYPE)):
+            recording.require(topic, kind)
+            if recording.topics[topic].count < FEWEST:
+                raise DataError(f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'")
+        joints = [message for _, message, _ in recording.read([joint_states])]
+        bases = [message for _, message, _ in recording.read([odom])]
+    names = tuple(joints[0].name)
+    if any(tuple(joint.name) != names for joint in joints):
+        raise DataError(f"messages of '{joint_states}' in bag '{bag}' name other joints; accepted: the same in each")
+    begin = _stamp(joints[0])
+    try:
+        position, orientation, linear, angular = np.split(np.array(list(map(numbers_of, bases))), [3, 7, 10], axis=1)
+        turns = Rotation.from_quat(orientation)
+        return Recording(
+            joints=names,
+            joint_time=1e-9 * np.array([_stamp(joint) - begin for joint in joints]),
+            base_time=1e-9 * np.array([_stamp(base) - begin for base in bases]),
+            joint_channels={
+                'joint_position': np.array([joint.position for joint in joints]),
+                'joint_velocity': np.array([joint.velocity for joint in joints]),
+            },
+            base_channels={
+                'base_position': position,
+                'base_orientation': (turns[0].inv() * turns).as_rotvec(),
+                'base_linear_velocity': linear,
+                'base_angular_velocity': angular,
+            },
+        )
+    except ValueError as error:  # messages of unequal lengths, no rotation
+        raise DataError(f"bag '{bag}' cannot be used: {error}") from error
+
+
+def _stamp(message: object) -> int:
+    stamp = message.header.stamp  # type: ignore[attr-defined]
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def scatter(values: Array) -> float:
+    """Return the standard deviation about a cubic of the noisiest column of (n, k); NaN where nothing was measured."""
+    values = values[np.all(np.isfinite(values), axis=1)]
+    if values.size == 0 or len(values) < FEWEST:
+        return float('nan')
+    return float(np.max(np.std(_about_a_curve(values, _DEGREE), axis=0, ddof=_DEGREE + 1)))
+
+
+def wanders(time: Array, values: Array) -> bool:
+    """Tell whether what is left of (n, k) about a cubic is no noise alone: a push, a fast tumble, errors that last."""
+    if values.size == 0 or not np.all(np.isfinite(values)):
+        return False
+    blocks = _blocks(time)
+    rest = _about_a_curve(values, _DEGREE)
+    means = np.array([np.mean(rest[block], axis=0) for block in blocks])
+    return bool(np.any(np.abs(means) > _MOVED * _noise(rest, blocks)))
+
+
+def longest_rest(time: Array, position: Array) -> tuple[float, float, list[int]]:
+    """Return the longest stretch in which no joint moves.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing
+    position : (n, k) of the joints
+
+    Returns
+    -------
+    begin, end : s
+    moved : columns of the joints that move before or after it
+    """
+    known = np.all(np.isfinite(position), axis=1)
+    time, position = time[known], position[known]
+    if position.size == 0:
+        return -np.inf, np.inf, []
+    blocks = _blocks(time)
+    means = np.array([np.mean(position[block], axis=0) for block in blocks])
+    allowed = 2.0 * _MOVED * _noise(position, blocks) + 2.0 * _resolution(position)
+    best, first = (0, 0), 0
+    for last in range(len(blocks)):
+        while np.any(np.ptp(means[first : last + 1], axis=0) > allowed):
+            first += 1
+        best = max(best, (first, last), key=lambda stretch: stretch[1] - stretch[0])
+    moved = np.flatnonzero(np.ptp(means, axis=0) > allowed)
+    return float(time[blocks[best[0]][0]]), float(time[blocks[best[1]][-1]]), moved.tolist()
+
+
+def _blocks(time: Array) -> list[npt.NDArray[np.intp]]:
+    """Return the places of the samples in consecutive blocks, of half a second where that is enough of them."""
+    count = max(1, min(int((time[-1] - time[0]) / _BLOCK), len(time) // _FEWEST_IN_BLOCK))
+    return np.array_split(np.arange(len(time)), count)
+
+
+def _noise(values: Array, blocks: Sequence[npt.NDArray[np.intp]]) -> Array:
+    """Return the usual standard deviation of each column within a block, motion taken away as a parabola."""
+    return np.asarray(np.median([np.std(_about_a_curve(values[block], 2), axis=0) for block in blocks], axis=0))
+
+
+def _resolution(values: Array) -> Array:
+    """Return the smallest step of each column that is not 0: an encoder may go to and fro between two numbers."""
+    steps = np.abs(np.diff(values, axis=0))
+    return np.asarray(np.min(np.where(steps > 0.0, steps, np.inf), axis=0, initial=np.inf))
+
+
+def _about_a_curve(values: Array, degree: int) -> Array:
+    curve = np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, len(values)), degree)
+    return np.asarray(values - curve @ np.linalg.lstsq(curve, values, rcond=None)[0])
