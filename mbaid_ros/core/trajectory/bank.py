@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 MARGIN = 10.0
 # Chance that an undisturbed window counts as a jump of the momentum.
 _FALSE_ALARM = 1e-8
-_JUMP = 0.01  # standard deviation of a jump, in typical sizes of the momentum
+_JUMP = 0.3  # standard deviation of a jump, in typical sizes of the momentum
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
         return replace(track, belief=after, just_jumped=False)
     # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
     likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
-    loose = momentum_inflation(before, white, variables, _JUMP * variables.open_momentum)
+    loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     belief = update(loose, white)
     if belief.last_nis > _limit(belief.last_measured):
         # More than a jump: nothing links this window to the ones before.

@@ -15,7 +15,7 @@ _FEWEST = 8  # where as many are known to come: the others cost little more than
 
 
 class LinearisationCache:
-    """WhitenedWindows of the filter for windows, each made when it is asked for, or earlier together with another.
+    """Windows as the filter takes them, each linearised when it is asked for, or earlier together with another.
 
     One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
     linearised together at the point at which the first one is asked for. That is in vain where the point moves before

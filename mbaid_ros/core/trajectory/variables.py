@@ -33,6 +33,7 @@ class Variables:
     measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
     force : (6, f) from independent numbers of unit variance to a constant force and torque that may act
     mean, factor : (s,), (s, s) of the state when nothing has been measured
+    typical_momentum : (6,) typical sizes, whatever is known of it
     """
 
     basis: Array
@@ -41,6 +42,7 @@ class Variables:
     force: Array
     mean: Array
     factor: Array
+    typical_momentum: Array
 
     @property
     def poses(self) -> int:
@@ -71,11 +73,6 @@ class Variables:
     def gather(self) -> Array:
         """The (v, s) matrix from state to variables."""
         return self.basis.T / self.scale[:, None]
-
-    @cached_property
-    def open_momentum(self) -> Array:
-        """Standard deviations of the momentum when nothing has been measured, (6,)."""
-        return np.sqrt(np.sum(self.factor[MOMENTUM] ** 2, axis=1))
 
     @cached_property
     def outside(self) -> Array:
@@ -127,7 +124,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
-    return Variables(basis, np.sqrt((basis**2).T @ sizes**2), measured, force, mean, factor)
+    return Variables(basis, np.sqrt((basis**2).T @ sizes**2), measured, force, mean, factor, typical[10:16])
 
 
 def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:

@@ -42,11 +42,6 @@ class Hypothesis:
         """Whether anything acts or drifts at all."""
         return self.force != 'none' or len(self.walking) > 0
 
-    @property
-    def extra(self) -> int:
-        """How many unknowns it has more than the others: force and torque."""
-        return 0 if self.force == 'none' else 6
-
     @cached_property
     def walking(self) -> npt.NDArray[np.int64]:
         """Which of pose error and momentum (12) walk."""

@@ -8,7 +8,7 @@ the parent: the carried bodies keep their motion relative to it, and that is tur
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -59,9 +59,7 @@ class JointPlacements(Unknown):
         """Return the known side with these placements."""
         each = value.reshape(-1, _EACH)
         tilts = (self.across @ each[:, 4:, None])[..., 0]
-        zeros = side.zeros + each[:, 0]
-        kernel = side.kernel.displaced(each[:, 1:4], tilts)
-        return KnownSide(kernel, zeros, side.mount, side.delay)
+        return replace(side, kernel=side.kernel.displaced(each[:, 1:4], tilts), zeros=side.zeros + each[:, 0])
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the zeros, the displacements in the plane, and the tilts of the axes that slide within it."""

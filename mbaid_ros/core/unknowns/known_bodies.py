@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -41,7 +41,7 @@ class KnownBodies(Unknown):
         """Return the known side with these bodies."""
         change = np.zeros_like(side.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
-        return side.with_kernel(side.kernel.corrected(change))
+        return replace(side, kernel=side.kernel.corrected(change))
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""

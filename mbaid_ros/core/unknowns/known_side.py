@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +31,3 @@ class KnownSide:
     def nominal(kernel: MomentumKernel) -> KnownSide:
         """Return the robot as its URDF has it."""
         return KnownSide(kernel, np.zeros(kernel.model.joints), np.zeros(6), 0.0)
-
-    def with_kernel(self, kernel: MomentumKernel) -> KnownSide:
-        """Return the same with other bodies or placements."""
-        return replace(self, kernel=kernel)

@@ -5,7 +5,7 @@ With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class OdometryMount(Unknown):
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:
         """Return the known side with this mount."""
-        return KnownSide(side.kernel, side.zeros, side.mount + value, side.delay)
+        return replace(side, mount=side.mount + value)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the displacement in the plane."""

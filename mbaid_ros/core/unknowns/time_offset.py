@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class TimeOffset(Unknown):
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:
         """Return the known side with this delay."""
-        return KnownSide(side.kernel, side.zeros, side.mount, side.delay + float(value[0]))
+        return replace(side, delay=side.delay + float(value[0]))
 
 
 def time_offset(deviation: float) -> TimeOffset:

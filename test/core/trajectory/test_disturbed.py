@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from floating import errors, float_freely, follow, make, normalised, pushing, true_momentum
+from floating import DEFAULT, errors, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -43,9 +43,12 @@ def test_the_two_simulations_agree(robot: MomentumKernel, servicer: Truth, joint
     assert free.base_position == pytest.approx(servicer.base_position[: len(free)], abs=1e-9)
 
 
-def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array) -> None:
+@pytest.mark.parametrize('known', [0.0, 0.05])
+def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float) -> None:
+    """Also where the linear momentum was known at first: the pulse is as large as any."""
     truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
-    last = follow(robot, observe(truth, MID, 4), MID, adapt=True)[-1]
+    estimator = make(robot, MID, adapt=True, uncertainty=replace(DEFAULT, linear_momentum=known))
+    last = estimator.update(windows(observe(truth, MID, 4)), 0)[-1]
     (event,) = last.events
     assert event.kind == 'step'
     assert PULSED - 0.5 <= event.time <= PULSED + 0.5

@@ -28,7 +28,8 @@ def variables(rng: np.random.Generator) -> Variables:
     scale[BODY.stop :] = deviation[BODY.stop :] = 1.0
     mean = rng.normal(size=STATE)
     mean[BODY.stop :] = 0.0
-    return Variables(np.eye(STATE), scale, np.eye(6), np.diag(rng.uniform(0.5, 2.0, 6)), mean, np.diag(deviation))
+    force = np.diag(rng.uniform(0.5, 2.0, 6))
+    return Variables(np.eye(STATE), scale, np.eye(6), force, mean, np.diag(deviation), np.ones(6))
 
 
 def covariance_of(belief: Belief, space: Variables) -> Array:
@@ -221,7 +222,7 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
     unit = np.ones(STATE)
-    space = Variables(np.eye(STATE), unit, np.eye(6), np.eye(6), 0.0 * unit, np.eye(STATE))
+    space = Variables(np.eye(STATE), unit, np.eye(6), np.eye(6), 0.0 * unit, np.eye(STATE), np.ones(6))
     model = window(rng)
     sharp = 1e-18
     model = replace(
