@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
@@ -139,7 +140,7 @@ def estimates(
     name: str, messages: Sequence[Arrival], parameters: dict[str, object] | None = None, at_once: int = 1_000_000
 ) -> tuple[list[Estimate], Session]:
     """Return what a session makes of messages, handed over so many at a time."""
-    config = build(EstimatorConfig, parameters or {})
+    config = build(EstimatorConfig, {**EXACT, **(parameters or {})})
     session = Session(config, (CONFIG / f'{name}.urdf').read_text(encoding='utf-8'))
     result = []
     for index, arrival in enumerate(messages, start=1):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -93,7 +94,7 @@ def estimator(unknown: MomentumKernel, noise: SensorNoise, **parameters: object)
     """Return a method as the estimator's parameters name it (with __ for the dot), told the noise."""
     given = {name.replace('__', '.'): value for name, value in parameters.items()}
     return make_estimator(
-        build(EstimatorConfig, {**{f'noise.{k}': v for k, v in vars(noise).items()}, **given}), unknown
+        build(EstimatorConfig, {**EXACT, **{f'noise.{k}': v for k, v in vars(noise).items()}, **given}), unknown
     )
 
 

@@ -17,6 +17,7 @@ from thrusting import WRENCH, messages, pulse
 
 TYPES = {'/joint_states': recorded.JOINT_STATE, '/odom': recorded.ODOMETRY}
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]
+PARAMETERS = ['--params', str(CONFIG / 'servicer7_estimator.yaml')]
 
 
 def write(path: Path, topic: str) -> str:
@@ -31,13 +32,13 @@ def write(path: Path, topic: str) -> str:
 @pytest.mark.parametrize(('topic', 'options'), [('/thrust', []), ('/base/thrust', ['--thrust', '/base/thrust'])])
 def test_thrust_in_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str], topic: str, options: list[str]) -> None:
     bag = write(tmp_path / 'bag', topic)
-    assert replay([bag, *MODEL, '--json', '-', *options]) == 0
+    assert replay([bag, *MODEL, *PARAMETERS, '--json', '-', *options]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['events'] == []
     assert result['warnings'] == []
     # Not where it is called otherwise and nobody says so.
     if options:
-        assert replay([bag, *MODEL, '--json', '-']) == 0
+        assert replay([bag, *MODEL, *PARAMETERS, '--json', '-']) == 0
         assert [event['kind'] for event in json.loads(capsys.readouterr().out)['events']] == ['step']
 
 

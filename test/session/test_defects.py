@@ -12,6 +12,8 @@ import pytest
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED
@@ -94,7 +96,7 @@ def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> N
         '<origin xyz="0.3 -0.2 0.5" rpy="0 0 1.5707963267948966"/></joint></robot>'
     )
 
-    session = Session(EstimatorConfig(), text.replace('</robot>', marker))
+    session = Session(build(EstimatorConfig, dict(EXACT)), text.replace('</robot>', marker))
     spoil = defects.of_marker(PLACE, np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), 'marker')
     for arrival in spoil(clean()):
         (session.add_joint_state if arrival.topic == JOINTS else session.add_odometry)(arrival.message)

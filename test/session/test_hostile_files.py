@@ -45,7 +45,7 @@ PARAMETERS = {
     'merged aliases': (HEAD + '    a: &a {b: 1}\n    <<: *a\n', 'aliases are not supported'),
     'deep nesting': (HEAD + '    window: ' + '[' * 3_000, 'nested too deeply'),
     'a long name': (HEAD + '    ? ' + 'a' * 900_000 + '\n    : 1\n', 'unknown parameter'),
-    'a long value': (HEAD + '    method: ' + 'a' * 900_000 + '\n', 'accepted: difference'),
+    'a long value': (HEAD + '    method: ' + 'a' * 900_000 + '\n', 'accepted: trajectory, difference'),
     'a long number': (HEAD + '    window: 1' + '0' * 10_000 + '\n', 'not YAML'),
     'a long file': (HEAD + '    window: 0.5\n' * 100_000, 'more than 1000000 characters'),
 }

@@ -83,7 +83,6 @@ def changed_values() -> list[float]:
             {},
             'is of claw; accepted: links of the robot',
         ),
-        (content(), {'relative_std': 0.01}, "'known_links.relative_std' is 0.01; with 'known_links.calibration'"),
         (content(), {'names': ['link1'], 'stds': [0.1]}, "parameter 'known_links.names' is ('link1',)"),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 
 from floating import true_momentum
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import LATE_THRUST
@@ -24,7 +25,7 @@ METHODS = ('difference', 'trajectory')
 
 
 def make(method: str = 'difference') -> Session:
-    return Session(build(EstimatorConfig, {'method': method, 'target_link': 'link7'}), robot('servicer7').urdf)
+    return Session(build(EstimatorConfig, {**EXACT, 'method': method, 'target_link': 'link7'}), robot('servicer7').urdf)
 
 
 def add(session: Session, timed: Timed) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED, Identifier
@@ -49,7 +50,7 @@ def streams(samples: Samples, *, rates: bool = True, twist: bool = True) -> tupl
 
 
 def estimates(samples: Samples, method: str, **present: bool) -> list[Estimate]:
-    config = build(EstimatorConfig, {'method': method})
+    config = build(EstimatorConfig, {**EXACT, 'method': method})
     identifier = Identifier(make_estimator(config, kernel('servicer7')), config.window, config.maximum_gap)
     return identifier.push(*streams(samples, **present))
 
