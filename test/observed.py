@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion

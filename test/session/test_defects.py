@@ -16,7 +16,7 @@ from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED
+from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.intake.reorder import LATE, REPEATED
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
@@ -159,9 +159,11 @@ def test_joints_that_were_missing_before_a_restart_are_not_told_as_none() -> Non
 
 def test_notes_say_what_was_derived() -> None:
     spoil = changed(JOINTS, defects.no_rates)
-    assert estimates(ROBOT, spoil(clean()))[0][-1].warnings[-1:] == (JOINT_RATES_DERIVED,)
+    alone = {'method': 'difference'}
+    assert estimates(ROBOT, spoil(clean()), alone)[0][-1].warnings[-1:] == (JOINT_RATES_DERIVED,)
     spoil = changed(ODOMETRY, defects.no_twist)
-    assert estimates(ROBOT, spoil(clean()))[0][-1].warnings[-1:] == (TWIST_DERIVED,)
+    assert estimates(ROBOT, spoil(clean()), alone)[0][-1].warnings[-1:] == (TWIST_DERIVED,)
+    assert estimates(ROBOT, spoil(clean()))[0][-1].warnings[-1:] == (POSES_ALONE,)
 
 
 def test_late_and_repeated_messages_are_counted() -> None:

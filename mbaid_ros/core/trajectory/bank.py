@@ -21,6 +21,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 MARGIN = 10.0
 # Chance that an undisturbed window counts as a jump of the momentum.
 _FALSE_ALARM = 1e-8
+_LONGEST = 2  # windows that one jump may take: a pulse across the border of two is in both
 _JUMP = 0.3  # standard deviation of a jump, in typical sizes of the momentum
 
 
@@ -45,7 +46,7 @@ class Track:
     hypothesis: Hypothesis
     belief: Belief
     jumps: tuple[Jump, ...] = ()
-    just_jumped: bool = False
+    jumped: int = 0  # windows in a row, the last one among them, that the momentum has jumped in
 
     @property
     def misfit(self) -> float:
@@ -75,8 +76,8 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     before = pose_reset(track.belief, variables) if window.fresh else track.belief
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
-    if not unlikely or track.just_jumped:
-        return replace(track, belief=after, just_jumped=False)
+    if not unlikely or track.jumped == _LONGEST:
+        return replace(track, belief=after, jumped=0)
     # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
     likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
@@ -84,14 +85,11 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     if belief.last_nis > _limit(belief.last_measured):
         # More than a jump: nothing links this window to the ones before.
         belief = update(pose_reset(loose, variables), white)
-    count = len(variables.scale)
-    jump = Jump(window.start, variables.spread[MOMENTUM] @ before.least_squares[:count])
-    return replace(
-        track,
-        belief=replace(belief, log_likelihood=likelihood),
-        jumps=(*track.jumps, jump),
-        just_jumped=True,
-    )
+    jumps = track.jumps
+    if not track.jumped:
+        mean = before.least_squares[: len(variables.scale)]
+        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean))
+    return replace(track, belief=replace(belief, log_likelihood=likelihood), jumps=jumps, jumped=track.jumped + 1)
 
 
 def far_better(other: Track, first: Track) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.honesty.runs import PUBLISHED, Outcome
-from mbaid_ros.replay.campaigns.statistics import QUANTILE
+from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE
 
 FAR = 5.0  # standard deviations: beyond, something is wrong
 _FEWEST_COVERED = 0.6  # of the parameters, over the seeds

@@ -135,7 +135,7 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
 
 def test_one_unknown_link_is_the_single_link_method(spatial: Truth) -> None:
     unknown = kernel('servicer7')
-    alone = identify(unknown, spatial, MID, 4, difference__kept_windows=100)[-1]
+    alone = identify(unknown, spatial, MID, 4, method='difference', difference__kept_windows=100)[-1]
     found = calibrate(unknown, [windows(observe(spatial, MID, 4))], CalibrationSettings(MID, (NOTHING,)))
     link = found.links[0]
     # The single-link method stops at a thousandth of a standard deviation.

@@ -148,6 +148,8 @@ def test_trajectory_needs_no_velocities() -> None:
     truth = physical(kernel('servicer7').target.parameters)
     assert np.mean(((last.parameters - truth) / last.std) ** 2) < 3.0
     assert last.warnings[-1] == POSES_ALONE
-    assert np.array_equal(
-        estimates(samples, 'trajectory', rates=False)[-1].parameters, estimates(samples, 'trajectory')[-1].parameters
+    # They only help to find a start: a hundredth of a standard deviation is left of that.
+    whole = estimates(samples, 'trajectory')[-1]
+    assert np.all(
+        np.abs(estimates(samples, 'trajectory', rates=False)[-1].parameters - whole.parameters) < 0.01 * whole.std
     )
