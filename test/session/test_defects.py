@@ -159,7 +159,7 @@ def test_joints_that_were_missing_before_a_restart_are_not_told_as_none() -> Non
 
 def test_notes_say_what_was_derived() -> None:
     spoil = changed(JOINTS, defects.no_rates)
-    alone = {'method': 'difference'}
+    alone: dict[str, object] = {'method': 'difference'}
     assert estimates(ROBOT, spoil(clean()), alone)[0][-1].warnings[-1:] == (JOINT_RATES_DERIVED,)
     spoil = changed(ODOMETRY, defects.no_twist)
     assert estimates(ROBOT, spoil(clean()), alone)[0][-1].warnings[-1:] == (TWIST_DERIVED,)

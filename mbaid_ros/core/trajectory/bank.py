@@ -47,11 +47,12 @@ class Track:
     belief: Belief
     jumps: tuple[Jump, ...] = ()
     jumped: int = 0  # windows in a row, the last one among them, that the momentum has jumped in
+    inflations: int = 0  # windows in all
 
     @property
     def misfit(self) -> float:
         """Sum of the normalised innovations squared, and what its jumps count against it."""
-        return self.belief.nis - 2.0 * len(self.jumps) * float(np.log(_FALSE_ALARM))
+        return self.belief.nis - 2.0 * self.inflations * float(np.log(_FALSE_ALARM))
 
 
 Bank = tuple[Track, ...]
@@ -89,7 +90,13 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     if not track.jumped:
         mean = before.least_squares[: len(variables.scale)]
         jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean))
-    return replace(track, belief=replace(belief, log_likelihood=likelihood), jumps=jumps, jumped=track.jumped + 1)
+    return replace(
+        track,
+        belief=replace(belief, log_likelihood=likelihood),
+        jumps=jumps,
+        jumped=track.jumped + 1,
+        inflations=track.inflations + 1,
+    )
 
 
 def far_better(other: Track, first: Track) -> bool:

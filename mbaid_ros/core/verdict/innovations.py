@@ -66,12 +66,14 @@ class Innovations:
 
     @property
     def correlation(self) -> Array:
-        """Correlation of neighbouring windows' innovations, (4,): 0 where the noise is white; NaN without any."""
+        """Covariance of neighbouring windows' innovations in units of the declared noise, (4,); NaN without any.
+
+        0 where the noise is white. What is far below the declared noise is no matter, however correlated.
+        """
         pairs = self.by_sensor(self.pairs)
-        mean = self.by_sensor(self.products) / np.maximum(pairs, 1.0)
-        return np.where(pairs > 0.0, mean / np.where(self.ratio > 0.0, self.ratio, 1.0), np.nan)
+        return np.where(pairs > 0.0, self.by_sensor(self.products) / np.maximum(pairs, 1.0), np.nan)
 
     @property
     def correlation_significance(self) -> Array:
-        """How many of its standard deviations, 1 / sqrt(n), each of these is, (4,)."""
-        return self.correlation * np.sqrt(self.by_sensor(self.pairs))
+        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (4,)."""
+        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.by_sensor(self.pairs))

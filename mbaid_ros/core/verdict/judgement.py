@@ -122,7 +122,8 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             causes.append(Cause(f'noise.{sensor} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:
-            gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - correlation**2, 1e-3))
+            relative = correlation / max(ratio, 1.0)
+            gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
     if evidence.hypothesis:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
