@@ -8,7 +8,7 @@ from typing import Literal
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
-from mbaid_ros.core.difference.problem import Beside
+from mbaid_ros.core.equations.nuisance import KnownBodies
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
@@ -93,22 +93,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             reporting,
         )
     if config.method == 'difference':
-        return DifferenceEstimator(
-            kernel,
-            DifferenceSettings(
-                noise=noise,
-                kept_windows=config.difference.kept_windows,
-                forgetting_time=config.difference.forgetting_time,
-                window=config.window,
-                beside=Beside(
-                    linear_momentum_std=config.momentum.linear_prior_std,
-                    constant=_axes(config.disturbance.constant),
-                    known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
-                    delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-                ),
-            ),
-            reporting,
-        )
+        return _difference(config, kernel, noise, reporting)
     paper = config.paper
     return PaperEstimator(
         kernel,
@@ -123,6 +108,24 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             length=convergence.length,
         ),
     )
+
+
+def _difference(
+    config: EstimatorConfig, kernel: MomentumKernel, noise: SensorNoise, reporting: Reporting
+) -> DifferenceEstimator:
+    if config.disturbance.constant != 'none':
+        raise ParameterError(
+            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which takes "
+            'the momentum for constant; accepted: none, or method trajectory'
+        )
+    settings = DifferenceSettings(
+        noise=noise,
+        kept_windows=config.difference.kept_windows,
+        forgetting_time=config.difference.forgetting_time,
+        window=config.window,
+        linear_momentum_std=config.momentum.linear_prior_std,
+    )
+    return DifferenceEstimator(kernel, settings, reporting, [KnownBodies(kernel)])
 
 
 def _axes(name: str) -> Literal['none', 'inertial', 'body']:

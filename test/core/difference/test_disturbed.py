@@ -15,7 +15,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.difference.effects import ConstantForces
-from mbaid_ros.core.difference.window_rows import joined
+from mbaid_ros.core.equations.window_rows import joined
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel

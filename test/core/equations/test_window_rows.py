@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.difference.delay import Moved
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import joined, window_rows
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.window_rows import joined, window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
 from mbaid_ros.core.intake.rates import with_rates
 from mbaid_ros.core.robot.kernel import MomentumKernel

@@ -38,14 +38,6 @@ class Blocks(Stacked):
     noise: Array
     noise_rows: Array
 
-    def widened(self, columns: Array) -> Blocks:
-        """Return the same equations with (K, r, w) exact coefficients of w more unknowns."""
-        if not columns.shape[-1]:
-            return self
-        none = np.zeros((*self.noise.shape, columns.shape[-1]))
-        rows, noise_rows = (np.concatenate(pair, axis=-1) for pair in ((self.rows, columns), (self.noise_rows, none)))
-        return Blocks(rows, self.offset, self.noise, noise_rows)
-
     def restrict(self, selection: Array, basis: Array) -> Blocks:
         """Return the equations E f in the unknowns x' with x = B x'.
 
