@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
-KNOWN_LINKS_MODES = ('consider', 'estimate')
 PHASES = ('post_capture', 'pre_capture')
 
 
@@ -32,9 +31,8 @@ class DisturbanceConfig:
 
     constant: str = parameter(
         'none',
-        'Axes of a constant external force and torque that are estimated along: body, on the base link, or inertial, '
-        'as on a tilted table; none looks for one (trajectory: with trajectory.adapt) and estimates it where the data '
-        'ask for it.',
+        'Axes of a constant external force and torque that trajectory estimates along: body, on the base link, or '
+        'inertial, as on a tilted table; none estimates one where the data ask for it (trajectory.adapt).',
         choices=CONSTANT_FORCES,
     )
 
@@ -131,10 +129,4 @@ class KnownLinksConfig:
     calibration: str = parameter(
         '',
         'JSON file of calibrate, whose covariance of all links counts instead; the URDF is then the one it wrote.',
-    )
-    mode: str = parameter(
-        'consider',
-        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
-        'target. trajectory always estimates them.',
-        choices=KNOWN_LINKS_MODES,
     )

@@ -24,6 +24,7 @@ from mbaid_ros.core.symmetric import inverse_root
 _FALSE_ALARM = 1e-9
 _ENOUGH = 50  # redundant equations from which the tests can be trusted
 _LARGEST_MEAN = 1.5  # normalised innovation squared, of an equation
+_NEAR = 1.0  # s, within which it is the same jump
 _FLOOR = 1e-9  # part of the information about a jump that has to be left for it to be one
 
 
@@ -36,11 +37,13 @@ class Jump:
     time : s since the first sample, start of the first window after it
     value : (c,) in the unknowns that the momentum is
     fall : of the sum of squared residuals, over the scale of the noise
+    seen : s, the time that it was first found to have
     """
 
     time: float
     value: Array
     fall: float
+    seen: float
 
 
 class Conservation:
@@ -52,7 +55,7 @@ class Conservation:
 
     Attributes
     ----------
-    jump : the clearest so far, None where there is none
+    jump : the first, None where there is none
     mean : normalised innovation squared of an equation, mean over all windows that were tested
     """
 
@@ -90,12 +93,14 @@ class Conservation:
         self._innovations += falls[-1]
         self._equations += self._size
         self.mean = self._innovations / self._equations
-        best = int(np.argmax(falls))
+        # Where it was first seen: later windows tell more of its size, but a solution astray takes others for jumps, too.
+        starts, jump = np.array(self._starts[1:]), self.jump
+        best = int(np.argmax(falls if jump is None else np.where(np.abs(starts - jump.seen) <= _NEAR, falls, 0.0)))
         # Noise that is larger than declared is no jump: the scale of what a jump leaves.
         scale = max((window.linear.cost - falls[best]) / (redundancy + surplus), 1.0)
-        fall = float(falls[best]) / scale
-        if fall > max(self._limit, 0.0 if self.jump is None else self.jump.fall):
-            self.jump = Jump(self._starts[1 + best], changes[best], fall)
+        fall, time = float(falls[best]) / scale, float(starts[best])
+        if fall > (self._limit if jump is None else jump.fall):
+            self.jump = Jump(time, changes[best], fall, time if jump is None else jump.seen)
 
 
 def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) -> tuple[Array, Array]:

@@ -83,7 +83,7 @@ class Run:
 
     @property
     def event(self) -> Event | None:
-        """The clearest jump of the momentum, about the odometry's origin; None where there was none."""
+        """The first jump of the momentum, about the odometry's origin; None where there was none."""
         jump = self._conservation.jump
         if jump is None:
             return None
