@@ -93,7 +93,7 @@ class Conservation:
         self._innovations += falls[-1]
         self._equations += self._size
         self.mean = self._innovations / self._equations
-        # Where it was first seen: later windows tell more of its size, but a solution astray takes others for jumps, too.
+        # Later windows tell more of its size; only near where it was first seen, since a solution astray sees others.
         starts, jump = np.array(self._starts[1:]), self.jump
         best = int(np.argmax(falls if jump is None else np.where(np.abs(starts - jump.seen) <= _NEAR, falls, 0.0)))
         # Noise that is larger than declared is no jump: the scale of what a jump leaves.
@@ -128,7 +128,7 @@ def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) ->
     left = left + considered @ np.swapaxes(considered, 1, 2)
     diagonal = np.arange(left.shape[1])
     left[:, diagonal, diagonal] += _FLOOR * own[:, diagonal, diagonal]
-    changes = -np.linalg.solve(left, slope[..., None])[..., 0]
+    changes = -np.linalg.solve(left, slope[..., None])[..., 0]  # (9)
     return -np.sum(slope * changes, axis=1), changes
 
 

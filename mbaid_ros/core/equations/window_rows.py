@@ -50,7 +50,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     rows = momentum_rows(kernel, samples)
     known, target = _mean_rows(rows, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
-    equations = np.concatenate((target, -_transport(position)), axis=2)  # f = A x + y (5)
+    equations = np.concatenate((target, -_transport(position)), axis=2)  # f = A x + y (3)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
