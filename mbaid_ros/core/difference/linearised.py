@@ -111,4 +111,4 @@ class LinearisedWindows:
     def pop(self) -> None:
         """Give up the oldest window."""
         for queue in (self._windows, self._white, self._own):
-            queue.drop(0, 1)
+            queue.drop(1)
