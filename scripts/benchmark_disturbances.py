@@ -22,15 +22,15 @@ _SEEDS = 50
 _METHODS = ('difference', 'trajectory')
 
 
-def _links(std: float, mode: str) -> dict[str, object]:
+def _links(std: float) -> dict[str, object]:
     # Published however wide they are, so that the intervals can be judged.
-    return {'known_links.relative_std': std, 'known_links.mode': mode, 'convergence.identifiable_std': 100.0}
+    return {'known_links.relative_std': std, 'convergence.identifiable_std': 100.0}
 
 
 ROWS = (
     Row('none', 'nothing'),
-    Row('none', 'a force, odometry axes', {'disturbance.constant': 'inertial'}),
-    Row('none', 'a force, base axes', {'disturbance.constant': 'body'}),
+    Row('none', 'a force, odometry axes', {'disturbance.constant': 'inertial'}, ('trajectory',)),
+    Row('none', 'a force, base axes', {'disturbance.constant': 'body'}, ('trajectory',)),
     Row('pulse', 'found'),
     Row('pulse', 'told', told=True),
     *(
@@ -39,7 +39,7 @@ ROWS = (
         for row in (
             Row(axes, 'not allowed for', {'trajectory.adapt': False}, ('trajectory',)),
             Row(axes, 'found'),
-            Row(axes, 'given', {'disturbance.constant': axes}),
+            Row(axes, 'given', {'disturbance.constant': axes}, ('trajectory',)),
         )
     ),
     *(
@@ -47,8 +47,8 @@ ROWS = (
         for share in (0.01, 0.05)
         for row in (
             Row(f'links {100.0 * share:.0f} %', 'taken for exact'),
-            Row(f'links {100.0 * share:.0f} %', 'considered', _links(share, 'consider'), ('difference',)),
-            Row(f'links {100.0 * share:.0f} %', 'estimated', _links(share, 'estimate'), ('trajectory',)),
+            Row(f'links {100.0 * share:.0f} %', 'considered', _links(share), ('difference',)),
+            Row(f'links {100.0 * share:.0f} %', 'estimated', _links(share), ('trajectory',)),
         )
     ),
     Row('wheels', 'their speeds are read'),

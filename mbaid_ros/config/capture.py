@@ -31,9 +31,8 @@ class DisturbanceConfig:
 
     constant: str = parameter(
         'none',
-        'Axes of a constant external force and torque that are estimated along: body, on the base link, or inertial, '
-        'as on a tilted table; none looks for one (trajectory: with trajectory.adapt) and estimates it where the data '
-        'ask for it.',
+        'Axes of a constant external force and torque that trajectory estimates along: body, on the base link, or '
+        'inertial, as on a tilted table; none estimates one where the data ask for it (trajectory.adapt).',
         choices=CONSTANT_FORCES,
     )
 

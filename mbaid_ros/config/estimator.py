@@ -123,7 +123,7 @@ class DifferenceConfig:
 
     kept_windows: int = parameter(
         40,
-        'Number of the latest windows that every update solves again; older ones are folded into one matrix.',
+        'Number of the latest windows that every update solves again; older ones are marginalised.',
         minimum=2,
         maximum=10_000,
     )
@@ -163,7 +163,7 @@ class TimeOffsetConfig:
 
     estimate: bool = parameter(
         default=True,
-        description='Estimate how late JointState is stamped relative to Odometry (difference: once the data show it).',
+        description='Estimate how late JointState is stamped relative to Odometry (trajectory only).',
     )
     prior_std: float = parameter(
         0.02,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from mbaid_ros.config.parameters import parameter
 
-KNOWN_LINKS_MODES = ('consider', 'estimate')
 # Parameters of a robot that is exactly its URDF, as only a simulated one is.
 EXACT = {
     'known_links.relative_std': 0.0,
@@ -38,12 +37,6 @@ class KnownLinksConfig:
         '',
         'JSON file of calibrate, whose covariance of all links counts, not relative_std; the URDF is then the one it '
         'wrote.',
-    )
-    mode: str = parameter(
-        'consider',
-        'What difference makes of it: consider widens the intervals, estimate estimates the errors along with the '
-        'target. trajectory always estimates them.',
-        choices=KNOWN_LINKS_MODES,
     )
 
 

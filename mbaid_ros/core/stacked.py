@@ -35,7 +35,7 @@ class Stacked:
 
 
 class Queue(Generic[S]):
-    """Entries that join at the end and leave mostly at the front, in one piece of memory: all are there uncopied.
+    """Entries that join at the end and leave at the front, in one piece of memory: all are there uncopied.
 
     Parameters
     ----------
@@ -71,13 +71,10 @@ class Queue(Generic[S]):
             self._start, self._end = 0, len(both)
         self.entries = self._room[self._start : self._end]
 
-    def drop(self, first: int, last: int) -> None:
-        """Give up entries first, ..., last - 1."""
-        if first == 0:
-            self._start = min(self._start + last, self._end)
-            self.entries = self.entries[last:]
-        else:
-            self._hold(type(self.entries).concatenate([self.entries[:first], self.entries[last:]]))
+    def drop(self, count: int) -> None:
+        """Give up the first entries."""
+        self._start = min(self._start + count, self._end)
+        self.entries = self.entries[count:]
 
     def _hold(self, entries: S) -> None:
         """Go over to entries in memory that has no room for more."""

@@ -10,7 +10,6 @@ from mbaid_ros.core.geometry import Array, Flags
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
 _RESOLUTION = 1e-13
 _DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
-_HUGE = 1e300  # beyond any square
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:
@@ -41,22 +40,14 @@ def square_root(information: Array) -> Array:
     return np.asarray(vectors / np.sqrt(values))
 
 
-def inverse_root(matrix: Array, least: Array | None = None) -> Array | None:
-    """Return R (u, u) with R^T R the inverse of a symmetric matrix; None where it may be singular.
-
-    Parameters
-    ----------
-    matrix : (u, u)
-    least : what has to be left of each unknown's information once those before it are known
-    """
+def inverse_root(matrix: Array) -> Array | None:
+    """Return R (u, u) with R^T R the inverse of a symmetric (u, u) matrix; None where it may be singular."""
     # LAPACK itself, for so small a matrix: numpy's own calls take several times as long.
     factor, failed = dpotrf(matrix, lower=True)
     if failed:
         return None
     # The square of a pivot: what is left of an unknown's information once those before it are known.
     left, enough = factor.diagonal() ** 2, _DOUBTFUL * matrix.diagonal()
-    if least is not None:
-        enough = np.maximum(enough, least)
     return np.asarray(dtrtri(factor, lower=True)[0]) if (left > enough).all() else None
 
 
@@ -82,26 +73,6 @@ def are_doubtful(matrices: Array, inverses: Array) -> Flags:
     """Return which of K matrices (K, u, u) may be singular, from the inverses of their factors (K, u, u)."""
     left = inverses.diagonal(axis1=1, axis2=2) ** -2
     return np.asarray((left <= _DOUBTFUL * matrices.diagonal(axis1=1, axis2=2)).any(axis=1))
-
-
-def whitened(vectors: Array, covariances: Array) -> Array | None:
-    """Return L^-1 a of vectors a, L the Cholesky factors of their covariances; None where one of these may be singular.
-
-    Parameters
-    ----------
-    vectors, covariances : (K, c), (K, c, c)
-    """
-    count = vectors.shape[1]
-    # With a as a row more below the covariance, what is asked for is a row more below the factor.
-    bordered = np.empty((len(vectors), count + 1, count + 1))
-    bordered[:, :count, :count], bordered[:, count, :count], bordered[:, count, count] = covariances, vectors, _HUGE
-    try:
-        factor = np.linalg.cholesky(bordered)
-    except np.linalg.LinAlgError:
-        return None
-    left, right = factor[:, :count, :count], factor[:, count, :count]
-    doubtful = left.diagonal(axis1=1, axis2=2) ** 2 <= _DOUBTFUL * covariances.diagonal(axis1=1, axis2=2)
-    return None if doubtful.any() else np.asarray(right)
 
 
 def is_positive(matrix: Array) -> bool:

@@ -8,7 +8,6 @@ from typing import Literal
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
-from mbaid_ros.core.difference.problem import Beside
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
@@ -18,6 +17,7 @@ from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
+from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.session.known import declared_errors
 from mbaid_ros.session.self_calibration import self_calibration
 from mbaid_ros.session.uncertainty import declared_uncertainty
@@ -96,6 +96,8 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
             ),
             reporting,
         )
+        if config.disturbance.constant != 'none':
+            return second  # the first stage takes the momentum for constant
         return TwoStageEstimator(_difference(config, kernel, noise, reporting), second)
     paper = config.paper
     return PaperEstimator(
@@ -117,22 +119,20 @@ def _difference(
     config: EstimatorConfig, kernel: MomentumKernel, noise: SensorNoise, reporting: Reporting
 ) -> DifferenceEstimator:
     """Return the weighted difference form: a method by itself, and the first stage of another."""
-    return DifferenceEstimator(
-        kernel,
-        DifferenceSettings(
-            noise=noise,
-            kept_windows=config.difference.kept_windows,
-            forgetting_time=config.difference.forgetting_time,
-            window=config.window,
-            beside=Beside(
-                linear_momentum_std=config.momentum.linear_prior_std,
-                constant=_axes(config.disturbance.constant),
-                known_mode='estimate' if config.known_links.mode == 'estimate' else 'consider',
-                delay_std=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-            ),
-        ),
-        reporting,
+    if config.disturbance.constant != 'none':
+        raise ParameterError(
+            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which takes "
+            'the momentum for constant; accepted: none, or method trajectory'
+        )
+    settings = DifferenceSettings(
+        noise=noise,
+        kept_windows=config.difference.kept_windows,
+        forgetting_time=config.difference.forgetting_time,
+        window=config.window,
+        linear_momentum_std=config.momentum.linear_prior_std,
     )
+    unknowns = catalogue(kernel, declared_uncertainty(config, kernel.model))
+    return DifferenceEstimator(kernel, settings, reporting, unknowns)
 
 
 def _axes(name: str) -> Literal['none', 'inertial', 'body']:

@@ -30,7 +30,7 @@ def test_a_queue_holds_what_has_come_last(most: int) -> None:
     seen, expected = [], []
     for first in range(0, 60, 2):
         queue.append(pairs(first, 2))
-        queue.drop(0, max(len(queue) - most, 0))
+        queue.drop(max(len(queue) - most, 0))
         seen.append(queue.entries)
         expected.append(list(range(max(first + 2 - most, 0), first + 2)))
         assert len(queue) == len(queue.entries) == len(expected[-1])
@@ -40,13 +40,13 @@ def test_a_queue_holds_what_has_come_last(most: int) -> None:
         assert np.array_equal(entries.many, pairs(values[0], len(values)).many)
 
 
-def test_entries_leave_a_queue_from_its_middle() -> None:
+def test_entries_that_leave_make_room() -> None:
     queue = Queue(pairs(0, 5))
     queue.append(pairs(5, 1))
     before = queue.entries
-    queue.drop(2, 4)
+    queue.drop(2)
     queue.append(pairs(6, 2))
-    assert queue.entries.one.tolist() == [0.0, 1.0, 4.0, 5.0, 6.0, 7.0]
+    assert queue.entries.one.tolist() == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
     assert before.one.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    queue.drop(0, 6)
+    queue.drop(9)
     assert len(queue) == 0

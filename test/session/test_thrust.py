@@ -16,7 +16,7 @@ from mbaid_ros.core.intake.thrust import LATE_THRUST
 from mbaid_ros.core.paper.estimator import THRUST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.session import Session, intake_warnings
-from observed import MID, kernel, nees, observe, true_body
+from observed import MID, kernel, observe, true_body
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
 
@@ -102,7 +102,8 @@ def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
     assert session.thrust.late
     truth = true_momentum(kernel('servicer7'), observe(pushed(), MID))
     assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
-    assert nees(last, true_body(kernel('servicer7'))) < 60.0
+    # The windows that were solved without it have seen a momentum that jumps.
+    assert last.status == 'inconsistent'
 
 
 def test_the_methods_of_the_paper_say_that_they_do_not_know_of_it() -> None:

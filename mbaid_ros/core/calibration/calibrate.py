@@ -11,7 +11,7 @@ from mbaid_ros.core.calibration.likelihood import Eliminated, Likelihood, Motion
 from mbaid_ros.core.calibration.prior import NO_PRIOR, LinkPrior, Prior, make_prior
 from mbaid_ros.core.calibration.result import Calibration, Scale
 from mbaid_ros.core.calibration.structure import Mechanism, planar_basis, structure
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.consistency import project

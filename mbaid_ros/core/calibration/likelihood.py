@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import Sums
+from mbaid_ros.core.equations import errors_in_variables as eiv
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.first_solutions import Sums
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.difference.window_rows import BODY, window_rows
+from mbaid_ros.core.equations.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.robot.kernel import MomentumKernel

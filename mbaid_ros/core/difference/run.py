@@ -1,123 +1,103 @@
-"""A run, and what has disturbed it, as it is reported."""
+"""A run: the unknowns that its motion can tell, the likelihood of its windows, and whether momentum is conserved."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from mbaid_ros.core import chi_square
-from mbaid_ros.core.difference.disturbances import Jump
-from mbaid_ros.core.difference.effects import Axes
-from mbaid_ros.core.difference.problem import Problem
-from mbaid_ros.core.difference.steps import SteppedLikelihood
+from mbaid_ros.core.difference.conservation import Conservation, noise_covariance
+from mbaid_ros.core.difference.sliding_window import SlidingWindow
+from mbaid_ros.core.equations.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.equations.nuisance import ConsiderParameters
+from mbaid_ros.core.equations.subspace import Subspace
+from mbaid_ros.core.equations.window_rows import LINEAR
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Event
-from mbaid_ros.core.robot.kernel import MomentumKernel
 
-_MOST_TOLD = 5  # events in the warnings
-_LONG = 1.5  # s, from which a jump of the momentum is no pulse
-# Chance of an estimate to be as large if there was nothing, from which on a jump is none, and a force is one.
-_NOTHING, _CERTAIN = 1e-3, 1e-9
-_ANYTHING = (
-    'wrong known bodies (known_links.relative_std), order or sign of joints or twist frame, or a force that changes'
-)
+# Standard deviation of the start in typical sizes: far too much to be a prior, and enough to keep every step finite.
+NO_PRIOR = 100.0
+_CAUSE = 'thrust, contact, a slip of the grasp, or a force that lasts'
 
 
-@dataclass
 class Run:
-    """What a run has led to: where it started, what its motion can tell, and the likelihood of that."""
+    """The unknowns x = (m, h, I_o, P_0, L_0) of a run, as far as its motion can tell them.
 
-    origin: Array
-    problem: Problem
-    likelihood: SteppedLikelihood
-    started: float  # s since the first sample
-    restarted: bool = False
+    Parameters
+    ----------
+    space : which equations hold, in which unknowns
+    origin : (3,) m, about which L_0 is taken
+    scale : (16,) typical sizes of x
+    linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
+    considered : the consider parameters
+    length, forgetting : of the SlidingWindow
+    restarted : whether earlier windows had to be given up
 
-
-@dataclass(frozen=True)
-class Disturbances:
-    """What has disturbed a run by an instant: events, warnings, (value, standard deviation) of a delay of the joints.
-
-    `too_many` tells whether there are more than the model can be right with.
+    Attributes
+    ----------
+    open_variance : (16,) of x where nothing is known
+    momentum : places of the momentum among the unknowns
+    window : SlidingWindow
+    surplus : what these add to the sum of squared residuals in expectation
     """
 
-    events: tuple[Event, ...]
-    warnings: tuple[str, ...]
-    delay: tuple[float, float]
-    too_many: bool
+    def __init__(
+        self,
+        space: Subspace,
+        origin: Array,
+        scale: Array,
+        linear_momentum_std: float,
+        considered: ConsiderParameters,
+        *,
+        length: int,
+        forgetting: float,
+        restarted: bool,
+    ) -> None:
+        self.space = space
+        self.origin = origin
+        self.considered = considered
+        self.restarted = restarted
+        deviation = NO_PRIOR * scale
+        self.open_variance = deviation**2
+        if linear_momentum_std > 0.0:
+            deviation[LINEAR] = linear_momentum_std
+        basis = space.basis
+        prior = np.asarray((basis.T * (1.0 / deviation**2)) @ basis)
+        self.momentum = slice(len(prior) - len(space.rows), len(prior))
+        self.window = SlidingWindow(prior, length, forgetting, np.abs(basis.T) @ scale, considered.count)
+        self.surplus = 0.0
+        self._conservation = Conservation(self.momentum)
 
+    def add(self, block: Blocks, columns: Array, start: float) -> Linearisation:
+        """Take a window, solve again and return the likelihood's quadratic form at the solution.
 
-def disturbances(run: Run) -> Disturbances:
-    """Return what has disturbed a run by now."""
-    events = (*_forces(run), *(_step(jump, run) for jump in run.likelihood.jumps))
-    warnings = [str(event) for event in events[-_MOST_TOLD:]]
-    too_many = run.likelihood.too_many
-    if too_many:
-        events = tuple(replace(event, cause=_ANYTHING) for event in events)
-        warnings.append(f'the momentum seems to change all the time: {_ANYTHING}')
-    late = delay(run)
-    if late[1] > 0.0:
-        warnings.append(f'JointState is stamped {1e3 * late[0]:.1f} ms late relative to Odometry; estimated along')
-    return Disturbances(events, tuple(warnings), late, too_many=too_many)
+        Parameters
+        ----------
+        block, columns : of one window in the unknowns of the subspace, (1, r, e)
+        start : s since the first sample
+        """
+        linear = self.window.add(block, columns)
+        covariance = noise_covariance(self.window.linear.information)
+        if self.considered.count:
+            self.surplus = self.window.cross_information.surplus(covariance)
+        self._conservation.update(self.window, start, covariance, self.surplus)
+        return linear
 
+    @property
+    def event(self) -> Event | None:
+        """The first jump of the momentum, about the odometry's origin; None where there was none."""
+        jump = self._conservation.jump
+        if jump is None:
+            return None
+        change = self.space.rows.T @ jump.value
+        return Event(jump.time, 'step', change[:3], change[3:] + cross(self.origin, change[:3]), _CAUSE)
 
-def blamed(blame: Array, kernel: MomentumKernel) -> tuple[str, ...]:
-    """Return the warning that (1 + b,) shares of the known bodies in the variance are worth: of all, and of each."""
-    if blame[0] <= 0.5:
-        return ()
-    worst = int(np.argmax(blame[1:]))
-    link = next(x.name for x in kernel.model.links if x.body == kernel.errors.bodies[worst])
-    share, own = 100.0 * blame[0], 100.0 * blame[1 + worst]
-    return (f'{share:.0f} % of the variance is due to the known bodies being uncertain, {own:.0f} % to {link} alone',)
-
-
-def _step(jump: Jump, run: Run) -> Event:
-    """Return a jump of the momentum as it is reported, about the odometry's origin."""
-    change = run.problem.space.rows.T @ jump.value
-    linear = change[:3]
-    return Event(jump.start, 'step', linear, change[3:] + cross(run.origin, linear), _cause(jump))
-
-
-def _cause(jump: Jump) -> str:
-    """Return what may have made a jump of the momentum."""
-    if not _tells(jump.value, jump.covariance, _NOTHING):
-        return 'the momentum came back: a fault of the sensors, or two pulses that cancel'
-    if jump.end - jump.start > _LONG:
-        return f'a force or torque for {jump.end - jump.start:.1f} s: thrust or contact'
-    return PULSE
-
-
-def _forces(run: Run) -> tuple[Event, ...]:
-    """Return the constant forces that act on the origin of the base link, if there are any."""
-    found = [(item.place, item.kind) for item in run.likelihood.found if item.kind != 'delay']
-    acting = found if run.problem.acting is None else [run.problem.acting]
-    if not run.likelihood.ready:
-        return ()
-    return tuple(
-        _force(axes, value, run)
-        for value, covariance, axes in ((*run.likelihood.part(place), axes) for place, axes in acting)
-        if len(found) == 1 or _tells(value, covariance, _CERTAIN)
-    )
-
-
-def _force(axes: Axes, value: Array, run: Run) -> Event:
-    """Return a constant force and torque as it is reported."""
-    wrench = run.problem.space.rows.T @ value
-    cause = f'{constant_force(axes)}; estimated along, which widens the intervals'
-    return Event(run.started, 'ramp', wrench[:3], wrench[3:], cause)
-
-
-def delay(run: Run) -> tuple[float, float]:
-    """Return how late the joints are stamped and its standard deviation, s; NaN where that was not found."""
-    for found in run.likelihood.found:
-        if found.kind == 'delay':
-            value, covariance = run.likelihood.part(found.place)
-            return float(value[0]), float(np.sqrt(covariance[0, 0]))
-    return np.nan, np.nan
-
-
-def _tells(value: Array, covariance: Array, chance: float) -> bool:
-    """Return whether an estimate would be so far from zero by chance less often than that."""
-    return bool(float(value @ np.linalg.solve(covariance, value)) > chi_square.limit(chance, len(value)))
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Why the momentum of this run, or its noise, cannot be what it is taken for."""
+        event, test = self.event, self._conservation
+        found = [f'the momentum is not constant: {event}; method trajectory follows such changes'] if event else []
+        if test.excessive:
+            found.append(
+                f'windows are {test.mean:.1f} times as far from their predictions as the noise parameters explain '
+                '(mean normalised innovation squared)'
+            )
+        return tuple(found)

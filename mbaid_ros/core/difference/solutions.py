@@ -1,4 +1,4 @@
-"""What is known of the unknowns of a run after each of many windows: none depends on the others.
+"""What is known of the unknowns after each of many windows: none depends on the others.
 
 Together they take less time: there are few steps for all of them instead of many for each.
 """
@@ -10,40 +10,76 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
-from scipy.linalg import block_diag
 
-from mbaid_ros.core.difference.coupling import Places
-from mbaid_ros.core.difference.effects import Axes
-from mbaid_ros.core.difference.errors_in_variables import Linearisation
-from mbaid_ros.core.difference.problem import Problem
 from mbaid_ros.core.difference.run import Run
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.equations.errors_in_variables import Linearisation
+from mbaid_ros.core.equations.subspace import Subspace
+from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Solution, inverses
-from mbaid_ros.core.robot.known_errors import KnownErrors
 
 
 @dataclass(frozen=True)
-class Knowledge:
-    """What is known after a window.
+class DifferenceSolution:
+    """A Gaussian of x = (m, h, I_o, P_0, L_0).
 
     Attributes
     ----------
-    problem : that is solved
-    restarted : whether earlier windows had to be given up
-    forces : axes of the constant forces that were found, and their places among the unknowns
-    gains : (f, 6, 6) what forces have changed the momentum by, as in `Surroundings`
+    x : (16,) of this run's momentum: what known thrust has added since is not in it
+    covariance : (16, 16) with the consider parameters' share; far wider than anything known where nothing is
+    origin : (3,) m, about which L_0 is taken, odometry frame
+    space : which directions of x the motion can tell
+    determined : whether the data determine the body, as far as such a motion can
+    """
+
+    x: Array
+    covariance: Array
+    origin: Array
+    space: Subspace
+    determined: bool
+
+    @property
+    def planar(self) -> bool:
+        """Whether the motion was planar, which tells seven of the sixteen."""
+        return self.space.planar
+
+    def about(self, origin: Array) -> DifferenceSolution:
+        """Return the same with the angular momentum about another origin, (3,) m, odometry frame."""
+        shift = np.eye(16)
+        shift[13:, 10:13] = skew(self.origin - origin)
+        return replace(self, x=shift @ self.x, covariance=shift @ self.covariance @ shift.T, origin=origin)
+
+    def distance(self, x: Array, covariance: Array) -> float:
+        """Return the squared Mahalanobis distance of another solution about the same origin, by both covariances.
+
+        Directions that the motion cannot tell are left out: chi-square of 16 numbers, or of 7 in a plane, if both are
+        right and independent.
+
+        Parameters
+        ----------
+        x, covariance : (16,), (16, 16)
+        """
+        basis = self.space.basis
+        apart, spread = basis.T @ (x - self.x), basis.T @ (covariance + self.covariance) @ basis
+        size = 1.0 / np.sqrt(np.diag(spread))
+        return float(apart * size @ np.linalg.solve(spread * size * size[:, None], apart * size))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What a run knows after a window.
+
+    Attributes
+    ----------
+    run : it belongs to
     x : (u,) the solution
     information, noise : (u, u) of the unknowns, and what noise alone has brought of it
-    cross : (u, e) what ties the known bodies' independent errors to the unknowns
+    cross : (u, e) cross-information with the consider parameters
     cost : sum of the squared normalised residuals
-    surplus : how much the known bodies' errors add to it in expectation
+    surplus : how much the consider parameters add to it in expectation
     redundancy : number of equations less that of unknowns
     """
 
-    problem: Problem
-    restarted: bool
-    forces: tuple[tuple[Axes, Places], ...]
-    gains: Array
+    run: Run
     x: Array
     information: Array
     noise: Array
@@ -53,104 +89,74 @@ class Knowledge:
     redundancy: int
 
     @classmethod
-    def of(cls, run: Run, linear: Linearisation, gains: Array) -> Knowledge:
-        """Return what a run knows after a window with a given form and (f, 6, 6) gains at its end."""
-        likelihood = run.likelihood.likelihood
+    def of(cls, run: Run, linear: Linearisation) -> Posterior:
+        """Return what a run knows after a window with a given quadratic form."""
         return cls(
-            problem=run.problem,
-            restarted=run.restarted,
-            forces=tuple((found.kind, found.place) for found in run.likelihood.found if found.kind != 'delay'),
-            gains=gains,
-            x=likelihood.x,
+            run=run,
+            x=run.window.x,
             information=linear.information,
-            noise=likelihood.noise_information,
-            cross=run.likelihood.uncertain_cross,
+            noise=run.window.noise_information,
+            cross=run.window.cross_information.cross,
             cost=linear.cost,
-            surplus=run.likelihood.surplus,
-            redundancy=linear.equations - len(likelihood.x),
+            surplus=run.surplus,
+            redundancy=linear.equations - len(run.window.x),
         )
 
-    @property
-    def places(self) -> Places:
-        """Of the unknowns without jumps of the momentum."""
-        count = self.problem.space.basis.shape[1]
-        return np.concatenate((np.arange(count), *(place for _, place in self.forces)))
 
-
-def solutions(known: Sequence[Knowledge], errors: KnownErrors) -> tuple[list[Solution], list[Array]]:
-    """Return what is known after each window, and the known bodies' part in it.
-
-    Parameters
-    ----------
-    known : after each window
-    errors : of the known bodies
+def solutions(posteriors: Sequence[Posterior]) -> tuple[list[Solution], list[Array]]:
+    """Return what is known after each window, and the consider parameters' part in it.
 
     Returns
     -------
-    Solutions, and shares of the known bodies in the variance of the identified one, (1 + b,): of all, and of each
+    Solutions, and shares of the consider parameters in the variance of the identified body, (1 + p,): of all, and of
+    each labelled part
     """
-    found = [
-        pair
-        for _, alike in groupby(known, lambda one: (id(one.problem), len(one.x), one.places.tobytes()))
-        for pair in _alike(list(alike), errors)
-    ]
-    return [solution for solution, _ in found], [blame for _, blame in found]
+    found = [pair for _, alike in groupby(posteriors, lambda one: id(one.run)) for pair in _of_one_run(list(alike))]
+    return [solution for solution, _ in found], [shares for _, shares in found]
 
 
-def _alike(known: Sequence[Knowledge], errors: KnownErrors) -> list[tuple[Solution, Array]]:
-    """Return the same of windows with the same unknowns."""
-    first, places = known[0], known[0].places
-    problem, forces = first.problem, first.forces
-    space, variance = problem.space, problem.open_variance
-    if forces:
-        space = replace(space, basis=np.asarray(block_diag(space.basis, *[space.rows.T] * len(forces))))
-        more = np.full(6 * len(forces), 1.0 / np.min(problem.watched.prior['inertial']))
-        variance = np.concatenate((variance, more))
-    present = np.array([problem.present([axes for axes, _ in forces], one.gains) for one in known])
+def _of_one_run(posteriors: list[Posterior]) -> list[tuple[Solution, Array]]:
+    run = posteriors[0].run
     information, noise, cross = (
-        np.array([getattr(one, name) for one in known]) for name in ('information', 'noise', 'cross')
+        np.array([getattr(one, name) for one in posteriors]) for name in ('information', 'noise', 'cross')
     )
     covariances = []
-    blames: list[Array] = [np.zeros(1)] * len(known)
-    for share in (1.0, NOISE_MARGIN):
-        plain = inverses(information, information - share * noise)
+    shares: list[Array] = [np.zeros(1)] * len(posteriors)
+    for margin in (1.0, NOISE_MARGIN):
+        plain = inverses(information, information - margin * noise)
         spread = plain @ cross
-        if share == 1.0 and cross.shape[2]:
-            blames = [_blame(*pair, problem.momentum.start, errors) for pair in zip(plain, spread, strict=True)]
-        whole = plain + spread @ np.swapaxes(spread, 1, 2)
-        # In one order in memory: otherwise products depend, in their last bits, on how many windows there are.
-        whole = np.ascontiguousarray(whole[:, places[:, None], places])
-        covariances.append(present @ space.lift(whole, variance) @ np.swapaxes(present, 1, 2))
+        if margin == 1.0 and cross.shape[2]:
+            shares = [_shares(*pair, run) for pair in zip(plain, spread, strict=True)]
+        whole = plain + spread @ np.swapaxes(spread, 1, 2)  # (8)
+        covariances.append(run.space.lift(whole, run.open_variance))
     return [
         (
             Solution(
-                x=present[k] @ (space.basis @ one.x[places]),
+                x=run.space.basis @ one.x,
                 covariance=covariances[0][k],
                 cautious_covariance=covariances[1][k],
-                # The uncertain bodies leave residuals that the noise does not explain.
+                # Uncertain parameters leave residuals that the noise does not explain.
                 cost=one.cost * max(one.redundancy, 1) / (max(one.redundancy, 1) + one.surplus),
                 redundancy=one.redundancy,
-                origin=problem.origin,
-                plane=space.plane,
-                restarted=one.restarted,
+                origin=run.origin,
+                plane=run.space.plane,
+                restarted=run.restarted,
             ),
-            blames[k],
+            shares[k],
         )
-        for k, one in enumerate(known)
+        for k, one in enumerate(posteriors)
     ]
 
 
-def _blame(covariance: Array, spread: Array, body: int, errors: KnownErrors) -> Array:
-    """Return the share of the known bodies in the variance of the identified one, (1 + b,): of all, and of each.
-
-    A mean over its parameters.
+def _shares(covariance: Array, spread: Array, run: Run) -> Array:
+    """Return the consider parameters' share in the variance of the body, (1 + p,), a mean over its parameters.
 
     Parameters
     ----------
     covariance : (u, u) without them
-    spread : (u, e) standard deviations due to each of the independent errors
-    body : number of the identified one's parameters, which come first
-    errors : of the known bodies
+    spread : (u, e) standard deviations due to each of them
+    run : Run
     """
-    parts = np.column_stack((np.sum(spread[:body] ** 2, axis=1), errors.shares(spread[:body])))
+    body = run.momentum.start
+    parts = np.column_stack((np.sum(spread[:body] ** 2, axis=1), run.considered.shares(spread[:body])))
     return np.asarray(np.mean(parts / (np.diag(covariance)[:body] + parts[:, 0])[:, None], axis=0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, fields
 
@@ -111,13 +110,6 @@ class MomentumKernel:
         """Return a kernel whose known bodies may be off by these errors."""
         other = copy(self)
         other.errors = errors
-        return other
-
-    def with_errors_of(self, bodies: Sequence[int]) -> MomentumKernel:
-        """Return a kernel whose unknown links are followed by the errors of known bodies, each in its own frame."""
-        other = copy(self)
-        errors = (Link('', body, np.eye(3), np.zeros(3), np.zeros(10)) for body in bodies)
-        other.unknown = (*self.unknown, *errors)
         return other
 
     def states(self, samples: Samples) -> BodyStates:

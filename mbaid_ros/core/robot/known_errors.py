@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
-from scipy.linalg import orth
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
@@ -39,25 +37,6 @@ class KnownErrors:
     def covariance(self) -> Array:
         """Of the standard parameters, (10 b, 10 b)."""
         return np.asarray(self.factor @ self.factor.T)
-
-    def shares(self, spread: Array) -> Array:
-        """Return the part of some variances that each body alone would take away if it were known exactly.
-
-        Parameters
-        ----------
-        spread : (..., e) what each of the independent errors does
-
-        Returns
-        -------
-        (..., b) array; errors of several bodies that are correlated count for each of them
-        """
-        parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in self._own_directions]
-        return np.stack(parts, axis=-1) if parts else np.zeros((*spread.shape[:-1], 0))
-
-    @cached_property
-    def _own_directions(self) -> list[Array]:
-        """Of each body, an orthonormal basis (e, k) of the independent errors that it has a part in."""
-        return [orth(rows.T) for rows in np.split(self.factor, len(self.bodies))] if self.bodies else []
 
 
 def body_sizes(parameters: Array) -> Array:

@@ -56,6 +56,8 @@ class Unknown:
     # Whether the sensors' readings depend on it. Windows that follow each other then share its linearisation point: the
     # pose error that links them is about the readings.
     read = False
+    # Whether the momentum of the robot that moves as measured depends on it.
+    in_equations = True
 
     @property
     def count(self) -> int:
@@ -79,6 +81,18 @@ class Unknown:
         """
         del kernel, states
         return None
+
+    def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return how the momentum equations about the base's origin depend on it, at measured motion, (N, 6, k).
+
+        Parameters
+        ----------
+        kernel, states : as for `momentum_columns`
+        """
+        columns = self.momentum_columns(kernel, states)
+        if columns is None:
+            raise NotImplementedError(type(self).__name__)
+        return columns
 
     def reading(self, motion: Reading) -> tuple[Array, Array] | None:
         """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""

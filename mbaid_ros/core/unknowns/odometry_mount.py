@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
@@ -20,6 +23,29 @@ class OdometryMount(Unknown):
     """Rotation vector (rad) and position (m) of the base's frame in the one that the odometry locates."""
 
     read = True
+
+    def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return how the equations of a robot that is measured by its odometry's frame depend on where that is.
+
+        A turn of the base takes everything along but the measured twist (trajectory.md, eq. 2). A base that is
+        elsewhere, by a, moves faster by w x a, and the angular momentum about its origin is less by a x P.
+        """
+        del kernel
+        rotation = states.configuration.rotation[:, 0]
+        inertia = np.sum(inertia_matrix(states.known), axis=1)
+        total, twist = states.known_momentum, states.body_twist[:, 0]
+        columns = np.zeros((len(rotation), 6, 6))
+        for axis in range(3):
+            turn = np.zeros_like(twist)
+            turn[:, 3:] = rotation[:, :, axis]
+            turned = (inertia @ motion_cross(turn, twist)[..., None])[..., 0]
+            columns[..., axis] = force_cross(turn, total) - turned
+            away = rotation[:, :, axis]
+            faster = np.zeros_like(twist)
+            faster[:, :3] = cross(twist[:, 3:], away)
+            columns[..., 3 + axis] = (inertia @ faster[..., None])[..., 0]
+            columns[:, 3:, 3 + axis] += cross(away, total[:, :3])
+        return columns
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return what it takes off the pose, and off the velocity: v_read = v_true - w x R mu_p.

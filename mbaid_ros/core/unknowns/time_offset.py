@@ -18,6 +18,7 @@ class TimeOffset(Unknown):
     """A constant delay of the joints' stamps, s. A pose error that comes of joints tau too late is -tau (w, v)."""
 
     read = True
+    in_equations = False  # of the measured motion at one instant
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return how much further on pose and twist are read."""

@@ -38,17 +38,13 @@ def servicers() -> list[MomentumKernel]:
     return made
 
 
-@pytest.mark.parametrize(
-    ('method', 'mode'), [('difference', 'consider'), ('difference', 'estimate'), ('trajectory', 'consider')]
-)
-def test_the_intervals_of_the_target_cover(
-    servicers: list[MomentumKernel], afterwards: Truth, method: str, mode: str
-) -> None:
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_the_intervals_of_the_target_cover(servicers: list[MomentumKernel], afterwards: Truth, method: str) -> None:
     true = true_body(kernel('servicer7'))
     squares = []
     for seed, robot in zip(SEEDS, servicers, strict=True):
         data = windows(observe(afterwards, MID, 1000 + seed))
-        last = estimator(robot, MID, method=method, known_links__mode=mode).update(data, 0)[-1]
+        last = estimator(robot, MID, method=method).update(data, 0)[-1]
         assert last.identifiable.all()
         squares.append(nees(last, true))
     # Twenty chi-squares, neither too large nor too small.

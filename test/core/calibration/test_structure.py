@@ -7,7 +7,7 @@ import pytest
 
 from mbaid_ros.core.calibration.structure import Mechanism, Structure, structure
 from mbaid_ros.core.calibration.words import base_parameter, exchanges, formula
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model

@@ -66,7 +66,7 @@ def test_the_papers_case_gives_what_a_plane_can_tell(planar: Truth, noise: Senso
     expected = [0, 1, 2, 9]
     assert np.flatnonzero(last.identifiable).tolist() == expected
     if noise is HIGH:
-        # Ten samples a second say so little that windows are folded with noise taken off, of which these have none.
+        # Ten samples a second say so little that windows leave with noise taken off, of which these have none.
         assert np.all(np.abs(last.parameters - true_body(unknown))[expected] < last.std[expected])
     else:
         assert errors(last.parameters, true_body(unknown))[expected].max() < 1e-6

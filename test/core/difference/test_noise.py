@@ -140,10 +140,10 @@ def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth, kept: i
     unknown = kernel('servicer7')
     truth = spatial_minute[spatial_minute.time < 30.0 - 1e-9]
     everything = identify(unknown, truth, MID, 5, difference__kept_windows=100)[-1]
-    folded = identify(unknown, truth, MID, 5, difference__kept_windows=kept)[-1]
+    fewer = identify(unknown, truth, MID, 5, difference__kept_windows=kept)[-1]
     # Measured: below 0.1 standard deviations.
-    assert (np.abs(folded.parameters - everything.parameters) < 0.2 * everything.std).all()
-    assert folded.std == pytest.approx(everything.std, rel=0.02)
+    assert (np.abs(fewer.parameters - everything.parameters) < 0.2 * everything.std).all()
+    assert fewer.std == pytest.approx(everything.std, rel=0.02)
 
 
 def test_a_known_momentum_helps(spatial: Truth) -> None:

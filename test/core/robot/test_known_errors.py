@@ -71,15 +71,3 @@ def test_declared_errors_are_independent_and_relative() -> None:
     sizes = np.concatenate((0.01 * body_sizes(robot.known[0]), 0.02 * body_sizes(robot.known[2])))
     assert errors.covariance == pytest.approx(np.diag(sizes**2))
     assert declared(robot.known, [0.0] * 3).count == 0
-
-
-def test_the_share_of_a_body_is_what_knowing_it_would_take_away() -> None:
-    model = load_model(URDF)
-    errors = calibrated([model.link(name) for name in ('arm', 'hand')], covariance()[20:40, 20:40])
-    gain = np.random.default_rng(5).normal(size=(4, 20))
-    shares = errors.shares(gain @ errors.factor)
-    full = errors.covariance
-    for body, (own, other) in enumerate(((slice(0, 10), slice(10, 20)), (slice(10, 20), slice(0, 10)))):
-        left = full[other, other] - full[other, own] @ np.linalg.solve(full[own, own], full[own, other])
-        taken = np.diag(gain @ full @ gain.T) - np.diag(gain[:, other] @ left @ gain[:, other].T)
-        assert shares[:, body] == pytest.approx(taken, rel=1e-5)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference.subspace import subspace
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.equations.subspace import subspace
+from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model

@@ -17,7 +17,7 @@ COUNT = 67
 
 
 def random_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]:
-    """Return a tree with two unknown links and errors of two known bodies, and states of it."""
+    """Return a tree with two unknown links, and states of it."""
     rng = np.random.default_rng(seed)
     model = load_model(random_urdf(rng, joints=int(rng.integers(4, 10))))
     position, velocity, rotation, twist = random_state(rng, model.joints, count)
@@ -26,7 +26,7 @@ def random_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]
     samples = Samples(
         np.arange(count) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
     )
-    return MomentumKernel(model, model.last_link, model.links[1].name).with_errors_of([0, 1]), samples
+    return MomentumKernel(model, model.last_link, model.links[1].name), samples
 
 
 def arrays(rows: MomentumRows) -> list[Array]:

@@ -2,12 +2,12 @@
 
 Block k of the problem reads
 
-    f_k = A_k x + y_k,    covariance of f_k = G_k G_k^T,    G_k = G0_k + G1_k . x
+    f_k = A_k x + y_k,    covariance of f_k = G_k G_k^T,    G_k = G0_k + G1_k . x         (3), (4)
 
 with A, y computed from measured quantities and G their whitened derivatives: d A / d e = G1, d y / d e = G0 for unit
 errors e. Plain weighted least squares is biased, because A is noisy. The functional maximum likelihood minimises
-sum f^T (G G^T)^-1 f; its gradient is that of a least squares with the corrected rows A + G1 . u, where
-u = -G^T (G G^T)^-1 f is the adjustment of the measurements that fulfils the equations.
+sum f^T (G G^T)^-1 f (5); its gradient is that of a least squares with the corrected rows A + G1 . u, where
+u = -G^T (G G^T)^-1 f (6) is the adjustment of the measurements that fulfils the equations.
 """
 
 from __future__ import annotations
@@ -37,14 +37,6 @@ class Blocks(Stacked):
     offset: Array
     noise: Array
     noise_rows: Array
-
-    def widened(self, columns: Array) -> Blocks:
-        """Return the same equations with (K, r, w) exact coefficients of w more unknowns."""
-        if not columns.shape[-1]:
-            return self
-        none = np.zeros((*self.noise.shape, columns.shape[-1]))
-        rows, noise_rows = (np.concatenate(pair, axis=-1) for pair in ((self.rows, columns), (self.noise_rows, none)))
-        return Blocks(rows, self.offset, self.noise, noise_rows)
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
         """Return the equations E f in the unknowns x' with x = B x'.
@@ -114,7 +106,7 @@ class White(Stacked):
     @property
     def cost(self) -> float:
         """The sum of the squared normalised residuals."""
-        return float(np.sum(self.residual**2))
+        return float(np.sum(self.residual**2))  # (5)
 
 
 def noise_at(blocks: Blocks, x: Array) -> Array:
@@ -152,11 +144,11 @@ def whitened(blocks: Blocks, x: Array) -> White:
         The covariance of a block is not positive definite at this x.
     """
     residual = blocks.rows @ x + blocks.offset
-    noise = noise_at(blocks, x)
+    noise = noise_at(blocks, x)  # (4)
     whitener = whitener_of(noise)
     white_residual = (whitener @ residual[..., None])[..., 0]
     white_noise = whitener @ noise
-    adjustment = -(white_residual[:, None] @ white_noise)  # u, (K, 1, z)
+    adjustment = -(white_residual[:, None] @ white_noise)  # u (6), (K, 1, z)
     corrected = blocks.rows + (adjustment[:, None] @ blocks.noise_rows)[:, :, 0]
     return White(white_residual, whitener @ corrected, white_noise, whitener)
 

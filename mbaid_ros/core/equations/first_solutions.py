@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.difference.errors_in_variables import Blocks, noise_at, square, whitener_of
+from mbaid_ros.core.equations.errors_in_variables import Blocks, noise_at, square, whitener_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import solve_symmetric, square_root
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import UNKNOWNS
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.window_rows import UNKNOWNS
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import Plane, PlaneDetector
@@ -52,21 +52,18 @@ class Subspace:
         return np.asarray(self.basis @ covariance @ self.basis.T + (outside * open_variance) @ outside.T)
 
 
-def subspace(detector: PlaneDetector, kernel: MomentumKernel, forces: int = 0, others: int = 0) -> Subspace:
+def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
     """Return the subspace that the motion seen so far allows.
 
     In a plane: mass, first moment in the plane, moment of inertia about its normal, linear momentum in the plane and
-    angular momentum about its normal, and the same of forces and torques.
+    angular momentum about its normal.
 
     Parameters
     ----------
     detector : PlaneDetector
     kernel : MomentumKernel
-    forces : number of pairs of force and torque among the unknowns, after the momentum
-    others : number of unknowns after them, that stay as they are
     """
     rows, plane = detector.rows(), detector.plane(kernel.target)
     if plane is None:
-        return Subspace(rows, np.eye(UNKNOWNS + 6 * forces + others), None)
-    parts = [plane.basis, *[rows.T] * (1 + forces), np.eye(others)]
-    return Subspace(rows, np.asarray(block_diag(*parts)), plane)
+        return Subspace(rows, np.eye(UNKNOWNS), None)
+    return Subspace(rows, np.asarray(block_diag(plane.basis, rows.T)), plane)

@@ -1,7 +1,7 @@
 """The standard form, averaged over windows: six momentum equations a window, with the noise in each of their terms.
 
-    P_0 - P_k = m v + [w]x R h
-    L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)
+    P_0 - P_k = m v + [w]x R h                                                    (1)
+    L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)    (2)
 
 The unknowns are x = (m, h, I_o, P_0, L_0): ten standard parameters of the target link (of each unknown link, where
 there are several) and the total momentum about a fixed origin near the base. The equations are written about the base
@@ -11,10 +11,12 @@ The rows are averaged, not the states: they are linear in x, and a state fitted 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
@@ -45,16 +47,10 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
     """
     samples, counts = joined(windows)
-    return joined_rows(kernel, samples, counts, momentum_rows(kernel, samples), noise, origin)
-
-
-def joined_rows(
-    kernel: MomentumKernel, samples: Samples, counts: Counts, rows: MomentumRows, noise: SensorNoise, origin: Array
-) -> Blocks:
-    """Return the same for samples and counts as `joined` has them, and for the equations of these samples."""
+    rows = momentum_rows(kernel, samples)
     known, target = _mean_rows(rows, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
-    equations = np.concatenate((target, -_transport(position)), axis=2)
+    equations = np.concatenate((target, -_transport(position)), axis=2)  # f = A x + y (3)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
@@ -69,7 +65,7 @@ def joined_rows(
     return Blocks(equations, known, noise_known[..., 0], noise_rows)
 
 
-def joined(windows: list[Samples]) -> tuple[Samples, Counts]:
+def joined(windows: Sequence[Samples]) -> tuple[Samples, Counts]:
     """Return the samples of K windows, none empty, and how many each has, (K,)."""
     return Samples.concatenate(windows), np.array([len(window) for window in windows])
 

@@ -1,4 +1,4 @@
-"""What is known while the data determine little: then the solution itself may be anywhere."""
+"""A regularised estimate, for while the data determine little: then the solution itself may be anywhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbaid_ros.core.symmetric import inverse_root, is_positive
 
 
 @dataclass(frozen=True)
-class Plausible:
+class Regularised:
     """What data say of unknowns that are held within their typical sizes.
 
     Attributes

@@ -1,4 +1,4 @@
-"""The maximum of a growing likelihood: kept windows solved again, older ones folded, at bounded cost."""
+"""The maximum of a growing likelihood: a sliding window solved again, older ones marginalised, at bounded cost."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from linear_problems import TRUE, UNKNOWNS, exact_blocks, linear_blocks, noisy_blocks, with_errors
-from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import Sums
-from mbaid_ros.core.difference.rolling import RollingLikelihood
+from mbaid_ros.core.difference.sliding_window import SlidingWindow
+from mbaid_ros.core.equations import errors_in_variables as eiv
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.first_solutions import Sums
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)
 TYPICAL = np.full(UNKNOWNS, 10.0)
 
 
-def rolled(blocks: Blocks, kept: int, forgetting: float = 1.0) -> RollingLikelihood:
-    likelihood = RollingLikelihood(PRIOR, kept, forgetting, TYPICAL)
+def slid(blocks: Blocks, length: int, forgetting: float = 1.0) -> SlidingWindow:
+    likelihood = SlidingWindow(PRIOR, length, forgetting, TYPICAL)
     for k in range(len(blocks)):
         likelihood.add(blocks[k : k + 1])
     return likelihood
@@ -36,19 +36,19 @@ def deviations(error: Array, information: Array) -> float:
     return float(np.sqrt(error @ information @ error))
 
 
-def test_all_kept_windows_lead_to_the_maximum() -> None:
+def test_all_windows_lead_to_the_maximum() -> None:
     blocks = noisy_blocks(30, 0)
-    likelihood = rolled(blocks, 100)
+    likelihood = slid(blocks, 100)
     best = maximum(blocks)
     information = eiv.maximum_likelihood(blocks, best).information
     # Steps end at a thousandth of a standard deviation.
     assert deviations(likelihood.x - best, information) < 2e-3
 
 
-@pytest.mark.parametrize('kept', [2, 5, 20])
-def test_folding_a_linear_problem_changes_nothing(kept: int) -> None:
+@pytest.mark.parametrize('length', [2, 5, 20])
+def test_marginalising_a_linear_problem_changes_nothing(length: int) -> None:
     blocks = linear_blocks(40, 1)
-    likelihood = rolled(blocks, kept)
+    likelihood = slid(blocks, length)
     information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
     assert likelihood.x == pytest.approx(np.linalg.solve(information + PRIOR, right_side), rel=1e-7)
     # Its form around the solution is that of all windows.
@@ -59,31 +59,31 @@ def test_folding_a_linear_problem_changes_nothing(kept: int) -> None:
     assert linear.equations == both.equations
 
 
-@pytest.mark.parametrize('kept', [5, 10, 20])
-def test_folded_windows_cost_little_accuracy(kept: int) -> None:
+@pytest.mark.parametrize('length', [5, 10, 20])
+def test_marginalised_windows_cost_little_accuracy(length: int) -> None:
     blocks = noisy_blocks(80, 3, 0.2, 0.05)
     best = maximum(blocks)
     information = eiv.maximum_likelihood(blocks, best).information
-    assert deviations(rolled(blocks, kept).x - best, information) < 0.1
+    assert deviations(slid(blocks, length).x - best, information) < 0.1
 
 
-def test_what_is_kept_is_bounded() -> None:
+def test_the_window_is_bounded() -> None:
     blocks = noisy_blocks(60, 4)
-    likelihood = RollingLikelihood(PRIOR, 7, 1.0, TYPICAL)
+    likelihood = SlidingWindow(PRIOR, 7, 1.0, TYPICAL)
     for k in range(len(blocks)):
         likelihood.add(blocks[k : k + 1])
-        assert len(likelihood) == min(k + 1, 7)
-        assert likelihood.folded == (k >= 7)
+        assert len(likelihood.windows) == min(k + 1, 7)
+        assert likelihood.marginalised == max(k - 6, 0)
 
 
 def test_the_noise_of_all_windows_is_counted() -> None:
     blocks = noisy_blocks(20, 5)
-    likelihood = rolled(blocks, 50)
-    assert likelihood.noise_information == pytest.approx(eiv.noise_information(blocks, likelihood._kept.x), rel=1e-9)
-    # Folded windows keep what they had where they were folded: near the same.
-    folded = rolled(blocks, 10)
-    whole = eiv.noise_information(blocks, folded.x)
-    assert folded.noise_information == pytest.approx(whole, rel=0.05, abs=0.05 * np.abs(whole).max())
+    likelihood = slid(blocks, 50)
+    assert likelihood.noise_information == pytest.approx(eiv.noise_information(blocks, likelihood.windows.x), rel=1e-9)
+    # Marginalised windows keep what they had where they were linearised: near the same.
+    few = slid(blocks, 10)
+    whole = eiv.noise_information(blocks, few.x)
+    assert few.noise_information == pytest.approx(whole, rel=0.05, abs=0.05 * np.abs(whole).max())
 
 
 def test_the_estimate_follows_a_change_only_if_it_forgets() -> None:
@@ -93,7 +93,7 @@ def test_the_estimate_follows_a_change_only_if_it_forgets() -> None:
     other = TRUE + np.array([1.0, 0.5, -0.5, 1.0])
     moved = Blocks(before.rows, -before.rows @ other, before.noise, before.noise_rows)
     blocks = with_errors(Blocks.concatenate([before, moved]), np.random.default_rng(6))
-    following, fixed = rolled(blocks, 10, 0.8), rolled(blocks, 10)
+    following, fixed = slid(blocks, 10, 0.8), slid(blocks, 10)
     # 0.8 a window: all but the last ones are forgotten.
     recent = eiv.maximum_likelihood(blocks[-5:], other).information
     assert deviations(following.x - other, recent) < 4.0
@@ -105,7 +105,7 @@ def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
     # The third unknown appears in no equation.
     rows, noise_rows = blocks.rows.copy(), blocks.noise_rows.copy()
     rows[..., 2], noise_rows[..., 2] = 0.0, 0.0
-    likelihood = rolled(Blocks(rows, blocks.offset, blocks.noise, noise_rows), 10)
+    likelihood = slid(Blocks(rows, blocks.offset, blocks.noise, noise_rows), 10)
     assert np.isfinite(likelihood.x).all()
     assert likelihood.x[2] == pytest.approx(0.0, abs=1e-9)
 
@@ -113,7 +113,7 @@ def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
 def test_a_start_from_few_poor_windows_is_guarded() -> None:
     # Noise as large as the coefficients: single windows say nothing, or anything.
     blocks = noisy_blocks(150, 9, 1.0, 0.5)
-    likelihood = RollingLikelihood(PRIOR, 40, 1.0, TYPICAL)
+    likelihood = SlidingWindow(PRIOR, 40, 1.0, TYPICAL)
     for k in range(len(blocks)):
         linear = likelihood.add(blocks[k : k + 1])
         assert np.isfinite(likelihood.x).all()

@@ -8,14 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.delay import Moved
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import joined, window_rows
+from mbaid_ros.core.equations import errors_in_variables as eiv
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
 from mbaid_ros.core.intake.rates import with_rates
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation.run import Truth, total_momentum
 from observed import MID, drifting, kernel, observe, windows
@@ -149,34 +146,6 @@ def test_the_noise_of_a_mean_is_the_mean_noise_over_the_number(spatial: Truth) -
     assert off(whole) < 0.03  # ten samples: the nearest ones to the two places
     # One sample in the middle would not do.
     assert off(single[5] / 10.0) > 3.0 * off(whole)
-
-
-def delay_columns(kernel: MomentumKernel, *windows: Samples) -> Array:
-    """Return how the momentum of windows changes with time by the motion of the joints."""
-    samples, counts = joined(list(windows))
-    moved = Moved.of(samples, counts)
-    return moved.columns(momentum_rows(kernel, Samples.concatenate([samples, moved.later])))
-
-
-def test_errors_of_known_bodies_make_no_other_motion_of_the_joints(spatial: Truth) -> None:
-    servicer, samples = kernel('servicer7'), observe(spatial, MID)
-    windows = [samples[:50], samples[60:61], samples[70:73], samples[100:140]]
-    beside = servicer.with_errors_of([2, 5])
-    assert len(beside.unknown) == 3
-    expected = delay_columns(servicer, *windows)
-    scale = np.abs(expected).max(axis=(0, 1))
-    assert delay_columns(beside, *windows) / scale == pytest.approx(expected / scale, abs=1e-12)
-    assert not expected[1].any()
-    assert all(expected[k].any() for k in (0, 2, 3))
-
-
-def test_known_thrust_is_no_motion_of_the_joints(spatial: Truth) -> None:
-    servicer = kernel('servicer7')
-    plain = observe(spatial, MID, 0)[:50]
-    pushed = replace(plain, impulse=np.tile([3.0, -2.0, 1.0, 0.5, 4.0, -1.0], (len(plain), 1)))
-    found = [delay_columns(servicer, window) for window in (plain, pushed)]
-    # Differences over a millisecond of numbers of size 1e3.
-    assert found[1] == pytest.approx(found[0], abs=1e-8)
 
 
 def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: Truth) -> None:

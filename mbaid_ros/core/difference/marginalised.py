@@ -1,21 +1,20 @@
-"""Windows that are no longer solved again, as one quadratic form: information, right side and constant."""
+"""The windows that have left the sliding window, as one quadratic form: information, right side and constant."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
 
-from mbaid_ros.core.difference.coupling import Coupling, Places
-from mbaid_ros.core.difference.errors_in_variables import Linearisation
+from mbaid_ros.core.equations.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import is_positive, solve_symmetric
 
 
-class Folded:
-    """A quadratic cost: (x - x_f)^T N (x - x_f) + const, where N holds what is known beyond the noise.
+class MarginalisedPrior:
+    """A quadratic cost: (x - x_m)^T N (x - x_m) + const, where N holds what is known beyond the noise.
 
-    What has been folded may sum up to less than nothing in directions that the data do not excite, since the noise's
-    own information is taken off in expectation: such directions are left out of N.
+    The sum may be negative in directions that the data do not excite, since the noise's own information is taken off in
+    expectation: such directions are left out of N.
 
     Parameters
     ----------
@@ -24,9 +23,9 @@ class Folded:
     Attributes
     ----------
     information : (u, u) N
-    right_side : (u,) N x_f
+    right_side : (u,) N x_m
     noise_information : (u, u) what noise alone would have brought
-    equations : number of equations
+    equations : number of equations, those forgotten taken off
     """
 
     def __init__(self, floor: Array) -> None:
@@ -41,12 +40,12 @@ class Folded:
         self.equations = 0
 
     def __len__(self) -> int:
-        """Return how often something was folded."""
+        """Return the number of windows taken."""
         return self._windows
 
     def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
         """Take a quadratic form around x, without the noise's own information, and that by itself."""
-        # cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
+        # (7): cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
         self._sum = self._sum + linear.information
         self._sum_right = self._sum_right + linear.information @ x - linear.gradient
         self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)
@@ -83,8 +82,8 @@ class Folded:
         # Pi = S (S^T N S)^-1 S^T N projects on the excited directions S, along what the past knows of the others apart
         # from them. N - (1 - factor) N Pi leaves that untouched, and the minimum where it is. The floor stands in where
         # the past has been forgotten altogether: rounding would take the place of N there.
-        coupling = (self.information + self._floor) @ excited
-        projector = excited @ np.linalg.solve(excited.T @ coupling, coupling.T)
+        mapped = (self.information + self._floor) @ excited
+        projector = excited @ np.linalg.solve(excited.T @ mapped, mapped.T)
         root = np.eye(len(projector)) - (1.0 - np.sqrt(factor)) * projector
         information = root.T @ self.information @ root
         information = 0.5 * (information + information.T)
@@ -99,62 +98,6 @@ class Folded:
         self.equations = round(self.equations * factor)
         self._settle()
         return np.asarray(root)
-
-    def substitute(self, basis: Array, floor: Array) -> None:
-        """Go over to (w,) unknowns x' with x = basis x'.
-
-        Parameters
-        ----------
-        basis : (u, w)
-        floor : (w, w) that of the new unknowns
-        """
-        self._floor = floor
-        self._sum, self._sum_right = basis.T @ self._sum @ basis, basis.T @ self._sum_right
-        self.noise_information = basis.T @ self.noise_information @ basis
-        self._settle()
-
-    def extend(self, coupling: Coupling, floor: Array) -> None:
-        """Take effects among the unknowns, after the others.
-
-        Parameters
-        ----------
-        coupling : of what has been folded with these effects
-        floor : that of all unknowns
-        """
-        self._floor = floor
-        self._sum = np.block([[self._sum, coupling.cross], [coupling.cross.T, coupling.own]])
-        self._sum_right = np.concatenate((self._sum_right, -coupling.offset))
-        more = len(coupling.offset)
-        self.noise_information = np.pad(self.noise_information, (0, more))
-        self._settle()
-
-    def eliminate(self, prior: Array, keep: Places, gone: Places, floor: Array) -> tuple[Array, Array]:
-        """Minimise over some unknowns, which no other window than those folded depends on.
-
-        Parameters
-        ----------
-        prior : (u, u) information about zero, which counts from now on as folded
-        keep, gone : indices of unknowns
-        floor : (k, k) that of the kept ones
-
-        Returns
-        -------
-        (u, u) information and (u,) right side that were minimised over
-        """
-        information, right_side = self._sum + prior, self._sum_right
-        solved = np.linalg.solve(
-            information[np.ix_(gone, gone)], np.column_stack((information[np.ix_(gone, keep)], right_side[gone]))
-        )
-        lift = np.zeros((len(right_side), len(keep)))
-        lift[keep, np.arange(len(keep))], lift[gone] = 1.0, -solved[:, :-1]
-        self._floor = floor
-        self._sum = lift.T @ information @ lift
-        self._sum = 0.5 * (self._sum + self._sum.T)
-        self._sum_right = right_side[keep] - information[np.ix_(keep, gone)] @ solved[:, -1]
-        self._constant -= float(right_side[gone] @ solved[:, -1])
-        self.noise_information = lift.T @ self.noise_information @ lift
-        self._settle()
-        return information, right_side
 
     def _settle(self) -> None:
         """Work out what is known beyond the noise."""

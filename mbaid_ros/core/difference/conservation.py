@@ -1,0 +1,141 @@
+"""Is the momentum constant? A score test of each window, and of a jump before any window of the sliding window.
+
+How much would the sum of squared residuals fall if the momentum had jumped by d before window k? With the gradient s by
+d at the solution for the other unknowns, and S its covariance, all windows from k on together, by
+
+    s^T S^-1 s,    d = -S^-1 s                                                                  (9)
+
+which is chi-square distributed where nothing happened (Rao 1948). For a jump before the newest window alone it is that
+window's normalised innovation squared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.difference.sliding_window import SlidingWindow
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.symmetric import inverse_root
+
+# Chance of an undisturbed window to be taken for a jump, and of all together to seem too far from their predictions.
+_FALSE_ALARM = 1e-9
+_ENOUGH = 50  # redundant equations from which the tests can be trusted
+_LARGEST_MEAN = 1.5  # normalised innovation squared, of an equation
+_NEAR = 1.0  # s, within which it is the same jump
+_FLOOR = 1e-9  # part of the information about a jump that has to be left for it to be one
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A change of the momentum.
+
+    Attributes
+    ----------
+    time : s since the first sample, start of the first window after it
+    value : (c,) in the unknowns that the momentum is
+    fall : of the sum of squared residuals, over the scale of the noise
+    seen : s, the time that it was first found to have
+    """
+
+    time: float
+    value: Array
+    fall: float
+    seen: float
+
+
+class Conservation:
+    """Tests a run for a momentum that is not constant, window by window.
+
+    Parameters
+    ----------
+    momentum : places of the momentum among the unknowns
+
+    Attributes
+    ----------
+    jump : the first, None where there is none
+    mean : normalised innovation squared of an equation, mean over all windows that were tested
+    """
+
+    def __init__(self, momentum: slice) -> None:
+        self._momentum = momentum
+        self._size = momentum.stop - momentum.start
+        self._limit = chi_square.limit(_FALSE_ALARM, self._size)
+        self._starts: list[float] = []
+        self._innovations = 0.0
+        self._equations = 0
+        self.jump: Jump | None = None
+        self.mean = 1.0
+
+    @property
+    def excessive(self) -> bool:
+        """Whether the windows differ more from their predictions than the noise explains."""
+        enough = self._equations >= _ENOUGH and self.mean > _LARGEST_MEAN
+        return enough and self._innovations > chi_square.limit(_FALSE_ALARM, self._equations)
+
+    def update(self, window: SlidingWindow, start: float, covariance: Array, surplus: float) -> None:
+        """Test a run after another window.
+
+        Parameters
+        ----------
+        window : SlidingWindow
+        start : s since the first sample, of the newest window
+        covariance : (u, u) of the unknowns by noise alone
+        surplus : what the consider parameters add to the sum of squared residuals in expectation
+        """
+        self._starts = [*self._starts, start][-len(window.windows) :]
+        redundancy = window.linear.equations - len(window.x)
+        if redundancy < _ENOUGH or not window.certain or len(self._starts) < 2:
+            return
+        falls, changes = momentum_jumps(window, self._momentum, covariance)
+        self._innovations += falls[-1]
+        self._equations += self._size
+        self.mean = self._innovations / self._equations
+        # Later windows tell more of its size; only near where it was first seen, since a solution astray sees others.
+        starts, jump = np.array(self._starts[1:]), self.jump
+        best = int(np.argmax(falls if jump is None else np.where(np.abs(starts - jump.seen) <= _NEAR, falls, 0.0)))
+        # Noise that is larger than declared is no jump: the scale of what a jump leaves.
+        scale = max((window.linear.cost - falls[best]) / (redundancy + surplus), 1.0)
+        fall, time = float(falls[best]) / scale, float(starts[best])
+        if fall > (self._limit if jump is None else jump.fall):
+            self.jump = Jump(time, changes[best], fall, time if jump is None else jump.seen)
+
+
+def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) -> tuple[Array, Array]:
+    """Return by how much a jump before each of the K windows but the first would lower the cost, and its size.
+
+    Parameters
+    ----------
+    window : SlidingWindow
+    momentum : c places of the momentum among the unknowns
+    covariance : (u, u) of the unknowns by noise alone
+
+    Returns
+    -------
+    (K - 1,) and (K - 1, c) arrays
+    """
+    windows, count = window.windows, len(window.x)
+    white, step = windows.white, window.x - windows.x
+    bordered = np.concatenate((white.rows, white.residual[..., None], windows.columns), axis=2)[1:]
+    sums = np.cumsum((np.swapaxes(bordered[..., momentum], 1, 2) @ bordered)[::-1], axis=0)[::-1]
+    cross, own = sums[..., :count], sums[..., momentum]
+    weighed = cross @ covariance
+    slope = sums[..., count] + cross @ step - weighed @ window.linear.gradient
+    left = own - weighed @ np.swapaxes(cross, 1, 2)
+    considered = sums[..., count + 1 :] - weighed @ window.cross_information.cross
+    left = left + considered @ np.swapaxes(considered, 1, 2)
+    diagonal = np.arange(left.shape[1])
+    left[:, diagonal, diagonal] += _FLOOR * own[:, diagonal, diagonal]
+    changes = -np.linalg.solve(left, slope[..., None])[..., 0]  # (9)
+    return -np.sum(slope * changes, axis=1), changes
+
+
+def noise_covariance(information: Array) -> Array:
+    """Return the (u, u) inverse of the information that was solved; empty directions are left out."""
+    root = inverse_root(information)
+    if root is not None:
+        return np.asarray(root.T @ root)
+    size = 1.0 / np.sqrt(np.diag(information))
+    return np.linalg.pinv(information * size * size[:, None], rcond=1e-12, hermitian=True) * size * size[:, None]

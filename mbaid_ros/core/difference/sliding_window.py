@@ -1,0 +1,212 @@
+"""Maximum likelihood over a growing run at bounded cost: a sliding window, solved again, and a marginalised prior.
+
+A pure recursion keeps the bad weights of its first estimates. Here every update solves all windows of the sliding
+window again from the last solution. A window that leaves it is added to the prior, linearised at the solution of that
+time, if that is known well enough. While it is not, the solution may stand anywhere, and what is linearised far off
+would pull there for ever: the window's weighted least squares, less what the noise in the rows adds in expectation, is
+quadratic as it is, and its weights allow for the uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.difference.cross_information import CrossInformation
+from mbaid_ros.core.difference.linearised import LinearisedWindows, WindowEquations
+from mbaid_ros.core.difference.marginalised import MarginalisedPrior
+from mbaid_ros.core.difference.regularised import Regularised
+from mbaid_ros.core.equations import errors_in_variables as eiv
+from mbaid_ros.core.equations.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.equations.first_solutions import first_solutions
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.symmetric import solve_definite, solve_symmetric
+
+_ITERATIONS_AT_START = 12
+_ITERATIONS_WARM = 2
+_HALVINGS = 5
+# Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
+_ENOUGH, _UNLIKELY = 50, 1e-3
+# Root of the fall of the cost by a step, up to which the parabola is taken for the likelihood.
+_SMALL_STEP, _CLOSE = 1e-3, 0.5
+# Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
+_CERTAIN = 4.0
+# Part of the variance of a window's equations that the uncertainty of x may add for it to be linearised there.
+_LARGEST_SHARE = 0.1
+# Information that recent windows must have, in units of what noise alone brings, to count as excited: it fluctuates.
+_EXCITED = 5.0
+
+
+class SlidingWindow:
+    """The likelihood of all windows so far and its maximum.
+
+    Parameters
+    ----------
+    prior : (u, u) information about x = 0
+    length : number of windows solved again at each update
+    forgetting : weight of the past from one window to the next, 0 < forgetting <= 1
+    typical : (u,) typical sizes of the unknowns
+    considered : number e of consider parameters
+
+    Attributes
+    ----------
+    x : (u,) the solution
+    noise_information : (u, u) what noise alone has brought
+    linear : the quadratic form that was solved, at x; the noise's information of marginalised windows is taken off
+    cross_information : what ties the consider parameters to the unknowns, by all windows
+    windows : those that are solved again
+    """
+
+    def __init__(self, prior: Array, length: int, forgetting: float, typical: Array, considered: int = 0) -> None:
+        self._prior = prior
+        self._length = length
+        self._forgetting = forgetting
+        self._typical = typical
+        self._marginalised = MarginalisedPrior(prior)
+        self._past_cross = self.cross_information = CrossInformation.nothing(len(prior), considered)
+        self._signal: Array = np.zeros_like(prior)  # information beyond the noise
+        self._settled = False  # whether the latest window to leave was linearised at a solution known well enough
+        self.x: Array = np.zeros(len(prior))
+        self.noise_information: Array = np.zeros_like(prior)
+        self.linear = Linearisation(0.0, np.zeros(len(prior)), prior, 0)
+        self.windows = LinearisedWindows(self.x)
+
+    def add(self, block: Blocks, columns: Array | None = None) -> Linearisation:
+        """Take one window, solve again and return the likelihood's quadratic form at the solution `x`.
+
+        Parameters
+        ----------
+        block : Blocks
+        columns : (1, r, e) how its equations depend on the consider parameters
+        """
+        if len(self.windows) == self._length:
+            self._marginalise()
+        columns = np.zeros((*block.offset.shape, 0)) if columns is None else columns
+        self.windows.append(WindowEquations(block.rows, block.offset, block.noise, block.noise_rows, columns))
+        if not self._settled:
+            self._start()
+        linear = self._maximise(_ITERATIONS_WARM if self._settled else _ITERATIONS_AT_START)
+        # Like the information itself: the windows' at this x, the marginalised ones' at that of their time.
+        own = self.windows.noise_information.sum(axis=0)
+        self.noise_information = self._marginalised.noise_information + own
+        self._signal = linear.information - _CERTAIN * own - self._prior
+        self.linear = linear
+        self.cross_information = self._past_cross + CrossInformation.of(self.windows.white.rows, self.windows.columns)
+        return replace(linear, information=linear.information + self._marginalised.noise_information)
+
+    @property
+    def marginalised(self) -> int:
+        """Number of windows that are no longer solved again."""
+        return len(self._marginalised)
+
+    @property
+    def certain(self) -> bool:
+        """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
+        if self._settled:
+            return True
+        return eiv.uncertain_share(self.windows.equations[-1:], *self._regularised.solution(self.x)) < _LARGEST_SHARE
+
+    @property
+    def _regularised(self) -> Regularised:
+        return Regularised(self._signal, self._typical)
+
+    def _start(self) -> None:
+        """Linearise where to search from: where the last search ended, unless that fails to explain the data so far."""
+        blocks = self.windows.equations
+        redundancy = blocks.offset.size + self._marginalised.equations - len(self.x)
+        if self.x[0] > 0.0 and redundancy >= _ENOUGH:
+            white = self.windows.at(self.x)
+            limit = chi_square.limit(_UNLIKELY, redundancy)
+            if white is not None and self._whole(white.cost, self.x) < limit:
+                self.windows.linearise(self.x, white)
+                return
+        known = self._marginalised.information + self._prior
+        starts = [*first_solutions(blocks, known, self._marginalised.right_side), self.x]
+        # A negative mass can fit better while little is known, and the way back leads through infinity.
+        possible = [x for x in starts if x[0] > 0.0] or starts
+        costs = [self._whole(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
+        self.windows.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
+
+    def _marginalise(self) -> None:
+        """Move the oldest window to the prior."""
+        windows, x = self.windows, self.windows.x
+        if self._forgetting < 1.0 and self.marginalised:
+            self._forget()
+        window, white, own = windows.equations[:1], windows.white[:1], windows.noise_information[0]
+        columns = windows.columns[:1]
+        if self._settled:
+            share = float(np.vdot(own, self._regularised.covariance)) / window.offset.size
+        else:
+            share = eiv.uncertain_share(window, *self._regularised.solution(self.x))
+        self._settled = share < _LARGEST_SHARE
+        if self._settled:
+            linear = eiv.normal_equations(white)
+            self._marginalised.add(replace(linear, information=linear.information - own), own, x)
+        else:
+            regularised = self._regularised.solution(self.x)
+            self._marginalised.add(*eiv.compensated(window, *regularised), np.zeros(len(x)))
+            white = eiv.whitened_at_zero(window, *regularised)
+            columns = white.whitener @ window.columns
+        self._past_cross += CrossInformation.of(white.rows, columns)
+        windows.pop()
+
+    def _forget(self) -> None:
+        """Discount what has been marginalised, in the directions that the windows excite."""
+        white = eiv.whitened(self.windows.equations, self.x)
+        recent = eiv.normal_equations(white).information
+        own = eiv.own_information(self.windows.equations, white).sum(axis=0)
+        root = self._marginalised.forget(self._forgetting, recent, _EXCITED * own + self._prior)
+        self._past_cross = self._past_cross.forget(root, self._forgetting)
+
+    def _maximise(self, iterations: int) -> Linearisation:
+        """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
+
+        The last is that to the top of the parabola, if that is close. Returns the form at the x that is reached.
+        """
+        windows, close = self.windows, _CLOSE if self._settled else _SMALL_STEP
+        linear = self._linearised()
+        for _ in range(iterations):
+            solve = solve_definite if self._settled else solve_symmetric
+            step = -solve(linear.information, linear.gradient)
+            if -float(linear.gradient @ step) < close**2:
+                self.x = windows.x + step
+                form = linear.at(step)
+                return replace(form, cost=form.cost + self._of_prior(windows.x) - self._of_prior(self.x))
+            if not self._step(step, linear.cost + self._of_prior(windows.x)):
+                break
+            linear = self._linearised()
+        self.x = windows.x
+        return linear
+
+    def _step(self, step: Array, current: float) -> bool:
+        """Move the linearisation point as far as the cost allows; return whether there is such a place."""
+        windows = self.windows
+        for _ in range(_HALVINGS):
+            trial = windows.x + step
+            white = windows.at(trial)
+            if white is not None and (trial[0] > 0.0 or windows.x[0] <= 0.0):
+                value = self._whole(white.cost, trial)
+                if np.isfinite(value) and value <= current:
+                    windows.linearise(trial, white)
+                    return True
+            step = 0.5 * step
+        return False
+
+    def _whole(self, cost: float, x: Array) -> float:
+        """Return the cost at x of everything, from that of the windows."""
+        return cost + self._marginalised.cost(x) + self._of_prior(x)
+
+    def _of_prior(self, x: Array) -> float:
+        return float(x @ self._prior @ x)
+
+    def _linearised(self) -> Linearisation:
+        """Return the likelihood's quadratic form at the linearisation point."""
+        x, past, linear = self.windows.x, self._marginalised, self.windows.normal_equations()
+        return Linearisation(
+            cost=linear.cost + past.cost(x),
+            gradient=linear.gradient + past.gradient(x) + self._prior @ x,
+            information=linear.information + past.information + self._prior,
+            equations=linear.equations + past.equations,
+        )

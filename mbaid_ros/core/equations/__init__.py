@@ -1,0 +1,1 @@
+"""The difference form: momentum equations of windows, their likelihood, and first solutions. No state."""

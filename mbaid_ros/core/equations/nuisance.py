@@ -1,0 +1,79 @@
+"""What the momentum equations depend on beside the unknowns that are solved for: consider parameters (Schmidt 1966).
+
+An unknown of the known side adds E d to the equations of every window, with known columns E and d of covariance F F^T.
+It is not solved for here, and widens the covariance of what is by what it does to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import orth
+
+from mbaid_ros.core.equations.window_rows import joined, mean_of_each
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.unknowns.declaration import Unknown
+
+
+class ConsiderParameters:
+    """Several unknowns together, each in independent numbers of variance one.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    unknowns : those that the equations do not depend on are left out
+
+    Attributes
+    ----------
+    count : number e of independent numbers
+    labels : names of all parts
+    """
+
+    def __init__(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> None:
+        self._kernel = kernel
+        self._unknowns = [unknown for unknown in unknowns if unknown.in_equations]
+        self.count = sum(unknown.count for unknown in self._unknowns)
+        factor = np.zeros((sum(len(unknown.factor) for unknown in self._unknowns), self.count))
+        row = column = 0
+        for unknown in self._unknowns:
+            rows, columns = unknown.factor.shape
+            factor[row : row + rows, column : column + columns] = unknown.factor
+            row, column = row + rows, column + columns
+        every = np.array([label for unknown in self._unknowns for label in unknown.labels])
+        self.labels = list(dict.fromkeys(every.tolist()))
+        # Of each part, what it has a share in: orthonormal (e, k).
+        self._directions = [orth(factor[every == label].T) for label in self.labels]
+
+    def columns(self, windows: Sequence[Samples], body: Array) -> Array:
+        """Return the means of E F over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o)."""
+        if not self.count:
+            return np.zeros((len(windows), 6, 0))
+        samples, counts = joined(windows)
+        target = self._kernel.target
+        change = np.zeros_like(self._kernel.known)
+        change[target.body] = express(body, target.rotation, target.position)
+        kernel = self._kernel.corrected(change)
+        states = kernel.states(samples)
+        means = [
+            mean_of_each(unknown.equation_columns(kernel, states), counts) @ unknown.factor
+            for unknown in self._unknowns
+        ]
+        return np.concatenate(means, axis=2)
+
+    def shares(self, spread: Array) -> Array:
+        """Return the part of some variances that each labelled part alone would take away if it were known exactly.
+
+        Parameters
+        ----------
+        spread : (..., e) what each of the independent numbers does
+
+        Returns
+        -------
+        (..., p) array; parts whose errors are correlated each count for what they share
+        """
+        parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in self._directions]
+        return np.stack(parts, axis=-1) if parts else np.zeros((*spread.shape[:-1], 0))

@@ -1,0 +1,143 @@
+"""Consider parameters: their columns are derivatives of the equations, and which of them matters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.equations.errors_in_variables import Blocks
+from mbaid_ros.core.equations.nuisance import ConsiderParameters
+from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.known_errors import KnownErrors, declared
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.joint_placements import joint_placements
+from mbaid_ros.core.unknowns.known_bodies import known_bodies
+from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
+from mbaid_ros.core.unknowns.time_offset import time_offset
+from observed import MID, kernel, observe, windows
+
+
+@dataclass(frozen=True, eq=False)
+class Stated(Unknown):
+    """An unknown with given columns, the same at all samples."""
+
+    given: Array
+
+    def momentum_columns(self, _kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return those that were given."""
+        return np.tile(self.given, (len(states.body_twist), 1, 1))
+
+
+def bodies_of(servicer: MomentumKernel) -> Unknown:
+    return known_bodies(servicer.model, servicer.errors)
+
+
+def left(equations: Blocks, x: Array) -> Array:
+    """Return what the equations of a robot leave of a solution x (16,), (K, 6)."""
+    return np.asarray(equations.rows @ x + equations.offset)
+
+
+def test_the_columns_of_known_bodies_are_what_their_errors_do(spatial: Truth) -> None:
+    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:4]
+    rng = np.random.default_rng(0)
+    factor = rng.normal(size=(20, 3))
+    doubtful = servicer.doubted(KnownErrors((0, 3), factor))
+    considered = ConsiderParameters(doubtful, [bodies_of(doubtful)])
+    assert considered.labels == ['link:base_link', 'link:link3']
+    error = rng.normal(size=3)
+    change = np.zeros_like(servicer.known)
+    change[[0, 3]] = (factor @ error).reshape(2, 10)
+    origin = np.zeros(3)
+    plain, moved = (window_rows(robot, parts, MID, origin) for robot in (servicer, servicer.corrected(change)))
+    assert considered.columns(parts, np.zeros(10)) @ error == pytest.approx(moved.offset - plain.offset, abs=1e-9)
+
+
+def test_the_columns_of_placements_are_what_they_do_with_the_target(spatial: Truth) -> None:
+    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
+    joints = servicer.model.joints
+    unknown = joint_placements(servicer, *([1.0] * joints for _ in range(3)))
+    body = standard(physical(servicer.target.parameters))
+    x = np.concatenate((body, np.random.default_rng(1).normal(size=6)))
+    columns = ConsiderParameters(servicer, [unknown]).columns(parts, body)
+    error = 1e-6 * np.random.default_rng(2).normal(size=unknown.count)
+
+    def equations(size: float) -> Array:
+        side = unknown.moved(KnownSide.nominal(servicer), unknown.factor @ (size * error))
+        there = [replace(part, joint_position=part.joint_position + side.zeros) for part in parts]
+        return left(window_rows(side.kernel, there, MID, np.zeros(3)), x)
+
+    assert columns @ error == pytest.approx(0.5 * (equations(1.0) - equations(-1.0)), abs=1e-9)
+
+
+def test_the_columns_of_the_mount_are_what_it_does(spatial: Truth) -> None:
+    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
+    unknown = odometry_mount(1.0, 1.0)
+    body = standard(physical(servicer.target.parameters))
+    columns = ConsiderParameters(servicer, [unknown]).columns(parts, body)
+    states = [servicer.states(part) for part in parts]
+    # At the momentum that there is.
+    total = np.mean([np.mean(s.known_momentum + s.regressor @ body, axis=0) for s in states], axis=0)
+    total[3:] += np.cross(np.mean([part.base_position.mean(axis=0) for part in parts], axis=0), total[:3])
+    mount = 1e-6 * np.random.default_rng(3).normal(size=6)
+
+    def at_the_base(part: Samples, size: float) -> Samples:
+        away = part.base_rotation @ (size * mount[3:])
+        return replace(
+            part,
+            base_rotation=part.base_rotation @ exp(size * mount[:3]),
+            base_position=part.base_position + away,
+            base_linear_velocity=part.base_linear_velocity + cross(part.base_angular_velocity, away),
+        )
+
+    def equations(size: float) -> Array:
+        there = [at_the_base(part, size) for part in parts]
+        return left(window_rows(servicer, there, MID, np.zeros(3)), np.concatenate((body, total)))
+
+    found = 0.5 * (equations(1.0) - equations(-1.0))
+    assert columns @ mount == pytest.approx(found, abs=1e-3 * np.abs(found).max())
+
+
+def test_the_share_of_a_part_is_what_knowing_it_would_take_away() -> None:
+    rng = np.random.default_rng(5)
+    factor = rng.normal(size=(20, 20)) * 10.0 ** rng.uniform(-2.0, 1.0, 20)[:, None]
+    labels = ('one',) * 10 + ('other',) * 10
+    considered = ConsiderParameters(kernel('servicer7'), [Stated(factor, labels, np.zeros((6, 20)))])
+    gain = rng.normal(size=(4, 20))
+    shares = considered.shares(gain @ factor)
+    full = factor @ factor.T
+    for place, (own, other) in enumerate(((slice(0, 10), slice(10, 20)), (slice(10, 20), slice(0, 10)))):
+        rest = full[other, other] - full[other, own] @ np.linalg.solve(full[own, own], full[own, other])
+        taken = np.diag(gain @ full @ gain.T) - np.diag(gain[:, other] @ rest @ gain[:, other].T)
+        assert shares[:, place] == pytest.approx(taken, rel=1e-5)
+
+
+def test_several_unknowns_stand_beside_each_other(spatial: Truth) -> None:
+    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
+    servicer = servicer.doubted(declared(servicer.known, [0.01, *[0.0] * (len(servicer.known) - 1)]))
+    bodies, given, nothing = bodies_of(servicer), np.arange(12.0).reshape(6, 2), np.zeros(10)
+    stated = Stated(np.diag([0.5, 2.0]), ('first', 'second'), given)
+    both = ConsiderParameters(servicer, [bodies, stated, time_offset(0.02)])
+    assert both.count == 12
+    assert both.labels == ['link:base_link', 'first', 'second']
+    columns = both.columns(parts, nothing)
+    assert columns[..., :10] == pytest.approx(ConsiderParameters(servicer, [bodies]).columns(parts, nothing))
+    assert columns[1, :, 10:] == pytest.approx(given * [0.5, 2.0])
+    spread = np.arange(24.0).reshape(2, 12)
+    assert both.shares(spread)[:, 1:] == pytest.approx(spread[:, 10:] ** 2)
+    # Independent parts add up to all of it.
+    assert both.shares(spread).sum(axis=1) == pytest.approx(np.sum(spread**2, axis=1))
+
+
+def test_nothing_uncertain_costs_nothing(spatial: Truth) -> None:
+    none = ConsiderParameters(kernel('servicer7'), [])
+    assert none.count == 0
+    assert none.columns(windows(observe(spatial, MID))[:3], np.zeros(10)).shape == (3, 6, 0)
+    assert none.shares(np.zeros((5, 0))).shape == (5, 0)
