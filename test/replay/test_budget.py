@@ -114,6 +114,7 @@ def test_a_planar_run_has_bars_of_what_it_determines() -> None:
     part = section(html([run(planar_final())]))
     names = [name.text for name in part.findall(".//div[@class='budget']/span")]
     assert names == ['mass', 'com_x', 'com_y', 'izz']
+    assert [cell.text for cell in part.iter('th')][:5] == ['share [%]', *names]
     assert 'nan' not in ET.tostring(part, encoding='unicode')
 
 

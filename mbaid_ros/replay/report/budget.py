@@ -8,7 +8,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, percent, short
 from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
-from mbaid_ros.replay.report.markup import NO_NUMBER, paragraph, table, text
+from mbaid_ros.replay.report.markup import paragraph, table, text
 
 _OTHERS = 'all others'
 _NAMED = 6  # causes beside sensor noise that have a colour of their own
@@ -118,12 +118,14 @@ def _key(labels: list[str]) -> str:
 
 
 def _figures(labels: list[str], shares: Array, known: Array) -> str:
-    """Return the figures: a row a cause, a column a parameter, per cent."""
+    """Return the figures: a row a cause, a column a parameter that is determined, per cent."""
+    names = np.array(PARAMETERS)[known].tolist()
     rows = [
-        [label, *(f'{100.0 * share:.1f}' if there else NO_NUMBER for share, there in zip(column, known, strict=True))]
-        for label, column in zip(labels, shares.T, strict=True)
+        [label, *(f'{100.0 * share:.1f}' for share in column)]
+        for label, column in zip(labels, shares[known].T, strict=True)
     ]
-    return f'<div class="shares">{table(("share [%]", *PARAMETERS), rows)}</div>'
+    content = table(('share [%]', *names), rows)
+    return f'<div class="shares">{content}</div>'
 
 
 def _every(budget: ErrorBudget, known: Array) -> str:
