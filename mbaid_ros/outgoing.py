@@ -55,12 +55,17 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
     warnings : those of the run, which come after the estimate's own
     """
     seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
+    budget = estimate.budget
     return types.find('mbaid_msgs/msg/InertiaEstimate')(
         header=_header(estimate, types, frames),
         method=estimate.method,
+        stage=estimate.stage,
         status=estimate.status,
         inertia=_inertia(estimate.parameters, types),
         covariance=np.ascontiguousarray(estimate.covariance, dtype=float).ravel(),
+        standard_deviation=np.ascontiguousarray(estimate.std, dtype=float),
+        budget_causes=[] if budget is None else list(budget.causes),
+        budget_shares=np.zeros(0) if budget is None else np.ascontiguousarray(budget.shares, dtype=float).ravel(),
         identifiable=types.flags(np.asarray(estimate.identifiable, dtype=bool)),
         momentum_frame=frames.odometry,
         linear_momentum=_vector(estimate.momentum[:3], types),
@@ -81,7 +86,8 @@ def debris_message(
 ) -> Any:
     """Return the captured body alone as a mbaid_msgs/InertiaEstimate in its own frame.
 
-    Its momenta are those that the body alone had before the capture; NaN where the run began after it.
+    Its momenta are those that the body alone had before the capture; NaN where the run began after it. It has no error
+    budget: that of the estimate is of the whole link.
 
     Parameters
     ----------
@@ -95,6 +101,7 @@ def debris_message(
         estimate,
         parameters=alone.parameters,
         covariance=alone.covariance,
+        budget=None,
         momentum=np.full(6, np.nan) if capture is None else capture.momentum,
         momentum_covariance=np.full((6, 6), np.nan) if capture is None else capture.covariance,
     )

@@ -36,7 +36,10 @@ TALLEST = 5600  # pixels of a page
 PUSH = (20.0, np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3]))  # s; N s, N m s
 # The page's colours, and what its bands make of them on white: few enough for small files.
 INKS = ('1d2330', '0072b2', 'd55e00', '009e73', 'c1121f')
-PLAIN = ('ffffff', *INKS, '5b6474', '9aa3b2', 'dfe3ea', 'f5f7fa', 'fdecec', 'c6c6a8', 'a8c6b8')
+PLAIN = (
+    *('ffffff', *INKS, '5b6474', '9aa3b2', 'dfe3ea', 'f5f7fa', 'fdecec', 'c6c6a8', 'a8c6b8'),
+    *('e69f00', 'cc79a7', '56b4e9'),
+)
 OPACITIES = (0.18, 0.45, 0.7)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.replay.results import Pose, Run, TopicStatistics
 from simulated import CONFIG
@@ -39,6 +40,16 @@ def estimate(**changes: Any) -> Estimate:
         **changes,
     }
     return Estimate(**values)
+
+
+def budget(link: str = 'base_link') -> ErrorBudget:
+    """Return one of ten causes, of which a link and a joint's zero make most."""
+    causes = (SENSOR_NOISE, f'link:{link}', 'zero:joint6', *(f'origin:joint{place}' for place in range(1, 7)), 'mount')
+    shares = np.full((10, 10), 0.02)
+    shares[0, 1], shares[1:4, 2], shares[4:, 0] = 0.71, 0.6, 0.8
+    shares[:, 9] = 0.0
+    shares[:, 9] = 1.0 - shares.sum(axis=1)
+    return ErrorBudget(causes, shares)
 
 
 def planar() -> Estimate:

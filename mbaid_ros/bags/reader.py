@@ -17,7 +17,7 @@ from rosbags.typesys.store import Typestore
 from mbaid_ros.bags.block import Block, Raw, of_length
 from mbaid_ros.bags.recorded import Recorded, Timed
 from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic
-from mbaid_ros.bags.types import is_standard, message_types
+from mbaid_ros.bags.types import ADDED, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
@@ -137,6 +137,14 @@ class BagReader:
                 messages[name] = make[name](list(compress(block.contents, of_it)), times[name])
             yield Recorded(block.topics, messages, times)
 
+    def without(self, topic: str) -> set[str]:
+        """Return the fields that messages of a topic lack because they are older than these."""
+        type_name = self.topics[topic].type
+        added = ADDED.get(type_name)
+        if not added:
+            return set()
+        return added - {field for field, _ in self._typestore(self.topics[topic]).fielddefs[type_name][1]}
+
     def close(self) -> None:
         """Release the files."""
         for source in self._sources:
@@ -210,6 +218,7 @@ class BagReader:
         known = message_types().fielddefs
         for name in store.fielddefs.keys() & known.keys():
             lost = {field for field, _ in known[name][1]} - {field for field, _ in store.fielddefs[name][1]}
+            lost -= ADDED.get(name, set())
             if lost:
                 raise DataError(
                     f"topic '{topic.name}' of bag '{self.path}' cannot be read: the bag defines {name} without "

@@ -16,6 +16,8 @@ from rosbags.typesys.store import Typestore
 from mbaid_ros.core.errors import DataError
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+# Fields that a type had not always: bags from before them are read by their own definition, without these.
+ADDED = {ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares'}}
 _DEFINITION = re.compile(r'^\s*(?:([a-z]\w*)/)?(?:msg/)?([A-Z]\w*)', re.MULTILINE)
 
 

@@ -13,7 +13,9 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import LATE_THRUST
+from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.session import Session, explain, obstacles
 
@@ -225,6 +227,7 @@ def _estimate(state: State) -> Report:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     values: Values = [
         ('method', estimate.method),
+        ('stage', estimate.stage),
         ('phase', state.session.robot.phase if state.session else ''),
         ('known bodies', (state.session.robot.calibrated if state.session else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
@@ -232,6 +235,7 @@ def _estimate(state: State) -> Report:
         ('residual', f'{estimate.residual:.3g}'),
         ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
         *_parameters(estimate),
+        (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
         *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
@@ -248,7 +252,8 @@ def _parameters(estimate: Estimate) -> Values:
     rows: Values = []
     for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
         spread = f' +- {std:.2g}' if np.isfinite(std) else ''
-        rows.append((f'{name} ({unit})', f'{value:.6g}{spread}' if np.isfinite(value) else 'not determined'))
+        shown, _ = rounded(value, std)
+        rows.append((f'{name} ({unit})', f'{shown}{spread}' if shown else 'not determined'))
     return rows
 
 

@@ -80,14 +80,21 @@ class PlayerNode(Node):
         try:
             message_type = message_class(topic.type)
         except (ImportError, AttributeError, ValueError) as error:
-            text = f"topic '{name}' cannot be played: its type '{topic.type}' is not installed"
-            if required:
-                raise DataError(text) from error
-            self._log.warning(text)
+            why = f"topic '{name}' cannot be played: its type '{topic.type}' is not installed"
+            self._leave_out(why, error, required=required)
+            return
+        if missing := self._bag.without(name):
+            why = f"topic '{name}' cannot be played: its messages are older than the installed '{topic.type}'"
+            self._leave_out(f'{why}, without {listing(sorted(missing))}', required=required)
             return
         depth = min(topic.count, _DEPTH) if topic.latched else _DEPTH
         profile = qos(max(1, depth), best_effort=not topic.reliable, latched=topic.latched)
         self._outlets[name] = self.create_publisher(message_type, name, profile)
+
+    def _leave_out(self, why: str, cause: Exception | None = None, *, required: bool) -> None:
+        if required:
+            raise DataError(why) from cause
+        self._log.warning(why)
 
     def wait_for_subscribers(self, timeout: float) -> None:
         """Wait until every topic has a subscriber, or the time (s) is over."""

@@ -11,11 +11,13 @@ import numpy as np
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS
+from mbaid_ros.core.results.budget import MAIN_CAUSES, ErrorBudget
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
+from mbaid_ros.core.results.rounding import rounded
 
 NARROWEST = 20  # columns
 _DECADES = 3.0  # an empty bar is a relative standard deviation of 100 %, a full one 0.1 %
-_COLUMNS_WITHOUT_BAR = 35
+_COLUMNS_WITHOUT_BAR = 36
 
 
 def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN}') -> list[str]:
@@ -32,7 +34,7 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
     lines = [
         one_line(topic),
         f'{_status(message)}: {one_line(message.header.frame_id)}',
-        f'{_span(message):.1f} s, {message.samples} samples, {one_line(message.method)}',
+        f'{_span(message):.1f} s, {message.samples} samples, {_method(message)}',
         f'{"":16} {sign}95 %',
     ]
     progress = certainty(values, stds)
@@ -41,6 +43,8 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
     lines += ['', _momentum('P', 'N s', message.linear_momentum), _momentum('L', 'N m s', message.angular_momentum)]
     if math.isfinite(message.residual):
         lines.append(f'residual {message.residual:.2f} (1 is as expected)')
+    if mostly := budget(message):
+        lines += textwrap.wrap(f'{MAIN_CAUSES}: {mostly}', max(width, NARROWEST), subsequent_indent='  ')
     for warning in message.warnings:
         lines += textwrap.wrap(f'! {one_line(warning)}', max(width, NARROWEST), subsequent_indent='  ')
     return [line[:width].rstrip() for line in lines]
@@ -51,9 +55,11 @@ def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}') -> str:
     values, stds = numbers(message)
     parts = [f'{_span(message):.1f} s', _status(message)]
     for name, unit, value, std in zip(PARAMETERS, UNITS, values, stds, strict=True):
-        if math.isfinite(value):
-            spread = f' {sign}{BAND * std:.2g}' if math.isfinite(std) else ''
-            parts.append(f'{name} {value:.6g}{spread} {unit}')
+        shown, band = rounded(value, std)
+        if shown:
+            parts.append(f'{name} {shown}{f" {sign}{band}" if band else ""} {unit}')
+    if mostly := budget(message):
+        parts.append(f'{MAIN_CAUSES}: {mostly}')
     if message.warnings:
         parts.append('! ' + '; '.join(message.warnings))
     return one_line(', '.join(parts))
@@ -64,10 +70,17 @@ def numbers(message: Any) -> tuple[Array, Array]:
     inertia = message.inertia
     tensor = (getattr(inertia, name) for name in PARAMETERS[4:])
     values = np.array([inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *tensor], dtype=float)
-    variances = np.diag(np.array(message.covariance, dtype=float).reshape(10, 10))
     known = np.asarray(message.identifiable, dtype=bool)
-    with np.errstate(invalid='ignore'):
-        return np.where(known, values, np.nan), np.where(known, np.sqrt(variances), np.nan)
+    stds = np.asarray(message.standard_deviation, dtype=float)
+    return np.where(known, values, np.nan), np.where(known, stds, np.nan)
+
+
+def budget(message: Any) -> str:
+    """Return what makes most of the variances, in a few words; empty where the message does not tell."""
+    causes, shares = tuple(message.budget_causes), np.asarray(message.budget_shares, dtype=float)
+    if not causes or len(shares) != len(PARAMETERS) * len(causes):
+        return ''
+    return one_line(ErrorBudget(causes, shares.reshape(len(PARAMETERS), -1)).told(numbers(message)[1]))
 
 
 def certainty(values: Array, stds: Array) -> Array:
@@ -84,11 +97,11 @@ def certainty(values: Array, stds: Array) -> Array:
 
 
 def _row(name: str, unit: str, number: tuple[float, float], share: float, width: int, sign: str) -> str:
-    value, std = number
-    if not math.isfinite(value):
+    value, band = rounded(*number)
+    if not value:
         return f'{name:<5} {"-":>10}'
-    spread = f'{sign}{BAND * std:.2g}' if math.isfinite(std) else ''
-    text = f'{name:<5} {value:>10.6g} {spread:<9}{unit:<6}'
+    spread = f'{sign}{band}' if band else ''
+    text = f'{name:<5} {value:>10} {spread:<9} {unit:<6}'
     room = min(width - _COLUMNS_WITHOUT_BAR, 30)
     if room < 3 or not spread:
         return text
@@ -103,6 +116,11 @@ def _momentum(symbol: str, unit: str, vector: Any) -> str:
 
 def _status(message: Any) -> str:
     return one_line(message.status).replace('_', ' ')
+
+
+def _method(message: Any) -> str:
+    stage = '' if message.stage in {'', message.method} else f' (stage {message.stage})'
+    return one_line(f'{message.method}{stage}')
 
 
 def _span(message: Any) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import PARAMETERS
 
@@ -36,6 +37,11 @@ def shaped_std(std: Array) -> dict[str, Any] | None:
 def matrix(covariance: Array) -> list[list[float | None]] | None:
     """Return the rows of a covariance, None where there is none."""
     return None if np.all(np.isnan(covariance)) else [numbers(row) for row in covariance]
+
+
+def shaped_budget(budget: ErrorBudget) -> dict[str, dict[str, float] | None]:
+    """Return of each parameter the share of each cause, the largest first, without the least; None where not known."""
+    return {name: budget.of(name) or None for name in PARAMETERS}
 
 
 def shaped_momentum(momentum: Array, covariance: Array) -> dict[str, Any]:

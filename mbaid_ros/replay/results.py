@@ -13,8 +13,10 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.jsonable import (
@@ -22,6 +24,7 @@ from mbaid_ros.replay.jsonable import (
     number,
     numbers,
     shaped,
+    shaped_budget,
     shaped_capture,
     shaped_debris,
     shaped_momentum,
@@ -169,17 +172,21 @@ def as_json(run: Run) -> dict[str, Any]:
     return {
         'bag': run.bag,
         'method': final.method,
+        'stage': final.stage or None,
         'target_link': run.target_link,
         'status': final.status,
         'estimate': shaped(numbers(final.parameters)),
         'std': shaped_std(final.std),
         'covariance': matrix(final.covariance),
+        'error_budget': None if final.budget is None else shaped_budget(final.budget),
         'identifiable': shaped([bool(flag) for flag in final.identifiable]),
         'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
         'time_offset': None
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': number(final.time_offset_std)},
         'events': events(run),
+        'residual': number(final.residual),
+        'causes': [{'cause': cause, 'gain': gain} for cause, gain in likeliest(run)],
         'capture': None if run.capture is None else shaped_capture(run.capture),
         'debris': None if run.debris is None else shaped_debris(run.debris),
         'samples': final.samples,
@@ -196,6 +203,11 @@ def as_json(run: Run) -> dict[str, Any]:
             for estimate in run.history
         ],
     }
+
+
+def likeliest(run: Run) -> tuple[tuple[str, float], ...]:
+    """Return what may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
+    return run.final.causes if run.contradicted else ()
 
 
 def events(run: Run) -> list[dict[str, Any]]:
@@ -216,15 +228,16 @@ def summary(run: Run) -> str:
     """Return the result as a table for a terminal."""
     rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
     for name, unit, value, std in zip(PARAMETERS, UNITS, run.final.parameters, run.final.std, strict=True):
-        if math.isnan(value):
-            rows.append(f'  {name:6} not determined')
-        else:
-            spread = '' if math.isnan(std) else f' ± {BAND * std:.2g}'
-            rows.append(f'  {name:6} {value:>13.6g}{spread} {unit}')
+        shown, band = rounded(value, std)
+        spread = f' ± {band}' if band else ''
+        rows.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
     if run.capture is not None:
         rows += _captured(run.capture)
     label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
-    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {run.final.method}{label}']
+    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
+    mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
+    rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
+    rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(likeliest(run)[:3], 1)]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 
 
@@ -240,9 +253,15 @@ def _captured(capture: Capture) -> list[str]:
 
 
 def _with_spread(value: float, std: float) -> str:
-    if math.isnan(value):
-        return 'not determined'
-    return f'{value:.4g}' if math.isnan(std) else f'{value:.4g} ± {BAND * std:.2g}'
+    shown, band = rounded(value, std, digits=4)
+    return f'{shown} ± {band}' if band else shown or 'not determined'
+
+
+def method(estimate: Estimate) -> str:
+    """Return the method of an estimate, and the stage where that is another."""
+    if estimate.stage in {'', estimate.method}:
+        return estimate.method
+    return f'{estimate.method} (stage {estimate.stage})'
 
 
 def verdict(run: Run) -> str:

@@ -65,12 +65,16 @@ def test_the_own_message_goes_there_and_back() -> None:
     time = store.types['builtin_interfaces/msg/Time'](sec=1, nanosec=2)
     message = cls(
         header=store.types['std_msgs/msg/Header'](stamp=time, frame_id='link7'),
-        method='difference',
+        method='trajectory',
+        stage='difference',
         status='converged',
         inertia=store.types['geometry_msgs/msg/Inertia'](
             m=1.0, com=vector(0.0, 1.0, 2.0), ixx=1.0, ixy=0.0, ixz=0.0, iyy=1.0, iyz=0.0, izz=1.0
         ),
         covariance=np.arange(100.0),
+        standard_deviation=np.arange(10.0),
+        budget_causes=['sensor noise', 'mount'],
+        budget_shares=np.arange(20.0),
         identifiable=np.arange(10) > 4,
         momentum_frame='odom',
         linear_momentum=vector(0.0, 0.0, 0.0),

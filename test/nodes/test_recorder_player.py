@@ -17,8 +17,10 @@ from std_msgs.msg import String
 
 import recorded
 from graph import Graph, graph
+from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.nodes.qos import LATCHED, qos
+from older_bags import TOPIC, older_estimates
 
 COUNT = 300
 DEEP = qos(10_000)
@@ -182,6 +184,17 @@ def test_latched_topics_of_a_bag_reach_who_comes_later(live: Graph, bag: Path) -
     live.wait(lambda: len(states) > 60, 'a second turn')
     assert player.stop() == 0
     assert player.stderr == ''
+
+
+def test_estimates_older_than_the_installed_message_are_not_played(live: Graph, tmp_path: Path) -> None:
+    older = older_estimates(tmp_path / 'older.mcap', estimate())
+    refused = live.start('player', older, '--topics', TOPIC)
+    assert refused.wait() == 2
+    assert refused.stderr.count('\n') == 1
+    assert 'are older than the installed' in refused.stderr
+    left_out = live.start('player', older)
+    assert left_out.wait() == 0
+    assert 'without budget_causes, budget_shares, stage, standard_deviation' in left_out.stdout + left_out.stderr
 
 
 def test_only_the_topics_asked_for_are_played_with_a_clock(live: Graph, bag: Path) -> None:

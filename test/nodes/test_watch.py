@@ -16,7 +16,7 @@ import pytest
 from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, Graph, executable
-from made_runs import BODY, HOSTILE, STD, estimate, planar
+from made_runs import BODY, HOSTILE, STD, budget, estimate, planar
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.qos import LATCHED
 from mbaid_ros.nodes.terminal import certainty, drawn, line, screen
@@ -34,7 +34,7 @@ def message(final: Any = None, link: str = 'link7', warnings: tuple[str, ...] = 
 def test_a_screen_of_eighty_columns() -> None:
     lines = screen(message(warnings=('the base drifts',)), '/estimator/estimate', 80)
     assert lines[:3] == ['/estimator/estimate', 'converged: link7', '10.0 s, 1000 samples, difference']
-    assert lines[4].startswith('mass         162 ±0.059   kg')
+    assert lines[4].startswith('mass     162.000 ±0.059    kg')
     assert lines[4].endswith(']')
     assert lines[-1] == '! the base drifts'
 
@@ -45,7 +45,7 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
     lines = screen(message(warnings=(warning,)), '/a/very/long/namespace/of/an/estimator/estimate', width)
     assert max(map(len, lines)) <= width
     if width == 40:
-        assert lines[4] == 'mass         162 ±0.059   kg     [#####]'
+        assert lines[4] == 'mass     162.000 ±0.059    kg     [####]'
         assert ' '.join(part.strip() for part in lines[-3:]).endswith('as warnings may be')
 
 
@@ -66,13 +66,29 @@ def test_the_bars_grow_with_certainty() -> None:
 
 def test_one_line_has_everything() -> None:
     text = line(message(warnings=('one', 'two')))
-    assert text.startswith('10.0 s, converged, mass 162 ±0.059 kg, com_x 0.33')
+    assert text.startswith('10.0 s, converged, mass 162.000 ±0.059 kg, com_x 0.33000 ±0.00020 m')
     assert text.endswith('! one; two')
 
 
+def test_the_main_causes_and_the_stage_are_told() -> None:
+    told = message(estimate(method='trajectory', stage='difference', budget=budget()))
+    main = 'link base_link (71 % of mass), zero of joint6 (60 % of centre of mass), sensor noise (80 % of inertia)'
+    lines = screen(told, '/estimate', 60)
+    assert lines[2] == '10.0 s, 1000 samples, trajectory (stage difference)'
+    assert ' '.join(part.strip() for part in lines[-3:]).endswith(f'main causes of the variance: {main}')
+    assert line(told).endswith(f', main causes of the variance: {main}')
+    assert 'main causes' not in '\n'.join((*screen(message(), '/estimate', 60), line(message())))
+
+
+def test_a_budget_of_another_size_than_its_causes_is_left_out() -> None:
+    odd = message(estimate(budget=budget()))
+    odd.budget_causes = ['sensor noise']
+    assert 'main causes' not in line(odd)
+
+
 def test_hostile_names_are_text() -> None:
-    hostile = message(link=HOSTILE, warnings=(HOSTILE,))
-    hostile.method = hostile.status = HOSTILE
+    hostile = message(estimate(budget=budget(HOSTILE)), HOSTILE, (HOSTILE,))
+    hostile.method = hostile.stage = hostile.status = HOSTILE
     for text in (*screen(hostile, HOSTILE, 80), line(hostile)):
         assert text.isprintable()
     assert '\\x1b[2J' in line(hostile)
@@ -91,7 +107,7 @@ def test_a_stream_without_plus_minus_gets_two_characters() -> None:
     Lines(ascii_stream)(message(link='glied\u00e4', warnings=('\u00e4',)), '/estimate')
     ascii_stream.seek(0)
     written = ascii_stream.read()
-    assert '162 +-0.059 kg' in written
+    assert '162.000 +-0.059 kg' in written
     assert '\\xe4' in written
 
 
@@ -124,7 +140,7 @@ def test_a_named_estimator_and_only_one_update(graph: Graph) -> None:
     named.publish(message(estimate(parameters=2.0 * BODY)))
     watch = graph.start('watch', '/servicer/estimator', '--once')
     graph.wait(lambda: not watch.running, 'the end')
-    assert 'mass 324' in watch.stdout
+    assert 'mass 324.000' in watch.stdout
     assert watch.stdout.count('\n') == 1
 
 

@@ -14,7 +14,8 @@ import pinocchio
 import pytest
 
 from made_runs import BODY, HOSTILE, PLAIN, estimate, hostile_urdf, planar, run
-from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.bags import BagReader, BagWriter, message_class
+from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.principal import box_sizes
@@ -22,6 +23,7 @@ from mbaid_ros.outgoing import Frames
 from mbaid_ros.replay.export import main
 from mbaid_ros.replay.results import as_json
 from mbaid_ros.replay.run import EstimateWriter
+from older_bags import TOPIC, older_estimates
 from simulated import CONFIG
 
 TURNS = [[0.0, 0.0, 0.0], [0.4, -1.1, 2.0], [1.2, np.pi / 2, -0.3], [0.0, 0.0, 3.1], [-2.0, 0.7, 0.1]]
@@ -158,6 +160,17 @@ def test_a_bag_of_estimates_is_read(capsys: pytest.CaptureFixture[str], tmp_path
             writer.write(estimate(parameters=parameters), Frames('link7', 'odom'))
     from_bag = exported(capsys, str(tmp_path / 'bag'), '--format', 'mjcf')
     assert from_bag == exported(capsys, written(tmp_path), '--format', 'mjcf')
+
+
+def test_a_bag_of_estimates_from_before_their_budget_is_read(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    older = older_estimates(tmp_path / 'older.mcap', run().final)
+    with BagReader(older) as bag:
+        assert bag.without(TOPIC) == ADDED[ESTIMATE_TYPE]
+        ((_, message, _),) = bag.read([TOPIC])
+    assert not hasattr(message, 'stage')
+    assert exported(capsys, str(older), '--format', 'mjcf') == exported(capsys, written(tmp_path), '--format', 'mjcf')
 
 
 def test_a_bag_without_estimates_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

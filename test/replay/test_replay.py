@@ -80,8 +80,9 @@ def papers_parameters(folder: Path, more: str = '') -> Path:
 def test_the_json_has_what_scripts_rely_on(capsys: pytest.CaptureFixture[str], bag: str) -> None:
     result = result_of(capsys, bag)
     assert list(result) == [
-        *('bag', 'method', 'target_link', 'status', 'estimate', 'std', 'covariance', 'identifiable', 'momentum'),
-        *('time_offset', 'events', 'capture', 'debris', 'samples', 'span_s', 'warnings', 'made_by', 'history'),
+        *('bag', 'method', 'stage', 'target_link', 'status', 'estimate', 'std', 'covariance', 'error_budget'),
+        *('identifiable', 'momentum', 'time_offset', 'events', 'residual', 'causes', 'capture', 'debris', 'samples'),
+        *('span_s', 'warnings', 'made_by', 'history'),
     ]
     assert result['bag'] == bag
     assert result['target_link'] == 'link4'
@@ -399,6 +400,6 @@ def test_standard_deviations_and_time_offset_in_json_and_on_the_terminal() -> No
     assert result['warnings'] == ['one <script>', 'two']
     text = summary(hostile_run())
     assert 'mass' in text
-    assert '± 0.2 kg' in text
+    assert '± 0.20 kg' in text
     assert '± 95 %' in text
     assert text.count('warning: ') == 2

@@ -54,7 +54,7 @@ def cells(text: str, row: str) -> list[str]:
 def test_a_good_run_has_every_part() -> None:
     text = page_of_a_good_run()
     assert 'The inertia of link7 is identified.' in text
-    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes']
+    assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes']
     for part in (
         'Convergence',
         'Total momentum and residual',
@@ -97,7 +97,7 @@ def test_no_reference_of_a_drawing_is_lost_or_means_another_drawing() -> None:
 
 def test_the_truth_is_compared() -> None:
     text = html([run()], [truth()])
-    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
+    assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
     assert 'Furthest from the truth is' in text
     assert 'by 0.5 standard deviations' in text
 
@@ -113,7 +113,7 @@ def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: 
     text = html([run()], [given])
     assert note in text
     assert 'Furthest from the truth' not in text
-    assert cells(text, 'mass') == ['162', '0.059', 'kg', 'yes']
+    assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes']
 
 
 def test_a_planar_run_shows_what_it_does_not_determine() -> None:
@@ -127,7 +127,7 @@ def test_a_momentum_that_is_not_determined_has_no_number() -> None:
     covariance = np.diag([1e-4, 1e-4, 1e-4, 1e13, 1e13, 1.0])
     text = html([run(estimate(momentum_covariance=covariance))])
     assert cells(text, 'angular x')[0] == '\N{EN DASH}'
-    assert cells(text, 'angular z')[0] == '196'
+    assert cells(text, 'angular z')[0] == '196.0'
 
 
 def test_events_are_marked_and_listed() -> None:
@@ -149,7 +149,7 @@ def test_one_estimate_only_has_no_course() -> None:
     final = estimate()
     text = html([run(final, history=(final,))])
     assert 'Convergence' not in text
-    assert cells(text, 'mass')[0] == '162'
+    assert cells(text, 'mass')[0] == '162.000'
 
 
 def test_the_methods_of_the_paper_have_no_bands() -> None:

@@ -10,6 +10,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
 
 SENSOR_NOISE = 'sensor noise'
+MAIN_CAUSES = 'main causes of the variance'  # what `told` says
+GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
 _MOST = 0.5  # share from which one cause is told of
 
 
@@ -18,7 +20,7 @@ class ErrorBudget:
     """Shares of the ten parameters' variances.
 
     An estimate errs by what sensor noise and the priors of what is not exactly known contribute. These are independent,
-    so their variances add up to the whole. What is not sensor noise no further data of the same motion take away.
+    so their variances add up to the whole.
 
     Attributes
     ----------
@@ -31,33 +33,81 @@ class ErrorBudget:
 
     def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
         """Return the shares of one parameter, the largest first, without those below `least`; empty where not known."""
-        row = self.shares[PARAMETERS.index(parameter)]
+        return self._ordered(self.shares[PARAMETERS.index(parameter)], least)
+
+    def grouped(self, std: Array, least: float = 1e-3) -> dict[str, dict[str, float]]:
+        """Return the shares of mass, centre of mass and inertia as wholes, where anything of them is determined.
+
+        The variance of a whole is the sum of its elements', so it does not depend on how the axes lie.
+
+        Parameters
+        ----------
+        std : (10,) standard deviations of the parameters
+        least : share of what is left out
+        """
+        found = {}
+        for group, which in GROUPS.items():
+            variances, shares = std[which] ** 2, self.shares[which]
+            known = np.isfinite(variances) & np.all(np.isfinite(shares), axis=1)
+            total = float(np.sum(variances[known]))
+            if total > 0.0:
+                found[group] = self._ordered(variances[known] @ shares[known] / total, least)
+        return found
+
+    def told(self, std: Array) -> str:
+        """Return what makes the largest share of the variance of mass, centre of mass and inertia, in a line.
+
+        Parameters
+        ----------
+        std : (10,) standard deviations of the parameters
+
+        Returns
+        -------
+        'link base_link (62 % of mass, 40 % of inertia), zero of joint7 (26 % of centre of mass)'; empty where not known
+        """
+        found: dict[str, list[str]] = {}
+        for group, shares in self.grouped(std, 0.0).items():
+            cause, share = next(iter(shares.items()))
+            found.setdefault(cause, []).append(f'{percent(share)} of {group}')
+        return ', '.join(f'{short(cause)} ({", ".join(groups)})' for cause, groups in found.items())
+
+    def dominant(self, std: Array) -> dict[str, dict[str, float]]:
+        """Return the causes other than sensor noise that make more than half of a group's variance: shares by group."""
+        found: dict[str, dict[str, float]] = {}
+        for group, shares in self.grouped(std).items():
+            for cause, share in shares.items():
+                if cause != SENSOR_NOISE and share > _MOST:
+                    found.setdefault(cause, {})[group] = share
+        return found
+
+    def left_of_std(self, times: float) -> Array:
+        """Return what at least is left of each standard deviation with that many times the data of the same motion.
+
+        Where sensor noise makes the share s of a variance V, n times the data leave at least V / (1 + (n - 1) s).
+
+        Parameters
+        ----------
+        times : n, at least 1
+
+        Returns
+        -------
+        (10,) relative to what they are, NaN where not determined
+        """
+        noise = self.shares[:, self.causes.index(SENSOR_NOISE)]
+        return np.asarray(1.0 / np.sqrt(1.0 + (times - 1.0) * noise))
+
+    def _ordered(self, row: Array, least: float) -> dict[str, float]:
         pairs = [(cause, float(share)) for cause, share in zip(self.causes, row, strict=True) if share >= least]
         return dict(sorted(pairs, key=lambda pair: -pair[1]))
 
-    @property
-    def dominant(self) -> dict[str, tuple[str, ...]]:
-        """Causes other than sensor noise that make more than half of a parameter's variance, and of which ones."""
-        found: dict[str, list[str]] = {}
-        for parameter, row in zip(PARAMETERS, self.shares, strict=True):
-            if not np.isnan(row).any() and row[1:].max(initial=0.0) > _MOST:
-                found.setdefault(self.causes[1 + int(np.argmax(row[1:]))], []).append(parameter)
-        return {cause: tuple(parameters) for cause, parameters in found.items()}
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """One line for each of these: what limits the estimate, and what would help."""
-        return tuple(
-            f'more than half of the variance of {", ".join(parameters)} is {described(cause)}'
-            for cause, parameters in self.dominant.items()
-        )
-
+_SHORT = {'zero': 'zero of {}', 'origin': 'origin of {}', 'axis': 'axis of {}', 'link': 'link {}'}
 
 _WORDS = {
     'link': 'how well link {} is known: weigh it, or calibrate before the capture (known_links)',
-    'zero': 'the zero of joint {}: calibrate it (known_joints)',
-    'origin': 'where joint {} is: measure or calibrate it (known_joints)',
-    'axis': 'the axis of joint {}: measure or calibrate it (known_joints)',
+    'zero': 'the zero of {}: calibrate it (known_joints)',
+    'origin': 'where {} is: measure or calibrate it (known_joints)',
+    'axis': 'the axis of {}: measure or calibrate it (known_joints)',
     'mount': 'where the odometry is mounted: measure it (odometry_mount)',
     'time offset': 'the offset between the stamps: more motion tells it',
     'target prior': 'what was given of the target (target_prior)',
@@ -65,7 +115,18 @@ _WORDS = {
 }
 
 
+def short(cause: str) -> str:
+    """Return a cause in a few words."""
+    kind, _, name = cause.partition(':')
+    return _SHORT.get(kind, '{}').format(name) if name else cause
+
+
 def described(cause: str) -> str:
     """Return a cause in words, and what would help."""
     kind, _, name = cause.partition(':')
-    return _WORDS.get(kind, '{}').format(name or cause)
+    return _WORDS[kind].format(name) if kind in _WORDS else cause
+
+
+def percent(share: float) -> str:
+    """Return a share in words."""
+    return f'{100.0 * share:.0f} %'

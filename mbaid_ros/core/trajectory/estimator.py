@@ -8,16 +8,17 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.causes import PULSE, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.robot.inertia import physical_jacobian, standard
+from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.gathering import Gathering, Taken
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
@@ -203,17 +204,8 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
         )
         found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
-        budget = self._budget(moments, solution.x[:10])
+        budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
         return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
-
-    def _budget(self, moments: Moments, body: Array) -> ErrorBudget:
-        """Return where the variances of the parameters of a body (10,) come from."""
-        own = physical_jacobian(body) @ moments.factor[BODY]
-        variance = np.sum(own**2, axis=1)
-        causes, parts = moments.contributions(own, self._layout)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            shares = np.column_stack((variance - parts.sum(axis=1), parts)) / variance[:, None]
-        return ErrorBudget((SENSOR_NOISE, *causes), shares)
 
     def _evidence(self, tracker: FilterRun, moments: Moments) -> Evidence:
         """Return what the run says of its model."""
@@ -269,7 +261,7 @@ def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
         budget=budget if known else None,
         causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
         events=solved.events,
-        warnings=(*warnings, *judgement.reasons, *(budget.warnings if known else ())),
+        warnings=(*warnings, *judgement.reasons),
         time_offset=solved.delay[0],
         time_offset_std=solved.delay[1],
     )

@@ -8,9 +8,10 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay.report import figures
-from mbaid_ros.replay.report.markup import PLUS_MINUS, number, paragraph, table
+from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, number, paragraph, table
 from mbaid_ros.replay.results import Run
 
 MOMENTUM = ('linear x', 'linear y', 'linear z', 'angular x', 'angular y', 'angular z')
@@ -24,7 +25,7 @@ def captured_body(run: Run) -> str:
     if run.debris is None:
         return ''
     rows = [
-        (name, number(value), number(BAND * std, 2), unit)
+        (name, *rounded(value, std, NO_NUMBER), unit)
         for name, unit, value, std in zip(
             PARAMETERS, figures.SHOWN_UNITS, run.debris.parameters, run.debris.std, strict=True
         )
@@ -60,8 +61,8 @@ def before_the_capture(run: Run) -> str:
 
 
 def _bands(momentum: Array, covariance: Array) -> Sequence[tuple[str, str]]:
-    spread = BAND * np.sqrt(np.diag(covariance))
-    return [(number(value), number(band, 2)) for value, band in zip(momentum, spread, strict=True)]
+    stds = np.sqrt(np.diag(covariance))
+    return [rounded(value, std, NO_NUMBER) for value, std in zip(momentum, stds, strict=True)]
 
 
 def _sentence(capture: Capture) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
 from mbaid_ros.replay.report.figures import SHOWN_UNITS
 from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, table
@@ -46,9 +47,8 @@ def comparison(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
 
 
 def _cell(value: float, std: float) -> str:
-    if not np.isfinite(value):
-        return NO_NUMBER
-    return f'{value:.6g}' + (f' \N{PLUS-MINUS SIGN} {BAND * std:.2g}' if np.isfinite(std) else '')
+    shown, band = rounded(value, std)
+    return f'{shown} \N{PLUS-MINUS SIGN} {band}' if band else shown or NO_NUMBER
 
 
 def _apart(values: Array, stds: Array) -> Array:

@@ -9,15 +9,16 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS, determined
+from mbaid_ros.core.results.estimate import PARAMETERS, determined
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay import provenance
-from mbaid_ros.replay.report import figures
+from mbaid_ros.replay.report import budget, figures
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
 from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, STYLE, figure, listed, number, paragraph, table, text
 from mbaid_ros.replay.report.scene import scene
-from mbaid_ros.replay.results import Run, events, verdict
+from mbaid_ros.replay.results import Run, events, likeliest, method, verdict
 from mbaid_ros.replay.truth import Truth
 from mbaid_ros.replay.versions import versions
 
@@ -44,7 +45,7 @@ def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<title>Inertia identification</title>\n<style>{STYLE}</style>\n</head>\n'
+        f'<title>Inertia identification</title>\n<style>{STYLE}{budget.STYLE}</style>\n</head>\n'
         f'<body>\n<h1>Inertia identification</h1>\n{body}\n{_foot(runs)}\n</body>\n</html>\n'
     )
 
@@ -58,9 +59,11 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
             f'verdict {_look(run)}',
         ),
+        listed([f'Likely cause {place}: {cause}' for place, (cause, _) in enumerate(likeliest(run)[:3], 1)], 'causes'),
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
+        budget.section(run.final),
         captured_body(run),
         before_the_capture(run),
         *_courses(run, matching, name),
@@ -110,7 +113,7 @@ def _parameters(run: Run, truth: Truth | None) -> str:
     final = run.final
     head = ['parameter', 'estimate', PLUS_MINUS, 'unit', 'identifiable']
     rows = [
-        [parameter, number(value), number(BAND * std, 2), unit, 'yes' if known else 'no']
+        [parameter, *rounded(value, std, NO_NUMBER), unit, 'yes' if known else 'no']
         for parameter, unit, value, std, known in zip(
             PARAMETERS, figures.SHOWN_UNITS, final.parameters, final.std, final.identifiable, strict=True
         )
@@ -122,7 +125,7 @@ def _parameters(run: Run, truth: Truth | None) -> str:
             row += [number(true), number(error, 2), f'{error / std:+.1f}' if np.isfinite(error / std) else NO_NUMBER]
     where = (
         f"Centre of mass in the frame of link '{run.target_link}', inertia about it in that link's axes. "
-        f'{final.samples} samples over {final.time:.4g} s, method {final.method}, status {final.status}.'
+        f'{final.samples} samples over {final.time:.4g} s, method {method(final)}, status {final.status}.'
     )
     return table(head, rows) + paragraph(where, 'note')
 
@@ -152,7 +155,7 @@ def _momentum(run: Run) -> str:
     known = np.concatenate([determined(values[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
     values, stds = np.where(known, values, np.nan), np.where(known, stds, np.nan)
     rows = [
-        (name, number(value), number(BAND * std, 2), unit)
+        (name, *rounded(value, std, NO_NUMBER), unit)
         for name, unit, value, std in zip(MOMENTUM, MOMENTUM_UNITS, values, stds, strict=True)
     ]
     return table(('momentum', 'estimate', PLUS_MINUS, 'unit'), rows)

@@ -1,0 +1,22 @@
+"""What the estimator's diagnostics say of an estimate."""
+
+from __future__ import annotations
+
+from made_runs import budget, estimate
+from mbaid_ros.nodes.diagnostics import OK, WARN, State, _estimate
+
+
+def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
+    level, text, values = _estimate(State(estimate=estimate(method='trajectory', stage='difference', budget=budget())))
+    told = dict(values)
+    assert (level, text) == (OK, 'converged')
+    assert told['stage'] == 'difference'
+    assert str(told['main causes of the variance']).startswith('link base_link (71 % of mass), zero of joint6 (60 % ')
+    assert told['mass (kg)'] == '162.000 +- 0.03'
+    assert told['com_x (m)'] == '0.33000 +- 0.0001'
+
+
+def test_without_a_budget_the_causes_are_empty() -> None:
+    level, _, values = _estimate(State(estimate=estimate(warnings=('wrong',))))
+    assert level == WARN
+    assert dict(values)['main causes of the variance'] == ''
