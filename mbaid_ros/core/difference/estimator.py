@@ -155,7 +155,7 @@ class DifferenceEstimator:
     def _body(run: Run) -> Array:
         """Return the target body (10,) that the effect of consider parameters is worked out with."""
         body = (run.space.basis @ run.window.x)[:10]
-        return body if run.window.certain and body[0] > 0.0 else np.zeros(10)
+        return body if body[0] > 0.0 and run.window.certain else np.zeros(10)
 
     def _told(self, shares: Array) -> tuple[str, ...]:
         """Return the warning that the (1 + p,) shares of the unknowns in the variance are worth."""
