@@ -7,12 +7,12 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.chain import WindowModel
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, average
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, average
 from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s
-FIRST, LAST = START + 0.025, START + LENGTH + 0.025  # s, its first node and the next window's, of 0.05 s each
+FIRST, LAST = START + 0.025, START + LENGTH + 0.025  # s, its first knot and the next window's, of 0.05 s each
 JOINT = 1e-4  # rad
 
 
@@ -21,10 +21,10 @@ def window_of(samples: Samples, spacing: float) -> Window:
     begin = START - BEFORE * spacing
     count = BEFORE + round(LENGTH / spacing) + AFTER
     first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
-    nodes = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
-    assert nodes is not None
+    knots = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
+    assert knots is not None
     noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
-    return Window(nodes, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
+    return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
 
 
 def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 The base moves as conservation says. Unknown are the body, the total momentum, the first pose, and the path of every
 joint: a cubic spline with a knot each second. Measured are poses, twists and encoders of all samples. Errors are
-followed to first order, from node to node:
+followed to first order, from knot to knot:
 
     xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): the pose's, dx: of body and momentum, dq: of the path
 
@@ -19,11 +19,11 @@ from benchmarks.data import Case, kernel
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.midpoints import Midpoints
+from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, joint_gains, predict
 from mbaid_ros.core.trajectory.state import POSE, Layout
 
-_STRIDE = 4  # samples from node to node
+_STRIDE = 4  # samples from knot to knot
 _KNOT = 1.0  # s
 _ORDER = 3
 
@@ -97,7 +97,7 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
 
 
 def _midpoints(samples: Samples, step: float) -> Midpoints:
-    """Return exact samples as the motion midway between nodes."""
+    """Return exact samples as the motion midway between knots."""
     origin = samples.base_position[0]
     twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
     return Midpoints(

@@ -65,7 +65,7 @@ def best(bank: Bank) -> Track:
 
 
 def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
-    """Return the hypotheses at the first node after a window; a momentum that must have jumped is let jump, once."""
+    """Return the hypotheses at the first knot after a window; a momentum that must have jumped is let jump, once."""
     return tuple(
         replace(track, belief=advance(track.belief, white, variables, track.hypothesis))
         for track in (met(each, window, white, variables) for each in bank)
@@ -73,7 +73,7 @@ def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variabl
 
 
 def met(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
-    """Return a hypothesis at the window's first node."""
+    """Return a hypothesis at the window's first knot."""
     before = pose_reset(track.belief, variables) if window.fresh else track.belief
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured

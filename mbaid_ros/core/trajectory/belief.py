@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.nodes import Integers
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations

@@ -1,8 +1,8 @@
 """Windows of the error chain: how the true pose drifts from the measured one, and what a window measures of it.
 
-The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From node to node it
+The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From knot to knot it
 changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
-twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first node.
+twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first knot.
 
 The state is that of `state`.
 """
@@ -16,9 +16,9 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, skew
+from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
-from mbaid_ros.core.trajectory.midpoints import Midpoints, gradient
-from mbaid_ros.core.trajectory.nodes import Integers
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack, Window
@@ -29,7 +29,7 @@ _IDENTITY = np.eye(6)
 
 @dataclass(frozen=True)
 class WindowModel:
-    """A window, linear in the state x at its first node: measurements, and the way to the next window.
+    """A window, linear in the state x at its first knot: measurements, and the way to the next window.
 
     Models of several windows share one, with the windows along a first axis that the shapes below leave out.
 
@@ -37,7 +37,7 @@ class WindowModel:
     ----------
     pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
-    transition, drift : (6, s), (6,): pose error at the next window's first node = transition x + drift
+    transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
     joints, joints_by_body : (6, n), (6, 10, n) the part of the pose's noise that the joints' makes
         (`JointNoise`)
@@ -80,7 +80,7 @@ def window_model(layout: Layout, window: Window, point: Point) -> WindowModel:
 def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:
     """Return the models of windows, linearised at the same point, in their order before they were stacked.
 
-    Below, arrays have a window's m intervals (or m + 1 nodes) first, and the B windows of a stack second.
+    Below, arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
 
     Parameters
     ----------
@@ -143,11 +143,11 @@ def _readings(
 ) -> tuple[Array, Array]:
     """Return how a stack's mean poses and twists, (B, 6, r) each, depend on the unknowns that are only read."""
     windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
-    twist = _at_nodes(predicted.twist, inside)
+    twist = _at_knots(predicted.twist, inside)
     own = predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
-    rotation = _at_nodes(around.base_rotation, inside)
+    rotation = _at_knots(around.base_rotation, inside)
     motion = Reading(
         twist=_total(twist)[..., ANGULAR_FIRST] / len(twist),
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
@@ -188,7 +188,7 @@ def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spa
 
 
 def _compose(transition: Array, gain: Array) -> Array:
-    """Return xi at every node, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first node, parameters, 1)."""
+    """Return xi at every knot, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first knot, parameters, 1)."""
     count, windows = transition.shape[:2]
     errors = np.zeros((count + 1, windows, 6, 6 + gain.shape[-1]))
     errors[0, ..., :6] = np.eye(6)
@@ -203,16 +203,16 @@ def _state_rows(errors: Array, readings: Array) -> Array:
     return np.concatenate((errors[..., :-1], readings), axis=-1)
 
 
-def _at_nodes(values: Array, inside: slice) -> Array:
-    """Return what is known midway, at the first nodes of the intervals inside; without one before, that midway."""
+def _at_knots(values: Array, inside: slice) -> Array:
+    """Return what is known midway, at the first knots of the intervals inside; without one before, that midway."""
     before = values[max(inside.start - 1, 0) : inside.start or 1]
     return 0.5 * (np.concatenate((before, values[inside.start : inside.stop - 1])) + values[inside])
 
 
 def _pose_measurement(errors: Array, readings: Array, point: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the nodes + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
+    """0 = mean of xi over the knots + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
 
-    The twist in the readings is that at the nodes themselves. Its noise is the joints', as that of xi is, and cancels
+    The twist in the readings is that at the knots themselves. Its noise is the joints', as that of xi is, and cancels
     in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
     by that half.
     """

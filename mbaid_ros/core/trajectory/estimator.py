@@ -16,11 +16,11 @@ from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.gathering import Gathering, Taken
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
@@ -85,8 +85,8 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._gathering = Gathering(kernel.model.joints, settings.noise, settings.window)
-        self._tracker: FilterRun | None = None
+        self._averaging = KnotAveraging(kernel.model.joints, settings.noise, settings.window)
+        self._run: FilterRun | None = None
         self._layout: Layout
         self._variables: Variables
         self._samples = 0
@@ -99,7 +99,7 @@ class TrajectoryEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
-        taken = self._gathering.take(windows)
+        taken = self._averaging.take(windows)
         coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
         found = [self._follow(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
         solved = [one for one in found if isinstance(one, _Solved)]
@@ -111,31 +111,31 @@ class TrajectoryEstimator:
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
-        if self._tracker is not None:
-            self._tracker.work_off()
+        if self._run is not None:
+            self._run.work_off()
 
     @property
     def settled(self) -> bool:
         """Whether the run has come to a solution that stays."""
-        return self._tracker is not None and self._tracker.started and self._tracker.settled
+        return self._run is not None and self._run.started and self._run.settled
 
     @property
     def disturbed(self) -> bool:
-        """Whether the solution explains the data by what acts from outside."""
-        if self._tracker is None or not self._tracker.started:
+        """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
+        if self._run is None or not self._run.started:
             return False
-        best = self._tracker.best
-        return best.hypothesis.disturbed or len(best.jumps) > 0
+        best = self._run.best
+        return best.hypothesis.disturbed or len(best.jumps) > 0 or self._run.delayed
 
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
-        if self._tracker is not None:
-            self._tracker.offer(self._point_of(estimate))
+        if self._run is not None:
+            self._run.offer(self._point_of(estimate))
 
     def restart(self) -> None:
         """Give up the solution and look for a start again."""
-        if self._tracker is not None:
-            self._tracker.restart()
+        if self._run is not None:
+            self._run.restart()
 
     def _point_of(self, estimate: Estimate) -> Point:
         """Return where an estimate would have windows linearised; what a planar motion leaves open matters nowhere."""
@@ -143,7 +143,7 @@ class TrajectoryEstimator:
         moments = [4, 7, 9]
         body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
         momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
-        momentum[3:] -= cross(self._gathering.origin, momentum[:3])
+        momentum[3:] -= cross(self._averaging.origin, momentum[:3])
         state = np.zeros(self._layout.size)
         state[MOMENTUM], state[BODY] = momentum, standard(body)
         return self._layout.point(state)
@@ -152,16 +152,16 @@ class TrajectoryEstimator:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
         self._plane.update(window)
         self._samples += len(window)
-        tracker = self._tracking()
-        tracker.expect(coming)
-        tracker.take(taken.ready, taken.still_open, moved=taken.moved)
+        run = self._running()
+        run.expect(coming)
+        run.take(taken.ready, taken.still_open, moved=taken.moved)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
-        return self._waiting(tracker, taken, instant) or self._solved(tracker, instant)
+        return self._waiting(run, taken, instant) or self._solved(run, instant)
 
-    def _tracking(self) -> FilterRun:
+    def _running(self) -> FilterRun:
         """Return the filter; a new one where the motion has turned out spatial."""
-        if self._tracker is None or self._tracker.planar != self._plane.planar:
+        if self._run is None or self._run.planar != self._plane.planar:
             settings, kernel = self._settings, self._kernel
             unknowns = catalogue(kernel, settings.uncertainty)
             if self._plane.planar:
@@ -170,29 +170,29 @@ class TrajectoryEstimator:
             self._variables = variables(self._layout, self._plane, settings.uncertainty)
             known_mass = float(np.sum(kernel.known[:, 0]))
             bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=settings.adapt)
-            self._tracker = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
-        return self._tracker
+            self._run = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
+        return self._run
 
-    def _waiting(self, tracker: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
+    def _waiting(self, run: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
         """Return an estimate that says why there is no solution; None where there is one."""
         status: Status = 'not_identifiable'
-        if not tracker.started and taken.moved:
+        if not run.started and taken.moved:
             status = 'waiting'
-            done = 'looking for a start in' if tracker.searching else 'collecting'
+            done = 'looking for a start in' if run.searching else 'collecting'
             warning = f'{done} the first {self._settings.start} windows'
-        elif not tracker.started:
+        elif not run.started:
             warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'
-        elif not tracker.settled:
+        elif not run.settled:
             warning = 'the motion so far leads to no solution that stays: more of it is needed'
         else:
             return None
         return Estimate(self.method, status, now.time, now.stamp, samples=now.samples, warnings=(warning,))
 
-    def _solved(self, tracker: FilterRun, now: Instant) -> _Solved:
+    def _solved(self, run: FilterRun, now: Instant) -> _Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
-        track, origin = tracker.best, self._gathering.origin
-        moments = tracker.moments()
-        judgement = judge(self._evidence(tracker, moments))
+        track, origin = run.best, self._averaging.origin
+        moments = run.moments()
+        judgement = judge(self._evidence(run, moments))
         covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
@@ -207,9 +207,9 @@ class TrajectoryEstimator:
         budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
         return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
 
-    def _evidence(self, tracker: FilterRun, moments: Moments) -> Evidence:
+    def _evidence(self, run: FilterRun, moments: Moments) -> Evidence:
         """Return what the run says of its model."""
-        track = tracker.best
+        track = run.best
         belief, hypothesis = track.belief, track.hypothesis
         values = moments.mean[BODY.stop :]
         largest = np.max(np.abs(values)[:, None] * self._layout.belongs, axis=0, initial=0.0)
@@ -223,7 +223,7 @@ class TrajectoryEstimator:
             jumps=len(track.jumps),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
-            gain=tracker.lead,
+            gain=run.lead,
         )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:

@@ -58,7 +58,7 @@ def _normalised(belief: Belief, window: WhitenedWindow) -> Array:
 
 
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
-    """Return the belief after an update at the next window's first node, as a hypothesis has what acts and drifts."""
+    """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
     size, head, poses = belief.size, variables.head, variables.poses
     columns = len(variables.scale)
     transition = np.zeros((head, size))
@@ -93,7 +93,7 @@ def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variab
 
     Parameters
     ----------
-    belief : at the first node of the window in which it is noticed
+    belief : at the first knot of the window in which it is noticed
     window : that one; the one before is much like it
     variables : of the filter
     sizes : (6,) standard deviations of the jump of (P, L)

@@ -83,6 +83,11 @@ class FilterRun:
         return self._latest
 
     @property
+    def delayed(self) -> bool:
+        """Whether the joints' stamps have turned out late, or early."""
+        return self._point is not None and self._point.side.delay != 0.0
+
+    @property
     def lead(self) -> float:
         """How much better (log-likelihood) the hypothesis to report explains the data than the first."""
         if self._bank is None:
@@ -119,11 +124,11 @@ class FilterRun:
         # Once for both windows: a point one window old is as good.
         self._point = point = self._held(best(self._bank).belief)
         if ready is not None:
-            self._bank = follow(self._bank, ready, self._linearised.step(ready, point), self._variables)
+            self._bank = follow(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
         latest = best(self._bank)
         if still_open is not None:
-            white = self._linearised.step(still_open, point)
-            # Where nothing acts or drifts, the pose error alone goes on from its first node.
+            white = self._linearised.whitened(still_open, point)
+            # Where nothing acts or drifts, the pose error alone goes on from its first knot.
             if latest.hypothesis.disturbed:
                 (latest,) = follow((latest,), still_open, white, self._variables)
             else:

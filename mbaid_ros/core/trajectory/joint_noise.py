@@ -16,7 +16,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.stacked import Stacked
-from mbaid_ros.core.trajectory.nodes import Integers
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_body, joint_gains
 from mbaid_ros.core.trajectory.windows import Stack
 

@@ -44,19 +44,19 @@ class LinearisationCache:
             self._turn = {window: turn for turn, window in enumerate(windows)}
             self._made.clear()
 
-    def step(self, window: Window, point: Point) -> WhitenedWindow:
-        """Return a window's step, linearised at a point."""
+    def whitened(self, window: Window, point: Point) -> WhitenedWindow:
+        """Return a window, linearised at a point."""
         if point is not self._point:
             self._point, self._served, self._likely = point, 0, self._served
             self._made.clear()
         if window not in self._made:
             together = self._next(window)
-            self._made.update(self.steps(stacked(together), point))
+            self._made.update(self.all_whitened(stacked(together), point))
         self._served += 1
         return self._made.pop(window)
 
-    def steps(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
-        """Return stacked windows in their order before they were stacked, each with its step."""
+    def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
+        """Return stacked windows in their order before they were stacked, each as it is and linearised."""
         models = window_models(self._layout, stacks, point)
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]

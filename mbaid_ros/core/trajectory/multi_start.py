@@ -101,10 +101,10 @@ class _Result:
 
 @dataclass(frozen=True)
 class _Pass:
-    """Windows in order with their steps, all linearised at one point."""
+    """Windows in order, each as it is and linearised, all at one point."""
 
     point: Point
-    steps: list[tuple[Window, WhitenedWindow]]
+    windows: list[tuple[Window, WhitenedWindow]]
 
 
 # What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
@@ -119,7 +119,7 @@ class MultiStart:
     ----------
     layout : of the state
     variables : of the filter
-    linearised : makes the steps of the filter
+    linearised : linearises windows
     hypotheses : the first is the one to beat
     """
 
@@ -236,13 +236,13 @@ class MultiStart:
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
-        steps: list[tuple[Window, WhitenedWindow]] = []
+        windows: list[tuple[Window, WhitenedWindow]] = []
         for part in stacks:
-            more = self.linearised.steps(part, point)
+            more = self.linearised.all_whitened(part, point)
             for begin in range(0, len(more), _PART):
                 yield _LINEARISED * len(more[begin : begin + _PART])
-            steps += more
-        return _Pass(point, steps)
+            windows += more
+        return _Pass(point, windows)
 
     def _plain(self, result: _Result) -> bool:
         """Tell whether the noise of the rows hardly matters; else, that less is left says little."""
@@ -256,8 +256,8 @@ class MultiStart:
 
     def _follow(self, passed: _Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""
-        for window, step in passed.steps:
-            bank = follow(bank, window, step, self.variables)
+        for window, white in passed.windows:
+            bank = follow(bank, window, white, self.variables)
             for _ in bank:
                 yield 1
         return bank

@@ -20,8 +20,8 @@ from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
-from mbaid_ros.core.trajectory.midpoints import Midpoints
-from mbaid_ros.core.trajectory.nodes import Integers
+from mbaid_ros.core.trajectory.interpolation import Midpoints
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import Layout, Point
 
 # Rows of a twist (v, w) in the order (angular, linear) of a pose error.

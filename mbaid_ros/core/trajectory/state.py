@@ -1,4 +1,4 @@
-"""The state at a window's first node, and the point that windows are linearised at.
+"""The state at a window's first knot, and the point that windows are linearised at.
 
 State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the known side, each in
 units of its prior: first those that the predicted motion depends on, then those that only the readings do.

@@ -20,11 +20,11 @@ class WhitenedWindow:
     ----------
     value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first node, which are
+    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first knot, which are
         the first variables; what else there is stays, without force. The last is a factor of the covariance of what
         joint noise adds on the way
     shared : (v,) the score that noise makes on average because rows and value share it
-    moved : (6, 6) what the momentum makes of the pose error at the next window's first node, SI units
+    moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
     length : s
     """
@@ -43,13 +43,13 @@ class WhitenedWindow:
 
 
 def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
-    """Return one window's step of the filter (see `prepared`)."""
+    """Return one window (see `prepared`)."""
     several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
     return prepared(several, variables)[0]
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
-    """Return the steps of the filter for B windows."""
+    """Return B windows in the filter's variables."""
     pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, variables)
     weighed = pose.weighed(windows.joints)
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index]) for index in range(len(weighed))]

@@ -1,7 +1,7 @@
-"""Windows of nodes, with the neighbours that their formulas need, and stacks of windows worked through at once.
+"""Windows of knots, with the neighbours that their formulas need, and stacks of windows worked through at once.
 
 What a window leads to does not depend on the stack it is in, to the last bit: products are made one window at a time,
-sums run along the nodes.
+sums run along the knots.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.midpoints import Midpoints, midpoints, with_joints_later
-from mbaid_ros.core.trajectory.nodes import Nodes, at_the_base
+from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
+from mbaid_ros.core.trajectory.knots import Knots, at_the_base
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
 
@@ -38,19 +38,19 @@ class WindowNoise:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A window's nodes, with the neighbours that its formulas need.
+    """A window's knots, with the neighbours that its formulas need.
 
     Attributes
     ----------
-    nodes : Nodes
-    inside : the window's own intervals among theirs; each begins at a node of the window
-    spacing : s, between nodes
+    knots : Knots
+    inside : the window's own intervals among theirs; each begins at a knot of the window
+    spacing : s, between knots
     noise : WindowNoise
     start : s since the first sample of the run
     fresh : whether a gap (or the start) comes before it
     """
 
-    nodes: Nodes
+    knots: Knots
     inside: slice
     spacing: float
     noise: WindowNoise
@@ -59,8 +59,8 @@ class Window:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """What windows of one stack have in common: the number of nodes, and which intervals are their own."""
-        return len(self.nodes), self.inside.start, self.inside.stop
+        """What windows of one stack have in common: the number of knots, and which intervals are their own."""
+        return len(self.knots), self.inside.start, self.inside.stop
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ class Stack:
     places: tuple[int, ...]
 
     @cached_property
-    def nodes(self) -> Nodes:
-        """All nodes, (J, B, ...)."""
-        return Nodes.stack([window.nodes for window in self.windows])
+    def knots(self) -> Knots:
+        """All knots, (J, B, ...)."""
+        return Knots.stack([window.knots for window in self.windows])
 
     @cached_property
     def middle(self) -> Midpoints:
-        """The motion midway between all nodes as measured, (J - 1, B, ...)."""
-        return midpoints(self.nodes, self.windows[0].spacing)
+        """The motion midway between all knots as measured, (J - 1, B, ...)."""
+        return midpoints(self.knots, self.windows[0].spacing)
 
     def motion(self, side: KnownSide) -> tuple[Midpoints, slice]:
         """Return the motion of a robot whose known side is as given, and the windows' own part.
@@ -93,7 +93,7 @@ class Stack:
         """
         middle = self.middle
         if side.mount.any():
-            middle = midpoints(at_the_base(self.nodes, side.mount), self.windows[0].spacing)
+            middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
         if side.delay != 0.0:
             middle = with_joints_later(middle, side.delay, self.windows[0].spacing)
         if side.zeros.any():

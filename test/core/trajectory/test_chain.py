@@ -14,8 +14,8 @@ from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.chain import window_model
-from mbaid_ros.core.trajectory.midpoints import midpoints
-from mbaid_ros.core.trajectory.nodes import BEFORE, Nodes
+from mbaid_ros.core.trajectory.interpolation import midpoints
+from mbaid_ros.core.trajectory.knots import BEFORE, Knots
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from mbaid_ros.core.trajectory.state import POSE, Layout, Point
 from mbaid_ros.core.unknowns.time_offset import time_offset
@@ -146,24 +146,24 @@ def test_late_joints_leave_nothing_where_the_delay_is_known(robot: Layout, exact
 
 
 class JointNoise:
-    """How an error of every joint at every node moves what a window says: exact, for it is linear."""
+    """How an error of every joint at every knot moves what a window says: exact, for it is linear."""
 
     def __init__(self, robot: Layout, exact: Samples, point: Array) -> None:
         self.window = window_of(exact, 0.05)
         self.model = window_model(robot, self.window, at(robot, point))
-        middle = midpoints(self.window.nodes, self.window.spacing)
+        middle = midpoints(self.window.knots, self.window.spacing)
         gain = joint_gains(robot.kernel, predict(robot, middle, at(robot, point))[1])[0][:, SWAP]
-        # The gain at the window's first node.
+        # The gain at the window's first knot.
         begin = self.window.inside.start
         gain = 0.5 * (gain[begin - 1] + gain[begin])
         columns = []
-        for node, joint in np.ndindex(self.window.nodes.joint_position.shape):
+        for knot, joint in np.ndindex(self.window.knots.joint_position.shape):
             changed = []
             for size in (JOINT, -JOINT):
-                error = np.zeros_like(self.window.nodes.joint_position)
-                error[node, joint] = size
+                error = np.zeros_like(self.window.knots.joint_position)
+                error[knot, joint] = size
                 # What of it the differences integrate to.
-                centre = error - 0.5 * self.window.nodes.spread[:, None] * _second(error)
+                centre = error - 0.5 * self.window.knots.spread[:, None] * _second(error)
                 whole = centre - _second(centre) / 24.0
                 changed.append(self._left(robot, point, error, gain @ whole[begin]))
             columns.append((changed[0] - changed[1]) / (2.0 * JOINT))
@@ -172,10 +172,10 @@ class JointNoise:
         self.covariance = rows @ rows.T
 
     def _left(self, robot: Layout, point: Array, error: Array, first: Array) -> Array:
-        nodes = replace(self.window.nodes, joint_position=self.window.nodes.joint_position + error)
-        assert isinstance(nodes, Nodes)
-        model = window_model(robot, replace(self.window, nodes=nodes), at(robot, point))
-        # The chain begins displaced by what the first node's error makes of the pose.
+        knots = replace(self.window.knots, joint_position=self.window.knots.joint_position + error)
+        assert isinstance(knots, Knots)
+        model = window_model(robot, replace(self.window, knots=knots), at(robot, point))
+        # The chain begins displaced by what the first knot's error makes of the pose.
         pose, twist, _ = residuals(model, state(point, first))
         return np.concatenate((pose, twist))
 
@@ -193,14 +193,14 @@ def test_what_accumulates_of_the_joints_noise(robot: Layout, exact: Samples, poi
     window = window_of(exact, 0.05)
     columns = []
     for joint in range(robot.kernel.model.joints):
-        # An error of a few nodes within the window, none at its ends: what is left of it at the next window's node.
-        error = np.zeros_like(window.nodes.joint_position)
+        # An error of a few knots within the window, none at its ends: what is left of it at the next window's knot.
+        error = np.zeros_like(window.knots.joint_position)
         error[BEFORE + 3 : BEFORE + 8, joint] = 1.0
         after = []
         for size in (JOINT, -JOINT):
-            nodes = replace(window.nodes, joint_position=window.nodes.joint_position + size * error)
+            knots = replace(window.knots, joint_position=window.knots.joint_position + size * error)
             after.append(
-                residuals(window_model(robot, replace(window, nodes=nodes), at(robot, point)), state(point))[2]
+                residuals(window_model(robot, replace(window, knots=knots), at(robot, point)), state(point))[2]
             )
         columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
     remainder = np.stack(columns, axis=1)

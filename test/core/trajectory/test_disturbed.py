@@ -69,9 +69,9 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     )
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
-    tracker = estimator._tracker
-    assert tracker is not None
-    moments = tracker.moments()
+    run = estimator._run
+    assert run is not None
+    moments = run.moments()
     error = moments.force - FORCE_TORQUE
     covariance = moments.force_factor @ moments.force_factor.T
     assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 6)

@@ -194,14 +194,14 @@ def test_memory_is_bounded(robot: MomentumKernel, servicer: Truth) -> None:
     estimator._settings = replace(estimator._settings, kept=15)
     for number, window in enumerate(windows(until(observe(servicer, MID, 2), 13.0))):
         estimator.update([window], 0)
-        kept = estimator._gathering._kept
+        kept = estimator._averaging._kept
         assert kept is not None
-        assert len(kept) <= 20  # two windows of ten nodes
-        tracker = estimator._tracker
-        assert tracker is not None
-        assert len(tracker._young or []) <= 23
+        assert len(kept) <= 20  # two windows of ten knots
+        run = estimator._run
+        assert run is not None
+        assert len(run._young or []) <= 23
         if number > 24:
-            assert tracker._young is None
+            assert run._young is None
 
 
 def test_the_origin_of_the_odometry_does_not_count(robot: MomentumKernel, servicer: Truth) -> None:

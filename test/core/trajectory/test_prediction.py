@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.midpoints import Midpoints
+from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_body, joint_gains, predict
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.known_bodies import known_bodies

@@ -1,8 +1,8 @@
-"""Samples averaged to nodes.
+"""Samples averaged to knots.
 
-A node is the mean of the raw samples of a few hundredths of a second. A mean is not the value at the centre: what
-`midpoints` makes of nodes corrects that. So it does for samples that come unevenly, or are lost, whose mean time is not
-the node's centre.
+A knot is the mean of the raw samples of a few hundredths of a second. A mean is not the value at the centre: what
+`midpoints` makes of knots corrects that. So it does for samples that come unevenly, or are lost, whose mean time is not
+the knot's centre.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from mbaid_ros.core.stacked import Stacked
 
 Integers = npt.NDArray[np.int64]
 
-# Nodes that a window needs of its neighbours, before and after, for its fourth-order formulas.
+# Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
-# What a node is of the two or four around it.
+# What a knot is of the two or four around it.
 _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 
 
 @dataclass(frozen=True)
-class Nodes(Stacked):
-    """J consecutive nodes, equally spaced; all NaN where one has no sample.
+class Knots(Stacked):
+    """J consecutive knots, equally spaced; all NaN where one has no sample.
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class Nodes(Stacked):
     base_rotation : (J, 3, 3)
     base_position : (J, 3) m, relative to the run's origin
     base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
-    spread : (J,) variance of the sample times in the node over the square of the nodes' spacing
-    offset : (J,) mean of the sample times less the node's centre, over the nodes' spacing
+    spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
+    offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     """
 
@@ -50,30 +50,30 @@ class Nodes(Stacked):
 
     @property
     def empty(self) -> Flags:
-        """Which nodes have no sample, (J,)."""
+        """Which knots have no sample, (J,)."""
         return np.isnan(self.spread)
 
     @staticmethod
-    def stack(parts: list[Nodes]) -> Nodes:
-        """Return as many nodes of each part, side by side along the second axis."""
-        return Nodes(*(np.stack([getattr(part, field.name) for part in parts], axis=1) for field in fields(Nodes)))
+    def stack(parts: list[Knots]) -> Knots:
+        """Return as many knots of each part, side by side along the second axis."""
+        return Knots(*(np.stack([getattr(part, field.name) for part in parts], axis=1) for field in fields(Knots)))
 
 
-def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Nodes | None:
-    """Return the nodes of one window (see `averages`), None where two nodes in a row have no sample."""
-    nodes = averages([window], np.array([start]), spacing, count, origin)
-    return None if np.any(nodes.empty[1:] & nodes.empty[:-1]) else nodes
+def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Knots | None:
+    """Return the knots of one window (see `averages`), None where two knots in a row have no sample."""
+    knots = averages([window], np.array([start]), spacing, count, origin)
+    return None if np.any(knots.empty[1:] & knots.empty[:-1]) else knots
 
 
-def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Nodes:
-    """Return the nodes of W windows, one after the other.
+def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Knots:
+    """Return the knots of W windows, one after the other.
 
     Parameters
     ----------
     windows : W of them
     starts : (W,) s, times at which they begin
-    spacing : s, between nodes
-    count : number of nodes in each
+    spacing : s, between knots
+    count : number of knots in each
     origin : (3,) m, subtracted from the positions
     """
 
@@ -102,7 +102,7 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
     joints = moving[0].shape[1]
     means = mean(np.concatenate((*moving, turns), axis=1))
-    return Nodes(
+    return Knots(
         joint_position=means[:, :joints],
         base_rotation=exp(means[:, joints + 15 :]) @ middle,
         base_position=means[:, joints : joints + 3],
@@ -113,26 +113,26 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     )
 
 
-def at_the_base(nodes: Nodes, mount: Array) -> Nodes:
-    """Return the nodes of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
-    away = nodes.base_rotation @ mount[3:]
-    twist = nodes.base_twist.copy()
+def at_the_base(knots: Knots, mount: Array) -> Knots:
+    """Return the knots of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
+    away = knots.base_rotation @ mount[3:]
+    twist = knots.base_twist.copy()
     twist[..., :3] += cross(twist[..., 3:], away)
     return replace(
-        nodes,
-        base_rotation=nodes.base_rotation @ exp(mount[:3]),
-        base_position=nodes.base_position + away,
+        knots,
+        base_rotation=knots.base_rotation @ exp(mount[:3]),
+        base_position=knots.base_position + away,
         base_twist=twist,
     )
 
 
-def bridged(nodes: Nodes) -> Nodes:
-    """Return nodes with the empty ones, each between two others, filled in from the two or four around it."""
-    if not np.any(nodes.empty):
-        return nodes
-    values = {field.name: getattr(nodes, field.name).copy() for field in fields(Nodes)}
-    for index in np.flatnonzero(nodes.empty):
-        far = 2 <= index < len(nodes) - 2 and not np.any(nodes.empty[[index - 2, index + 2]])
+def bridged(knots: Knots) -> Knots:
+    """Return knots with the empty ones, each between two others, filled in from the two or four around it."""
+    if not np.any(knots.empty):
+        return knots
+    values = {field.name: getattr(knots, field.name).copy() for field in fields(Knots)}
+    for index in np.flatnonzero(knots.empty):
+        far = 2 <= index < len(knots) - 2 and not np.any(knots.empty[[index - 2, index + 2]])
         around = index + (np.array([-2, -1, 1, 2]) if far else np.array([-1, 1]))
         weights = _CUBIC if far else _LINEAR
         for name, value in values.items():
@@ -141,7 +141,7 @@ def bridged(nodes: Nodes) -> Nodes:
                 value[index] = exp(weights @ log(value[around] @ back)) @ value[index - 1]
             else:
                 value[index] = np.tensordot(weights, value[around], axes=1)
-    return Nodes(**values)
+    return Knots(**values)
 
 
 def _about(impulse: Array, origin: Array) -> Array:

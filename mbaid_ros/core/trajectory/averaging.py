@@ -1,4 +1,4 @@
-"""From closed windows of samples to windows of nodes, linked to their neighbours."""
+"""From closed windows of samples to windows of knots, linked to their neighbours."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.nodes import AFTER, BEFORE, Nodes, averages, bridged
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots, averages, bridged
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST
 from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 
-_NODE = 0.05  # s, wanted spacing of nodes
-_FEWEST_NODES = 5
+_KNOT = 0.05  # s, wanted spacing of knots
+_FEWEST_KNOTS = 5
 # A joint has moved when its range is this many standard deviations of one sample; noise alone reaches about five.
 _MOVED = 10.0
 
@@ -32,7 +32,7 @@ class Taken:
     moved: bool
 
 
-class Gathering:
+class KnotAveraging:
     """Gathers closed windows to a chain, what is said of which has to wait for its turn.
 
     Parameters
@@ -50,9 +50,9 @@ class Gathering:
         self._noise = noise
         self._length = length
         self.origin: Array = np.zeros(3)
-        self._nodes_a_window = 0
+        self._knots_a_window = 0
         self._number = -1
-        self._kept: Nodes | None = None  # those of the last windows of the call before, one after the other
+        self._kept: Knots | None = None  # those of the last windows of the call before, one after the other
         self._linked = 0  # how many windows up to the last are linked, at most three
         self._latest: WindowNoise | None = None  # of the last of them
         self._lowest = np.full(joints, np.inf)
@@ -61,39 +61,39 @@ class Gathering:
 
     def take(self, windows: list[Samples]) -> list[Taken]:
         """Return what closed windows add to the chain."""
-        if not self._nodes_a_window:
+        if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._nodes_a_window = nodes_a_window(windows[0], self._length)
-        length, count = self._length, self._nodes_a_window
+            self._knots_a_window = knots_a_window(windows[0], self._length)
+        length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
-        nodes = own if self._kept is None else Nodes.concatenate([self._kept, own])
+        knots = own if self._kept is None else Knots.concatenate([self._kept, own])
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
-        empty = nodes.empty.tolist()
+        empty = knots.empty.tolist()
         taken = []
         each = zip(numbers, _noises(windows, self._noise), *extremes, strict=True)
-        for place, (number, noise, lowest, highest) in enumerate(each, start=len(nodes) // count - len(windows)):
-            ready, still_open = self._collect(nodes, empty, place, number, noise)
+        for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
+            ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
                 self._moved = bool(np.any(self._highest - self._lowest > _MOVED * self._noise.joint_position))
             taken.append(Taken(ready, still_open, self._moved))
-        self._kept = nodes[-2 * count :]
+        self._kept = knots[-2 * count :]
         return taken
 
     def _collect(
-        self, nodes: Nodes, empty: list[bool], place: int, number: int, noise_now: WindowNoise
+        self, knots: Knots, empty: list[bool], place: int, number: int, noise_now: WindowNoise
     ) -> tuple[Window | None, Window | None]:
-        """Take a window's nodes; return the window before, which has all its neighbours now, and the window itself.
+        """Take a window's knots; return the window before, which has all its neighbours now, and the window itself.
 
         Parameters
         ----------
-        nodes, empty : of this window and those around it, and which are empty
+        knots, empty : of this window and those around it, and which are empty
         place : of the window among these
         number : of the window in the run
         noise_now : its own
         """
-        count = self._nodes_a_window
+        count = self._knots_a_window
         begin, end = place * count, (place + 1) * count
         gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
         if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
@@ -105,31 +105,31 @@ class Gathering:
         noise, self._latest = self._latest, noise_now
         ready = None
         if self._linked > 1 and noise is not None:
-            ready = self._window(nodes, empty, place - 1, AFTER, noise)
-        still_open = None if empty[end - 1] else self._window(nodes, empty, place, 0, noise_now)
+            ready = self._window(knots, empty, place - 1, AFTER, noise)
+        still_open = None if empty[end - 1] else self._window(knots, empty, place, 0, noise_now)
         return ready, still_open
 
-    def _window(self, nodes: Nodes, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
+    def _window(self, knots: Knots, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
         """Return a window with the neighbours it has; the last interval of one without a successor is missing.
 
         Parameters
         ----------
-        nodes, empty, place : as for `_collect`
-        after : number of nodes after it
+        knots, empty, place : as for `_collect`
+        after : number of knots after it
         noise : its own
         """
-        count = self._nodes_a_window
+        count = self._knots_a_window
         earlier = self._linked > (2 if after else 1)
         begin, end = place * count, (place + 1) * count + after
         first = begin - BEFORE if earlier else begin
-        # An empty node is bridged from both sides: at the outer ends it is none of the neighbours.
+        # An empty knot is bridged from both sides: at the outer ends it is none of the neighbours.
         if earlier and empty[first]:
             first += 1
         if after and empty[end - 1]:
             end -= 1
-        own = nodes[first:end]
+        own = knots[first:end]
         return Window(
-            nodes=bridged(own) if any(empty[first:end]) else own,
+            knots=bridged(own) if any(empty[first:end]) else own,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=noise,
@@ -138,8 +138,8 @@ class Gathering:
         )
 
 
-def nodes_a_window(window: Samples, length: float) -> int:
-    """Return how many nodes a window is cut into: near 50 ms each, and no fewer samples than nodes.
+def knots_a_window(window: Samples, length: float) -> int:
+    """Return how many knots a window is cut into: near 50 ms each, and no fewer samples than knots.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def nodes_a_window(window: Samples, length: float) -> int:
     length : s
     """
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(_NODE, spacing)), _FEWEST_NODES)
+    return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
 
 
 def _noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
@@ -165,5 +165,5 @@ def _noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]
 
 
 def _by_window(values: Array, count: int) -> Array:
-    """Return (W count, n) values of nodes as (W, count, n)."""
+    """Return (W count, n) values of knots as (W, count, n)."""
     return values.reshape(-1, count, values.shape[1])

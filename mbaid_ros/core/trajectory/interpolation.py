@@ -1,9 +1,9 @@
-"""The motion midway between nodes, to fourth order.
+"""The motion midway between knots, to fourth order.
 
-The mean of two nodes is not the value midway: the correction comes from the neighbours' differences. Joint rates are
-differences of the same nodes as the joint angles, so that joint noise telescopes when rates are integrated.
+The mean of two knots is not the value midway: the correction comes from the neighbours' differences. Joint rates are
+differences of the same knots as the joint angles, so that joint noise telescopes when rates are integrated.
 
-All arrays begin with the axis of the J nodes. Where nodes of several windows are worked through at once, these lie side
+All arrays begin with the axis of the J knots. Where knots of several windows are worked through at once, these lie side
 by side along a second axis, which the shapes below leave out.
 """
 
@@ -15,20 +15,20 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log
 from mbaid_ros.core.stacked import Stacked
-from mbaid_ros.core.trajectory.nodes import Nodes
+from mbaid_ros.core.trajectory.knots import Knots
 
 
 @dataclass(frozen=True)
 class Midpoints(Stacked):
-    """The motion midway between J nodes (J - 1 intervals), and what was measured from one node to the next.
+    """The motion midway between J knots (J - 1 intervals), and what was measured from one knot to the next.
 
     Attributes
     ----------
     joint_position, joint_velocity : (J - 1, n)
     base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
-    turn : (J - 1, 3) rad, rotation vector from each node to the next, odometry axes
-    step : (J - 1, 3) m, displacement from each node to the next
-    impulse : (J - 1, 6) as of the nodes, the mean of both
+    turn : (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
+    step : (J - 1, 3) m, displacement from each knot to the next
+    impulse : (J - 1, 6) as of the knots, the mean of both
     """
 
     joint_position: Array
@@ -47,17 +47,17 @@ class Midpoints(Stacked):
         return Midpoints(*(values.reshape(-1, *values.shape[len(intervals) :]) for values in vars(self).values()))
 
 
-def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
-    """Return the motion midway between nodes.
+def midpoints(knots: Knots, spacing: float) -> Midpoints:
+    """Return the motion midway between knots.
 
-    Values at the node centres are the means less the offset times the slope and half the spread times the second
+    Values at the knot centres are the means less the offset times the slope and half the spread times the second
     difference; midway values take a sixteenth, rates a twenty-fourth of the neighbours' differences off. At the ends
     the neighbour's correction serves.
     """
-    joints = nodes.joint_position.shape[-1]
-    moving = _centre(np.concatenate((nodes.joint_position, nodes.base_position, nodes.base_twist), axis=-1), nodes)
+    joints = knots.joint_position.shape[-1]
+    moving = _centre(np.concatenate((knots.joint_position, knots.base_position, knots.base_twist), axis=-1), knots)
     midway = _midway(moving)
-    rotation = _centre_rotation(nodes)
+    rotation = _centre_rotation(knots)
     turn = _turns(rotation)
     bend = _padded(turn[2:] - turn[:-2])
     # With the angular velocity w: half the turn has an eighth of its commutator D^3 / 12 w' x w, not a half.
@@ -73,7 +73,7 @@ def midpoints(nodes: Nodes, spacing: float) -> Midpoints:
         turn=turn,
         step=difference[..., joints : joints + 3],
         # It may jump, which the corrections are not for.
-        impulse=0.5 * (nodes.impulse[1:] + nodes.impulse[:-1]),
+        impulse=0.5 * (knots.impulse[1:] + knots.impulse[:-1]),
     )
 
 
@@ -101,23 +101,23 @@ def _turns(rotation: Array) -> Array:
     return log(rotation[1:] @ np.swapaxes(rotation[:-1], -1, -2))
 
 
-def _centre(values: Array, nodes: Nodes) -> Array:
-    """Return the values at the nodes' centres. Twice: the first slopes are of means that are off themselves."""
-    offset, square = nodes.offset[..., None], (nodes.spread + nodes.offset**2)[..., None]
+def _centre(values: Array, knots: Knots) -> Array:
+    """Return the values at the knots' centres. Twice: the first slopes are of means that are off themselves."""
+    offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     centred = values - offset * gradient(values)
     return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
 
 
-def _centre_rotation(nodes: Nodes) -> Array:
-    """Return the orientations at the nodes' centres, in the same way."""
-    offset, square = nodes.offset[..., None], (nodes.spread + nodes.offset**2)[..., None]
-    turn = _turns(nodes.base_rotation)
-    turn = _turns(exp(-offset * _slope(turn)) @ nodes.base_rotation)
-    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ nodes.base_rotation
+def _centre_rotation(knots: Knots) -> Array:
+    """Return the orientations at the knots' centres, in the same way."""
+    offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
+    turn = _turns(knots.base_rotation)
+    turn = _turns(exp(-offset * _slope(turn)) @ knots.base_rotation)
+    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
 
 
 def _slope(turn: Array) -> Array:
-    """Return the turn a node's spacing at each node, from those between nodes."""
+    """Return the turn a knot's spacing at each knot, from those between knots."""
     return np.concatenate((turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]))
 
 

@@ -1,4 +1,4 @@
-"""Nodes and midpoints of a smooth motion: fourth order, whatever the sample times."""
+"""Knots and midpoints of a smooth motion: fourth order, whatever the sample times."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.midpoints import midpoints
-from mbaid_ros.core.trajectory.nodes import Nodes, average, bridged
+from mbaid_ros.core.trajectory.interpolation import midpoints
+from mbaid_ros.core.trajectory.knots import Knots, average, bridged
 
 COUNT = 12
 MIDDLE = 1.3  # s
@@ -43,18 +43,18 @@ def sampled(time: Array) -> Samples:
     )  # fmt: skip
 
 
-def nodes_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Nodes:
-    """Return nodes of so many samples each, one interval of them about MIDDLE.
+def nodes_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Knots:
+    """Return knots of so many samples each, one interval of them about MIDDLE.
 
-    Sample times jitter by a part of their spacing, symmetric in each node.
+    Sample times jitter by a part of their spacing, symmetric in each knot.
     """
     start = MIDDLE - (interval + 1) * spacing
     inner = (np.arange(samples) + 0.5) / samples - 0.5
     inner = inner + jitter * np.sin(7.0 * inner) / samples
     time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + inner * spacing).ravel()
-    nodes = average(sampled(time), start, spacing, COUNT, np.zeros(3))
-    assert nodes is not None
-    return nodes
+    knots = average(sampled(time), start, spacing, COUNT, np.zeros(3))
+    assert knots is not None
+    return knots
 
 
 def order(error: list[float]) -> float:
@@ -94,27 +94,27 @@ def test_ends_copy_their_neighbours_correction() -> None:
 
 
 def test_joint_rates_telescope() -> None:
-    nodes = nodes_of(0.05, 5)
-    noise = np.random.default_rng(0).normal(size=nodes.joint_position.shape)
-    noisy = midpoints(replace(nodes, joint_position=nodes.joint_position + noise), 0.05)
-    change = np.sum(noisy.joint_velocity - midpoints(nodes, 0.05).joint_velocity, axis=0) * 0.05
-    # What noise adds to the integral of the rates depends on the nodes at both ends alone, on no node between.
+    knots = nodes_of(0.05, 5)
+    noise = np.random.default_rng(0).normal(size=knots.joint_position.shape)
+    noisy = midpoints(replace(knots, joint_position=knots.joint_position + noise), 0.05)
+    change = np.sum(noisy.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05
+    # What noise adds to the integral of the rates depends on the knots at both ends alone, on no knot between.
     middle = noise.copy()
     middle[5:7] = 0.0
-    other = midpoints(replace(nodes, joint_position=nodes.joint_position + middle), 0.05)
-    assert np.sum(other.joint_velocity - midpoints(nodes, 0.05).joint_velocity, axis=0) * 0.05 == pytest.approx(change)
+    other = midpoints(replace(knots, joint_position=knots.joint_position + middle), 0.05)
+    assert np.sum(other.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05 == pytest.approx(change)
 
 
 def test_irregular_samples_count_with_their_own_times() -> None:
     samples = sampled(np.array([0.01, 0.02, 0.09, 0.11, 0.16, 0.17, 0.18]))
-    nodes = average(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
-    assert nodes is not None
-    assert nodes.joint_position == pytest.approx(
+    knots = average(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
+    assert knots is not None
+    assert knots.joint_position == pytest.approx(
         np.stack((samples.joint_position[:3].mean(0), samples.joint_position[3:].mean(0)))
     )
-    assert nodes.base_position[0] == pytest.approx(samples.base_position[:3].mean(axis=0) - [1.0, 2.0, 3.0])
+    assert knots.base_position[0] == pytest.approx(samples.base_position[:3].mean(axis=0) - [1.0, 2.0, 3.0])
     times = (samples.time[:3], samples.time[3:])
-    assert nodes.spread == pytest.approx([np.var(time) / 0.01 for time in times])
+    assert knots.spread == pytest.approx([np.var(time) / 0.01 for time in times])
 
 
 def test_a_node_without_a_sample_leaves_no_nodes() -> None:
@@ -125,11 +125,11 @@ def test_a_node_without_a_sample_leaves_no_nodes() -> None:
 
 def test_one_sample_is_a_node_as_it_is() -> None:
     samples = sampled(np.array([0.05, 0.15]))
-    nodes = average(samples, 0.0, 0.1, 2, np.zeros(3))
-    assert nodes is not None
-    assert np.array_equal(nodes.joint_position, samples.joint_position)
-    assert nodes.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
-    assert np.array_equal(nodes.spread, np.zeros(2))
+    knots = average(samples, 0.0, 0.1, 2, np.zeros(3))
+    assert knots is not None
+    assert np.array_equal(knots.joint_position, samples.joint_position)
+    assert knots.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
+    assert np.array_equal(knots.spread, np.zeros(2))
 
 
 @pytest.mark.parametrize('place', [1, 5, COUNT - 2])
@@ -139,17 +139,17 @@ def test_a_node_without_samples_is_bridged(place: int) -> None:
         full = nodes_of(spacing, 5)
         start = MIDDLE - 6.0 * spacing
         time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + (np.arange(5) - 2.0) / 5.0 * spacing).ravel()
-        nodes = average(sampled(time[np.arange(len(time)) // 5 != place]), start, spacing, COUNT, np.zeros(3))
-        assert nodes is not None
-        assert np.flatnonzero(nodes.empty).tolist() == [place]
-        whole = bridged(nodes)
+        knots = average(sampled(time[np.arange(len(time)) // 5 != place]), start, spacing, COUNT, np.zeros(3))
+        assert knots is not None
+        assert np.flatnonzero(knots.empty).tolist() == [place]
+        whole = bridged(knots)
         assert not np.any(whole.empty)
         assert np.array_equal(
             np.delete(whole.joint_position, place, axis=0), np.delete(full.joint_position, place, axis=0)
         )
         turned = log(whole.base_rotation @ np.swapaxes(full.base_rotation, 1, 2))
         sizes.append([np.abs(whole.joint_position - full.joint_position).max(), np.abs(turned).max()])
-    # Fourth order from four neighbours, second from the two that a node next to the end has.
+    # Fourth order from four neighbours, second from the two that a knot next to the end has.
     ratio = np.array(sizes[0]) / np.array(sizes[1])
     assert np.all(ratio > (3.2 if place in (1, COUNT - 2) else 13.0))
 
