@@ -21,7 +21,9 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 MARGIN = 10.0
 # Chance that an undisturbed window counts as a jump of the momentum.
 _FALSE_ALARM = 1e-8
-_LONGEST = 2  # windows that one jump may take: a pulse across the border of two is in both
+# Windows that one jump may take: a pulse across the border of two is in both. While windows are linearised at a guess,
+# what they leave unexplained is no pulse.
+LONGEST, LONGEST_AT_A_GUESS = 2, 1
 _JUMP = 0.3  # standard deviation of a jump, in typical sizes of the momentum
 
 
@@ -48,6 +50,7 @@ class Track:
     jumps: tuple[Jump, ...] = ()
     jumped: int = 0  # windows in a row, the last one among them, that the momentum has jumped in
     inflations: int = 0  # windows in all
+    longest: int = LONGEST  # windows that one jump may take
 
     @property
     def misfit(self) -> float:
@@ -77,7 +80,7 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     before = pose_reset(track.belief, variables) if window.fresh else track.belief
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
-    if not unlikely or track.jumped == _LONGEST:
+    if not unlikely or track.jumped == track.longest:
         return replace(track, belief=after, jumped=0)
     # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
     likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))

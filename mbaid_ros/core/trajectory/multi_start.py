@@ -9,7 +9,17 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.bank import MARGIN, Bank, Track, best, clamped, far_better, follow
+from mbaid_ros.core.trajectory.bank import (
+    LONGEST,
+    LONGEST_AT_A_GUESS,
+    MARGIN,
+    Bank,
+    Track,
+    best,
+    clamped,
+    far_better,
+    follow,
+)
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point
@@ -141,7 +151,7 @@ class MultiStart:
         results: list[_Result] = []
         sound = other_leads = False
         if point is not None and not _massless(point.parameters):
-            result = yield from self._repeat(stacks, point, self.hypotheses[0])
+            result = yield from self._repeat(stacks, point, self._fresh(self.hypotheses[0]))
             results, sound = [result], result.sound
             passed, bank, other_leads = yield from self._hypotheses(stacks, result)
         if not (sound or other_leads):
@@ -164,11 +174,13 @@ class MultiStart:
         """
         held: list[_Result] = []
         for guess in self._guesses():
-            result = yield from self._repeat(stacks, guess, self.hypotheses[0], held=True)
+            fresh = self._fresh(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[_MASS]))
+            result = yield from self._repeat(stacks, guess, fresh, held=True)
             held.append(result)
         free: list[_Result] = []
         for start in sorted(held, key=lambda each: each.merit, reverse=True):
-            result = yield from self._repeat(stacks, start.point, self.hypotheses[0])
+            fresh = self._fresh(self.hypotheses[0], LONGEST_AT_A_GUESS)
+            result = yield from self._repeat(stacks, start.point, fresh)
             free.append(result)
             if result.certain:
                 break
@@ -182,30 +194,37 @@ class MultiStart:
         in its rows.
         """
         first, *others = self.hypotheses
-        passed = result.passed
+        passed, longest = result.passed, result.track.longest
         bank: Bank = (result.track,)
         if others:
-            beside = yield from self._follow(passed, tuple(map(self._fresh, others)))
+            beside = yield from self._follow(passed, tuple(self._fresh(each, longest) for each in others))
             bank = (result.track, *beside)
         leading = best(bank).hypothesis
         if leading is first:
             return passed, bank, False
-        other = yield from self._repeat(stacks, result.point, leading)
+        other = yield from self._repeat(stacks, result.point, self._fresh(leading, longest))
         needed = not result.sound or self._plain(other)
         if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
             return passed, clamped(bank), False
-        bank = yield from self._follow(other.passed, tuple(map(self._fresh, self.hypotheses)))
+        bank = yield from self._follow(other.passed, tuple(self._fresh(each, longest) for each in self.hypotheses))
         return other.passed, bank, True
 
     def _repeat(
-        self, stacks: list[list[Stack]], point: Point, hypothesis: Hypothesis, *, held: bool = False
+        self, stacks: list[list[Stack]], point: Point, fresh: Track, *, held: bool = False
     ) -> Generator[int, None, _Result]:
-        """Pass over the windows until they move the point no more, at most a dozen times; near its mass, if held."""
-        mass = float(point.parameters[_MASS]) if held else None
+        """Pass over the windows until they move the point no more, at most a dozen times.
+
+        Parameters
+        ----------
+        stacks : of the windows
+        point : to begin at
+        fresh : a hypothesis before the first window
+        held : whether its mass is held
+        """
         result: _Result | None = None
         for _ in range(_PASSES):
             try:
-                result = yield from self._solve(stacks, point, hypothesis, mass)
+                result = yield from self._solve(stacks, point, fresh, held=held)
             except np.linalg.LinAlgError:
                 if result is None:
                     raise
@@ -218,11 +237,11 @@ class MultiStart:
         return result
 
     def _solve(
-        self, stacks: list[list[Stack]], point: Point, hypothesis: Hypothesis, mass: float | None
+        self, stacks: list[list[Stack]], point: Point, fresh: Track, *, held: bool
     ) -> Generator[int, None, _Result]:
         """Pass over the windows once."""
         passed = yield from self._pass(stacks, point)
-        (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
+        (track,) = yield from self._follow(passed, (fresh,))
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
         state = moments.mean
@@ -232,7 +251,7 @@ class MultiStart:
         state[self.layout.parameters] = point.parameters + step
         settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
         after = self.layout.point(state, moments.deviation)
-        return _Result(after, passed, track, moments, deviation, settled=settled, held=mass is not None)
+        return _Result(after, passed, track, moments, deviation, settled=settled, held=held)
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
@@ -249,10 +268,10 @@ class MultiStart:
         shift = np.abs(result.moments.shift[self.layout.parameters])
         return bool(np.all(shift <= _PLAIN * result.deviation))
 
-    def _fresh(self, hypothesis: Hypothesis, mass: float | None = None) -> Track:
-        """Return a hypothesis before the first window, of any mass or near one."""
+    def _fresh(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> Track:
+        """Return a hypothesis before the first window, of any mass or near one, whose jumps may take some windows."""
         extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
-        return Track(hypothesis, Belief.prior(self.variables, extra, mass))
+        return Track(hypothesis, Belief.prior(self.variables, extra, mass), longest=longest)
 
     def _follow(self, passed: _Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""
