@@ -25,9 +25,13 @@ SHAPES_DRAWN = 300
 
 # Bags.
 FOLDER_FILES = 10_000  # files of one bag
-METADATA_CHARACTERS = 1_000_000  # of metadata.yaml
-PROFILE_CHARACTERS = 20_000  # of the QoS profiles of one topic
+METADATA_BYTES = 500_000  # of metadata.yaml
+YAML_VALUES = 200_000  # in metadata.yaml or QoS profiles
+YAML_DEPTH = 50  # of lists and mappings there
+PROFILE_CHARACTERS = 100_000  # of the QoS profiles of one topic
 TOPICS = 10_000
+CHANNEL_BYTES = 1_000_000  # of all channels in the index of an MCAP file: names and QoS profiles
+DEFINITION_CHARACTERS = 100_000  # of one message type
 MESSAGE_BYTES = 64_000_000  # of one message, decompressed
 CHUNK_BYTES = 128_000_000  # of one chunk of an MCAP file, compressed or decompressed
 OVERLAP_BYTES = 256_000_000  # of messages in chunks that overlap in time, which have to be sorted together
