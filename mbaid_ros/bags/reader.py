@@ -263,8 +263,11 @@ def _open_file(file: Path) -> Source:
         raise DataError(f"bag '{file}' cannot be read: {error.strerror or error}") from error
     except DAMAGE as error:
         with file.open('rb') as stream:
-            if stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC:
-                return SalvagedSource(file)
+            head = stream.read(len(MCAP_MAGIC))
+        if head == MCAP_MAGIC:
+            return SalvagedSource(file)
+        if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
+            raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
 
 
