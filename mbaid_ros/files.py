@@ -12,6 +12,8 @@ from typing import Any
 from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError, MbaidError, ParameterError
 
+_PART = 40  # characters of a name that the name of a file in the making has
+
 
 def require_regular(path: str | Path, kind: str, error: type[MbaidError] = DataError) -> None:
     """Refuse what is there but is no regular file: opening a pipe or a device may never end.
@@ -66,6 +68,26 @@ def read_text(
     if len(text) > limit:
         raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")
     return text
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file so that at every instant it is there as a whole, whoever else writes it; a device is written to.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; what was there before stays.
+    """
+    target = Path(path).resolve()
+    if target.exists() and not target.is_file():
+        target.write_text(text, encoding='utf-8')
+        return
+    new = target.with_name(f'.{target.name[:_PART]}.{os.getpid()}.new')
+    try:
+        new.write_text(text, encoding='utf-8')
+        new.replace(target)
+    finally:
+        new.unlink(missing_ok=True)
 
 
 def parse_json(text: str) -> Any:

@@ -42,7 +42,7 @@ def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
         ('seeds: 4', 'seeds: 1000000', 'make 2000000 runs; accepted: 1000000 at most'),
         ('seeds: 4', 'motions: 2', "'motion.kind' is 'passive'; accepted: random"),
         ('duration: 3.0', 'duration: 0.0', "'duration' is 0 s"),
-        ('duration: 3.0', 'duration: long', "parameter 'duration' is 'long'; accepted: a number >= 0 s"),
+        ('duration: 3.0', 'duration: long', "parameter 'duration' is 'long'; accepted: a number >= 0 and <= 1e+06 s"),
         ('duration: 3.0', 'length: 3.0', "unknown parameter 'length'; known: "),
         ('duration: 3.0', 'duration: 3.0, seed: 3', "'simulator.seed' is not accepted; the key for it is 'seeds'"),
         ('simulator: {', 'simulator: 3 #', "'simulator' is 3; accepted: 'name: value' pairs"),
