@@ -33,11 +33,11 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            'simulator = mbaid_ros.nodes.simulator:main',
-            'estimator = mbaid_ros.nodes.estimator:main',
-            'recorder = mbaid_ros.nodes.recorder:main',
-            'player = mbaid_ros.nodes.player:main',
-            'watch = mbaid_ros.nodes.watch:main',
+            'simulator = mbaid_ros.nodes.start:simulator',
+            'estimator = mbaid_ros.nodes.start:estimator',
+            'recorder = mbaid_ros.nodes.start:recorder',
+            'player = mbaid_ros.nodes.start:player',
+            'watch = mbaid_ros.nodes.start:watch',
             'simulate = mbaid_ros.replay.simulate:main',
             'replay = mbaid_ros.replay.replay:main',
             'calibrate = mbaid_ros.replay.calibrate:main',

@@ -13,6 +13,7 @@ import pytest
 
 from documents import DOCUMENTS, README, ROOT, names
 from made_runs import run
+from mbaid_ros import limits
 from mbaid_ros.config.estimator import METHODS, EstimatorConfig
 from mbaid_ros.config.parameters import specifications
 from mbaid_ros.replay.results import as_json
@@ -62,6 +63,12 @@ def test_the_readme_has_every_method_and_the_default() -> None:
     section = text[text.index('## Methods') : text.index('## Parameters')]
     assert sorted(re.findall(r'^\| `(\w+)` \|', section, re.MULTILINE)) == sorted({'method', *METHODS})
     assert f'The default is `{EstimatorConfig().method}`' in section
+
+
+def test_the_page_on_robustness_has_every_bound() -> None:
+    text = (ROOT / 'docs' / 'robustness.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Files that mean harm') :]))
+    assert named == {name for name in vars(limits) if name.isupper()}
 
 
 def test_the_readme_has_every_executable() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros import limits
 from mbaid_ros.core.samples import Stamps
 
 Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
@@ -49,12 +50,14 @@ class Block:
 def in_blocks(messages: Iterable[Raw]) -> Iterator[Block]:
     """Yield messages in blocks; where reading them fails, those before come first."""
     part: list[Raw] = []
+    size = 0
     try:
         for message in messages:
             part.append(message)
-            if len(part) == _AT_ONCE:
+            size += len(message[1])
+            if len(part) == _AT_ONCE or size > limits.BLOCK_BYTES:
                 yield _block(part)
-                part = []
+                part, size = [], 0
     except Exception:
         yield _block(part)
         raise
@@ -62,7 +65,7 @@ def in_blocks(messages: Iterable[Raw]) -> Iterator[Block]:
 
 
 def of_length(blocks: Iterable[Block], length: int) -> Iterator[Block]:
-    """Yield the same messages in blocks of a length, the last one shorter."""
+    """Yield the same messages in blocks of a length, the last one shorter, and those of very large messages."""
     waiting = _block([])
     for block in blocks:
         waiting = waiting.with_more(block)
@@ -70,6 +73,9 @@ def of_length(blocks: Iterable[Block], length: int) -> Iterator[Block]:
         for begin in range(0, whole, length):
             yield waiting.part(begin, begin + length)
         waiting = waiting.part(whole)
+        if sum(map(len, waiting.contents)) > limits.BLOCK_BYTES:
+            yield waiting
+            waiting = waiting.part(len(waiting))
     if len(waiting):
         yield waiting
 

@@ -7,66 +7,81 @@ themselves cost. The messages, their order and what is refused are the same.
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader, ReaderError
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
-from mbaid_ros.bags.block import LATEST, Block, in_blocks
+from mbaid_ros import limits
+from mbaid_ros.bags.block import LATEST, Block
+from mbaid_ros.bags.compression import unpacked_chunk
+from mbaid_ros.core.errors import DataError
 
-_MESSAGE = 0x05
+_MESSAGE, _CHANNEL, _ENDS = 0x05, 0x04, (0x02, 0x0E)
 _LENGTH = struct.Struct('<xQ').unpack_from  # of a record, after its opcode
 _BEFORE = 9  # bytes of a record before its content
 _HEAD = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'), ('times', '<u8', 2)])
 _OWN = _HEAD.itemsize - _BEFORE  # bytes of a message's content that are not data
 
 
+class UnindexedError(ReaderError):
+    """A file without an index of chunks: it may be whole, and can be read from its start."""
+
+
 class ChunkReader(McapReader):
-    """An MCAP file."""
+    """An MCAP file with an index of its chunks."""
 
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""
-        if not self.chunks or self.bio is None:
-            yield from in_blocks((each.topic, data, time) for each, time, data in self.messages(connections))
-            return
+        if self.bio is None:
+            raise ReaderError('the file is not open')
         topics = {connection.id: connection.topic for connection in connections}
         chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.get(number, 0) for number in topics)]
         for messages in _in_order(self.bio, chunks, topics):
             names = [topics[channel] for channel in messages.channels.tolist()]
             yield Block(names, messages.contents, messages.times)
 
+    def open(self) -> None:
+        """Open the file and read its index.
 
-class FolderReader(DirectoryReader):
-    """A folder of files and their metadata."""
+        Raises
+        ------
+        UnindexedError
+            It has none.
+        """
+        super().open()
+        if not self.chunks:
+            self.close()
+            raise UnindexedError('no index of chunks')
 
-    STORAGE_PLUGINS: Mapping[str, type[Any]] = {**DirectoryReader.STORAGE_PLUGINS, 'mcap': ChunkReader}
+    def meta_scan(self) -> None:
+        """Refuse to look for what the index lacks: it decompresses without a bound."""
+        raise UnindexedError('no index')
 
-
-class FastReader(Reader):
-    """A file or a folder."""
-
-    STORAGE_PLUGINS: Mapping[str, type[Any]] = {
-        **Reader.STORAGE_PLUGINS,
-        'dir': FolderReader,
-        '.mcap': ChunkReader,
-    }
-
-    def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
-        """Yield the messages of connections, of each file in the order of their times."""
-        files = self.storage.storages if isinstance(self.storage, FolderReader) else [self.storage]
-        chunked = [file for file in files if isinstance(file, ChunkReader)]
-        if self.compression_mode == 'message' or len(chunked) < len(files):
-            yield from in_blocks((each.topic, data, time) for each, time, data in self.messages(connections))
-            return
-        wanted = {(connection.topic, connection.msgtype) for connection in connections}
-        for file in chunked:
-            yield from file.blocks([each for each in file.connections if (each.topic, each.msgtype) in wanted])
+    def read_index(self) -> None:
+        """Read the index, after a look at how much there is to parse in it."""
+        if self.bio is None:
+            raise ReaderError('the file is not open')
+        place, total = self.data_end, 0
+        while True:
+            self.bio.seek(place)
+            head = self.bio.read(_BEFORE)
+            if len(head) < _BEFORE or head[0] in _ENDS:
+                break
+            length = _LENGTH(head)[0]
+            total += length if head[0] == _CHANNEL else 0
+            if total > limits.CHANNEL_BYTES:
+                raise DataError(
+                    f"bag '{self.path}' describes its channels in more than {limits.CHANNEL_BYTES} bytes, which is the "
+                    'limit'
+                )
+            place += _BEFORE + length
+        super().read_index()
 
 
 @dataclass(frozen=True)
@@ -112,7 +127,12 @@ def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Collectio
         ready = int(np.searchsorted(waiting.times, chunk.message_start_time))
         if ready:
             yield waiting.part(0, ready)
-        waiting = waiting.part(ready).with_more(_content(stream, chunk, wanted))
+        waiting = waiting.part(ready)
+        if sum(map(len, waiting.contents)) > limits.OVERLAP_BYTES:
+            raise DataError(
+                f'chunks that overlap in time hold more than {limits.OVERLAP_BYTES} bytes, which is the limit'
+            )
+        waiting = waiting.with_more(_content(stream, chunk, wanted))
     yield waiting
 
 
@@ -121,14 +141,18 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Me
 
     Raises
     ------
+    DataError
+        The chunk is too large.
     ReaderError, struct.error, and what decompression raises
         The chunk is damaged.
     """
+    if chunk.compressed_size > limits.CHUNK_BYTES:
+        raise DataError(f'a chunk of {chunk.compressed_size} bytes; at most {limits.CHUNK_BYTES} are accepted')
     stream.seek(chunk.chunk_start_offset + 9 + 24)
     checksum = int.from_bytes(_exactly(stream, 4), 'little')
     stream.seek(chunk.chunk_start_offset + 9 + 40 + len(chunk.compression))
     packed = _exactly(stream, chunk.compressed_size)
-    data = decompress(packed, chunk.compression, chunk.uncompressed_size, checksum)
+    data = unpacked_chunk(packed, chunk.compression, chunk.uncompressed_size, checksum)
     begin, head = _heads(data)
     first, last = chunk.message_start_time, chunk.message_end_time
     time = head['times'][:, 0]

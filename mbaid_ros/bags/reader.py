@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from itertools import compress
+from itertools import compress, islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,13 +14,16 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from mbaid_ros import limits
 from mbaid_ros.bags.block import Block, Raw, of_length
+from mbaid_ros.bags.chunks import UnindexedError
 from mbaid_ros.bags.recorded import Recorded, Timed
 from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic
 from mbaid_ros.bags.types import ADDED, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
+from mbaid_ros.files import require_regular
 
 
 class BagReader:
@@ -199,6 +202,11 @@ class BagReader:
         DataError
             The type is not defined, or lacks what it is known to have.
         """
+        if len(topic.definition) > limits.DEFINITION_CHARACTERS:
+            raise DataError(
+                f"topic '{topic.name}' of bag '{self.path}' defines its type in {len(topic.definition)} characters; at "
+                f'most {limits.DEFINITION_CHARACTERS} are accepted'
+            )
         with suppress(TypesysError, *DAMAGE):  # then as they are known
             if topic.definition:
                 parse = _types_from_idl if topic.idl else get_types_from_msg
@@ -228,37 +236,53 @@ class BagReader:
     def _open(self) -> list[Source]:
         if not self.path.exists():
             raise DataError(f"bag '{self.path}' does not exist")
-        if self.path.is_file():
+        if not self.path.is_dir():
             return [_open_file(self.path)]
         # With its metadata; or else, where that or a file is incomplete, file by file.
+        unindexed = False
         with suppress(*DAMAGE, OSError):
-            return [IndexedSource(self.path)]
-        files = [path for path in sorted(self.path.iterdir(), key=_natural_order) if path.suffix in {'.mcap', '.db3'}]
-        if not files:
-            raise DataError(f"folder '{self.path}' is not a bag: there is no .mcap and no .db3 file in it")
-        sources = [_open_file(file) for file in files]
-        if all(source.complete for source in sources):
+            try:
+                return [IndexedSource(self.path)]
+            except UnindexedError:
+                unindexed = True
+        sources = [_open_file(file) for file in _files(self.path)]
+        if not unindexed and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used: its files are read in the order of their names"
             )
         return sources
 
 
+def _files(folder: Path) -> list[Path]:
+    """Return the files of a folder that may hold messages, in their order."""
+    entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
+    if len(entries) > limits.FOLDER_FILES:
+        raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
+    files = [path for path in sorted(entries, key=_natural_order) if path.suffix in {'.mcap', '.db3'}]
+    if not files:
+        raise DataError(f"folder '{folder}' is not a bag: there is no .mcap and no .db3 file in it")
+    return files
+
+
 def _open_file(file: Path) -> Source:
+    require_regular(file, 'bag')
     try:
         return IndexedSource(file)
     except OSError as error:
         raise DataError(f"bag '{file}' cannot be read: {error.strerror or error}") from error
     except DAMAGE as error:
         with file.open('rb') as stream:
-            if stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC:
-                return SalvagedSource(file)
+            head = stream.read(len(MCAP_MAGIC))
+        if head == MCAP_MAGIC:
+            return SalvagedSource(file)
+        if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
+            raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
 
 
 def _natural_order(path: Path) -> list[int | str]:
     """Sort ``bag_2`` before ``bag_10``, as the recorder numbers the parts of a bag."""
-    return [int(part) if part.isdigit() else part for part in re.split(r'(\d+)', path.name)]
+    return [int(part) if part.isdecimal() else part for part in re.split(r'(\d+)', path.name)]
 
 
 def _types_from_idl(text: str, _name: str) -> Any:

@@ -6,7 +6,7 @@ import io
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,12 +18,19 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDurability, QosReliability
 from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.metadata import parse_qos
 
+from mbaid_ros import limits
 from mbaid_ros.bags.block import Block, Raw, in_blocks
-from mbaid_ros.bags.chunks import FastReader
+from mbaid_ros.bags.chunks import ChunkReader
+from mbaid_ros.bags.compression import beginning, unpacked_chunk
+from mbaid_ros.bags.folder import FolderReader
+from mbaid_ros.bags.profiles import parse_profiles
+from mbaid_ros.bags.sqlite import SqliteReader
+
+Storage = FolderReader | ChunkReader | SqliteReader
 
 MCAP_MAGIC = b'\x89MCAP0\r\n'
+_LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is before its content
 
 # What the libraries raise on damaged files: besides their own exceptions, whatever parsing wrong bytes leads to.
 DAMAGE = (
@@ -88,7 +95,7 @@ class IndexedSource:
 
     def __init__(self, path: Path) -> None:
         self.complete = True
-        self._reader = FastReader(path)
+        self._reader = _storage(path)
         self._reader.open()
         self.topics: dict[str, Topic] = {}
         counts: Counter[str] = Counter()
@@ -111,6 +118,21 @@ class IndexedSource:
     def close(self) -> None:
         """Release the files."""
         self._reader.close()
+
+
+def _storage(path: Path) -> Storage:
+    """Return what reads a folder or a file, which is not open yet.
+
+    Raises
+    ------
+    ReaderError, OSError
+        It is neither.
+    """
+    kinds: dict[str, type[Storage]] = {'.mcap': ChunkReader, '.db3': SqliteReader}
+    kind = FolderReader if path.is_dir() else kinds.get(path.suffix)
+    if kind is None:
+        raise ReaderError(f'{path.suffix!r:.40} is no bag')
+    return kind(path)
 
 
 class SalvagedSource:
@@ -156,13 +178,20 @@ class SalvagedSource:
             size = self._path.stat().st_size
             good = 0
             try:
-                for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
-                    inner = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+                most = min(size, _LARGEST_RECORD)
+                for record in StreamReader(stream, emit_chunks=True, record_size_limit=most).records:
+                    inner = breakup_chunk(_unpacked(record)) if isinstance(record, Chunk) else [record]
                     good = stream.tell()
                     yield from inner
             except DAMAGE:
                 stream.seek(good)
                 yield from _cut_chunk(stream, size - good)
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """Return a chunk without its compression."""
+    data = unpacked_chunk(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
+    return replace(chunk, data=data, compression='')
 
 
 def _cut_chunk(stream: io.BufferedReader, left: int) -> Iterator[McapRecord]:
@@ -175,10 +204,10 @@ def _cut_chunk(stream: io.BufferedReader, left: int) -> Iterator[McapRecord]:
         return
     compression = stream.read(name_length)
     stream.read(8)
-    data = stream.read()
+    data = stream.read(limits.CHUNK_BYTES)
     try:
         if compression == b'zstd':
-            data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+            data = beginning(data)
         elif compression:
             return  # by another compression, what precedes the cut is lost with the rest of the chunk
         yield from StreamReader(io.BytesIO(data), skip_magic=True, record_size_limit=len(data)).records
@@ -203,7 +232,7 @@ def _topic(connection: Connection, count: int) -> Topic:
 
 def _channel_topic(channel: Channel, schema: Schema | None) -> Topic:
     try:
-        latched, reliable = _offered(parse_qos(channel.metadata.get('offered_qos_profiles', '')))
+        latched, reliable = _offered(parse_profiles(channel.metadata.get('offered_qos_profiles', '')))
     except DAMAGE:
         latched, reliable = False, True  # what most publishers offer
     return Topic(

@@ -39,6 +39,7 @@ class BagWriter:
             # By chunks, not by messages: other readers do not understand compressed messages.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
+            self._hand_over()  # by now a reader can tell what it is, and that it holds nothing
         except WriterError as error:
             raise DataError(f"bag '{self.path}' exists already; a bag is never overwritten") from error
         except OSError as error:
@@ -86,8 +87,12 @@ class BagWriter:
         storage: Any = self._writer.storage
         if self._unflushed and storage is not None:
             storage.close_chunk()
-            storage.bio.flush()
+            self._hand_over()
             self._unflushed = False
+
+    def _hand_over(self) -> None:
+        storage: Any = self._writer.storage
+        storage.bio.flush()
 
     def close(self) -> None:
         """Write the index and the metadata; a bag that is not closed can be read only up to its last flush."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.config.files import read_text
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.files import parse_json, read_text
 
-LARGEST_FILE = 50_000_000  # characters: some 150 links
 _ACCEPTED = 'accepted: what calibrate --json writes'
 # Parts of the largest variance (all parameters in units of their own deviation) that rounding may make negative.
 _ROUNDING = 1e-9
@@ -42,16 +41,16 @@ def read_calibration(path: str) -> CalibratedLinks:
     ParameterError
         The file cannot be read, or is none that `calibrate` writes.
     """
-    text = read_text(path, 'calibration', LARGEST_FILE, _ACCEPTED)
+    text = read_text(path, 'calibration', limits.JSON_CHARACTERS, _ACCEPTED)
     try:
         return _read(path, text)
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
         reason = f'it lacks {error}' if isinstance(error, KeyError) else ' '.join(str(error).split())
         raise ParameterError(f"'{path}' is no calibration: {reason}; {_ACCEPTED}") from error
 
 
 def _read(path: str, text: str) -> CalibratedLinks:
-    content = json.loads(text)
+    content = parse_json(text)
     if not isinstance(content, dict):
         raise TypeError('it is no object of JSON')
     if content.get('status') == 'inconsistent':
@@ -60,6 +59,8 @@ def _read(path: str, text: str) -> CalibratedLinks:
             "accepted: one with the status 'calibrated'"
         )
     names = tuple(content['links'])
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError('the names of its links are no strings')
     values, covariance = (np.array(content['covariance'][key], dtype=float) for key in ('values', 'matrix'))
     size = 10 * len(names)
     if values.shape != (size,) or covariance.shape != (size, size):

@@ -9,16 +9,18 @@ from typing import Any
 
 import yaml
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
-LARGEST_FILE = 1_000_000  # characters
 
 
 class _Loader(yaml.SafeLoader):
     """The safe loader with the numbers of ROS: YAML 1.1 as PyYAML has it takes ``1e6`` for a string.
 
-    As in ROS there are no aliases: a few lines of them can stand for gigabytes.
+    As in ROS there are no aliases, of which a few lines can stand for gigabytes, and no merged mappings. Numbers have a
+    bound on their digits: one of many can be read in hexadecimal, but no longer be written.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
@@ -27,6 +29,26 @@ class _Loader(yaml.SafeLoader):
             raise yaml.YAMLError('aliases are not supported')
         return super().compose_node(parent, index)
 
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Refuse what would merge a mapping into another."""
+        if any(key.tag == 'tag:yaml.org,2002:merge' for key, _ in node.value):
+            raise yaml.YAMLError('merge keys (<<) are not supported')
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number."""
+        return int(super().construct_yaml_int(_short(node)))
+
+    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+        """Return a number."""
+        return float(super().construct_yaml_float(_short(node)))
+
+
+def _short(node: yaml.ScalarNode) -> yaml.ScalarNode:
+    """Return the node of a number, unless that has too many digits."""
+    if len(str(node.value)) > limits.DIGITS:
+        raise yaml.YAMLError(f'a number of {len(str(node.value))} characters; at most {limits.DIGITS} are accepted')
+    return node
+
 
 _Loader.yaml_implicit_resolvers = {
     first: list(resolvers) for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
@@ -34,10 +56,12 @@ _Loader.yaml_implicit_resolvers = {
 _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789')
 )
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
-# What reading leads to: besides YAML's own errors a number with thousands of digits, an impossible date, deep nesting.
-_REFUSED = (yaml.YAMLError, ValueError, RecursionError)
+# What reading leads to: besides YAML's own errors an impossible date or number, deep nesting.
+_REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
 def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
@@ -85,39 +109,11 @@ def read_yaml(path: str | Path, kind: str) -> object:
     ParameterError
         The file cannot be read, or is no YAML.
     """
-    text = read_text(path, kind, LARGEST_FILE)
+    text = read_text(path, kind, limits.YAML_CHARACTERS)
     try:
         return yaml.load(text, _Loader)
     except _REFUSED as error:
         raise ParameterError(f"{kind} '{path}' is not YAML: {_reason(error)}") from error
-
-
-def read_text(path: str | Path, kind: str, limit: int, accepted: str = '') -> str:
-    """Return the content of a text file of at most so many characters.
-
-    Parameters
-    ----------
-    path : the file
-    kind : what an error calls it
-    limit : number of characters; more of a longer file are not read
-    accepted : what an error says of the files that are, if anything
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, is no text, or is longer.
-    """
-    try:
-        with Path(path).open(encoding='utf-8') as file:
-            text = file.read(limit + 1)
-    except OSError as error:
-        raise ParameterError(f"cannot read {kind} '{path}': {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        told = f'; {accepted}' if accepted else ''
-        raise ParameterError(f"{kind} '{path}' is not text in UTF-8{told}") from error
-    if len(text) > limit:
-        raise ParameterError(f"{kind} '{path}' has more than {limit} characters, which is the limit")
-    return text
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
@@ -163,8 +159,30 @@ def _matches(pattern: str, target: str) -> bool:
     if '*' not in pattern:
         # A bare name is the node of that name, whether or not the caller knows the namespace.
         return pattern == target or ('/' not in target[1:] and pattern.rsplit('/', 1)[-1] == target[1:])
-    expression = re.escape(pattern).replace(r'/\*\*', '(/[^/]+)*').replace(r'\*', '[^/]*')
-    return re.fullmatch(expression, target) is not None
+    levels = target[1:].split('/')
+    reached = {0}  # numbers of levels of the target that the pattern may have come past
+    for part in pattern[1:].split('/'):
+        if part == '**':
+            reached = set(range(min(reached, default=len(levels) + 1), len(levels) + 1))
+        else:
+            reached = {number + 1 for number in reached if number < len(levels) and _like(part, levels[number])}
+    return len(levels) in reached
+
+
+def _like(part: str, level: str) -> bool:
+    """Tell whether one level of a name is as a part of a pattern says, in which each ``*`` is any text."""
+    first, *others = part.split('*')
+    if not others:
+        return part == level
+    if not level.startswith(first):
+        return False
+    place = len(first)
+    for text in others[:-1]:  # each as early as it can be
+        found = level.find(text, place)
+        if found < 0:
+            return False
+        place = found + len(text)
+    return len(level) - place >= len(others[-1]) and level.endswith(others[-1])
 
 
 def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
 
 T = TypeVar('T')
@@ -148,7 +149,12 @@ def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
     lengths: tuple[int, ...] = (),
     read_only: bool = True,
 ) -> T:
-    """Return a dataclass field that is a parameter; the arguments are those of ParameterSpec."""
+    """Return a dataclass field that is a parameter; the arguments are those of ParameterSpec.
+
+    A time without a maximum gets one: stamps are whole nanoseconds, of which 64 bits hold a few centuries.
+    """
+    if unit == 's' and maximum is None:
+        maximum = limits.TIME
     metadata = {
         'description': description,
         'unit': unit,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.robot.urdf import LARGEST_URDF
+from mbaid_ros.files import read_text
 
 
 def read_robot_description(path: str | Path) -> str:
@@ -14,13 +15,6 @@ def read_robot_description(path: str | Path) -> str:
     Raises
     ------
     ModelError
-        The file cannot be read, or is not text.
+        The file cannot be read, is not text, or is too long.
     """
-    try:
-        # One character more than is accepted tells that it is too long; the rest need not be read.
-        with Path(path).open(encoding='utf-8') as file:
-            return file.read(LARGEST_URDF + 1)
-    except OSError as error:
-        raise ModelError(f"cannot read robot description '{path}': {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ModelError(f"robot description '{path}' is not text in UTF-8; a URDF file is accepted") from error
+    return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)

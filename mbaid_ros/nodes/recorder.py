@@ -28,7 +28,7 @@ NAME = 'recorder'
 _INPUTS = ('joint_states', 'odom', 'thrust', 'robot_description')
 _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
 _DISCOVERY_PERIOD = 0.1  # s
-_FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails
+_FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails; a tenth of its age of a younger recording
 _DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of a busy disk
 _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing received is left
 
@@ -51,10 +51,11 @@ class RecorderNode(Node):
         self._offers: dict[str, tuple[bool, bool]] = {}
         self._refused: set[str] = set()
         self._begin: float | None = None  # monotonic time of the first message
+        self._flushed = 0.0  # monotonic time
         self._writer = BagWriter(self._config.output or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=clock)
-        self.create_timer(_FLUSH_PERIOD, self._writer.flush, clock=clock)
+        self.create_timer(_DISCOVERY_PERIOD, self._flush, clock=clock)
         self._log.info(f"recording into '{self._writer.path}'")
 
     @property
@@ -80,6 +81,14 @@ class RecorderNode(Node):
                 publishers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
                 if publishers:
                     self._follow(topic, types[0], publishers)
+
+    def _flush(self) -> None:
+        """Hand over what was written: at first more often, as a chunk that is complete can be read after a kill."""
+        now = time.monotonic()
+        age = 0.0 if self._begin is None else now - self._begin
+        if now - self._flushed >= min(_FLUSH_PERIOD, 0.1 * age):
+            self._writer.flush()
+            self._flushed = now
 
     def _is_wanted(self, topic: str, type_name: str) -> bool:
         if topic in self._wanted:

@@ -18,6 +18,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.files import write_text
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
@@ -120,11 +121,11 @@ def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: S
     text = text.encode('utf-8', 'backslashreplace').decode('utf-8')
     # Files first: whoever reads the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
-        Path(arguments.json).write_text(text, encoding='utf-8')
+        write_text(arguments.json, text)
     if arguments.report:
         from mbaid_ros.replay.report import html  # noqa: PLC0415 - matplotlib takes a while, and only a report needs it
 
-        Path(arguments.report).write_text(html(runs, truths), encoding='utf-8')
+        write_text(arguments.report, html(runs, truths))
     if arguments.json == STDOUT:
         sys.stdout.write(text)
     else:

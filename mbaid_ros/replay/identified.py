@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.files import parse_json, read_text
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _DEBRIS = '/debris'  # end of the name of the topic with the captured body alone
@@ -65,11 +66,10 @@ def read_identified(path: str, result: int = 1, *, alone: bool = False) -> Ident
     """
     if Path(path).suffix.lower() != '.json':
         return _from_bag(path, alone=alone)
+    text = read_text(path, 'results', limits.JSON_CHARACTERS, _ACCEPTED, DataError)
     try:
-        content = json.loads(Path(path).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise DataError(f"cannot read '{path}': {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+        content = parse_json(text)
+    except ValueError as error:
         raise DataError(f"'{path}' is not JSON: {error}; {_ACCEPTED}") from error
     results = content if isinstance(content, list) else [content]
     if not 1 <= result <= len(results):
@@ -78,7 +78,7 @@ def read_identified(path: str, result: int = 1, *, alone: bool = False) -> Ident
         if alone:
             return _debris_from_json(results[result - 1], path)
         return _from_json(results[result - 1])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise DataError(f"'{path}' cannot be used ({type(error).__name__}: {error}); {_ACCEPTED}") from error
 
 

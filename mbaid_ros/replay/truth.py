@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.files import parse_json, read_text
 
 TRUTH_FILE = 'truth.json'
 _ACCEPTED = 'accepted: a JSON object with target_link, mass, com and inertia, as simulate writes it'
@@ -66,29 +67,40 @@ def read_truth(path: str | Path) -> Truth:
     DataError
         It cannot be read or is no truth.
     """
+    text = read_text(path, 'truth', limits.TRUTH_CHARACTERS, _ACCEPTED, DataError)
     try:
-        content = json.loads(Path(path).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise DataError(f"cannot read truth '{path}': {error.strerror or error}") from error
+        content = parse_json(text)
     except ValueError as error:
         raise DataError(f"truth '{path}' is not JSON: {error}; {_ACCEPTED}") from error
     try:
         return _truth(str(path), content)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DataError(f"truth '{path}' cannot be used ({type(error).__name__}: {error}); {_ACCEPTED}") from error
 
 
 def _truth(path: str, content: Any) -> Truth:
-    inertia = [float(content['inertia'][name]) for name in PARAMETERS[4:]]
-    com = [float(value) for value in content['com']]
-    if len(com) != 3:
-        raise ValueError(f'com has {len(com)} numbers')
-    momentum = content.get('momentum') or {}
+    if not isinstance(content, dict):
+        raise TypeError('it is no object of JSON')
+    inertia = [float(_object(content['inertia'], 'inertia')[name]) for name in PARAMETERS[4:]]
+    momentum = _object(content.get('momentum') or {}, 'momentum')
     nothing = [np.nan] * 3
-    total = [float(value) for name in ('linear', 'angular') for value in momentum.get(name, nothing)]
-    if len(total) != 6:
-        raise ValueError(f'momentum has {len(total)} numbers')
-    parameters = np.array([float(content['mass']), *com, *inertia])
+    total = [*_three(momentum.get('linear', nothing), 'linear'), *_three(momentum.get('angular', nothing), 'angular')]
+    parameters = np.array([float(content['mass']), *_three(content['com'], 'com'), *inertia])
     if not np.all(np.isfinite(parameters)):
         raise ValueError('a parameter is not finite')
-    return Truth(path, str(content['target_link']), parameters, np.array(total))
+    link = content['target_link']
+    if not isinstance(link, str):
+        raise TypeError('target_link is no string')
+    return Truth(path, link, parameters, np.array(total))
+
+
+def _object(value: Any, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError(f'{name} is no object of JSON')
+    return value
+
+
+def _three(value: Any, name: str) -> list[float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError(f'{name} is no list of 3 numbers')
+    return [float(number) for number in value]

@@ -223,7 +223,7 @@ def bag_without_messages(folder: Path) -> Path:
         (lambda folder: folder / 'absent', 'does not exist'),
         (lambda folder: folder, 'is not a bag'),
         (no_bag_file, 'is not a bag; accepted: a rosbag2 folder'),
-        (empty_file, 'is not a bag'),
+        (empty_file, 'holds no messages: it was cut off'),
         (text_file, 'is not a bag'),
         (other_database, 'is not a bag'),
         (bag_without_messages, 'holds no messages'),

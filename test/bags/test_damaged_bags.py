@@ -60,6 +60,22 @@ def test_a_writer_that_is_killed_loses_only_what_it_did_not_flush(tmp_path: Path
     assert len(everything(tmp_path / 'bag')[0]) == 100
 
 
+def test_a_writer_that_is_killed_at_once_leaves_a_bag_that_is_empty(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / 'bag')
+    bag.add_topic('/a', STRING)
+    bag.write('/a', string(''), 0)
+    with pytest.raises(DataError, match='holds no messages: it was cut off before the first one'):
+        everything(tmp_path / 'bag')
+    bag.close()
+
+
+@pytest.mark.parametrize('content', [b'', b'\x89MCAP'])
+def test_a_file_that_had_no_time_to_begin(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / 'bag.mcap').write_bytes(content)
+    with pytest.raises(DataError, match='holds no messages: it was cut off before the first one'):
+        everything(tmp_path)
+
+
 def test_a_folder_with_metadata_and_a_cut_file(recorded: Path, tmp_path: Path) -> None:
     content = (recorded / 'recorded.mcap').read_bytes()
     (tmp_path / 'recorded.mcap').write_bytes(content[: len(content) // 2])

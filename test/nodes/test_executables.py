@@ -75,8 +75,8 @@ def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     [
         (['table1.urdf'], "unknown argument 'table1.urdf'"),
         (assigned('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
-        (assigned('window:=0.0'), "parameter 'window' is 0.0 s; accepted: a number > 0 s"),
-        (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 s"),
+        (assigned('window:=0.0'), "parameter 'window' is 0.0 s; accepted: a number > 0 and <= 1e+06 s"),
+        (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
         (
             assigned('noise.joint_position:=-1'),
             "parameter 'noise.joint_position' is -1 rad; accepted: a number > 0 rad",

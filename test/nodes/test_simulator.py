@@ -70,7 +70,7 @@ def test_a_signal_ends_it_cleanly(graph: Graph, number: signal.Signals) -> None:
     ('parameter', 'words'),
     [
         ('nois.joint_position:=1.0', "unknown parameter 'nois.joint_position'; known: noise.joint_position"),
-        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 s"),
+        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s"),
         ('robot_description_file:=/none.urdf', "cannot read robot description '/none.urdf'"),
         ('target_link:=hand', "link 'hand' is not in the robot description; links: base_link"),
         ('initial.joint_positions:=[1.0]', 'initial.joint_positions'),

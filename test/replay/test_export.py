@@ -207,7 +207,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ('arguments', 'text'),
     [
-        (['/absent.json'], "cannot read '/absent.json'"),
+        (['/absent.json'], "cannot read results '/absent.json'"),
         (['/absent'], "'/absent' does not exist"),
         (['{file}', '--format', 'sdf'], 'sdf'),
         (['{file}', '--format', 'urdf'], '--format urdf needs --model URDF'),

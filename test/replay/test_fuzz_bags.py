@@ -21,6 +21,17 @@ def test_damaged_bags_end_with_an_exit_code_and_a_line() -> None:
     assert len(codes) > 1
 
 
+def test_damaged_files_end_with_an_exit_code_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(CONFIG.parent / 'scripts'))
+    fuzz = runpy.run_path(str(CONFIG.parent / 'scripts' / 'fuzz_files.py'))['fuzz']
+    outcome = fuzz(30, 2)
+    assert set(outcome) == {'URDF', 'YAML', 'metadata', 'JSON', 'sqlite'}
+    for found in outcome.values():
+        assert found.wrong == []
+        assert sum(found.codes.values()) == 30
+    assert all(outcome[kind].codes[2] for kind in ('URDF', 'YAML', 'JSON', 'sqlite'))
+
+
 def test_a_definition_that_lacks_what_its_type_has_is_told(tmp_path: Path) -> None:
     whole_bag = runpy.run_path(str(CONFIG.parent / 'scripts' / 'fuzz_bags.py'))['whole_bag']
     path = tmp_path / 'bag.mcap'

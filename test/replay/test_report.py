@@ -22,7 +22,7 @@ from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
-from simulated import table1
+from simulated import CONFIG, table1
 
 
 def truth(link: str = 'link7', **changes: Any) -> Truth:
@@ -169,6 +169,15 @@ def test_a_robot_without_shapes_is_drawn_as_its_skeleton() -> None:
     assert 'meshes are left out' in html([run(urdf=bare)])
     for urdf in (mesh, odd):
         assert len(svgs(html([run(urdf=urdf)]))) == 5
+
+
+@pytest.mark.timeout(60)
+def test_of_many_shapes_some_are_drawn() -> None:
+    shape = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
+    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8').replace('</link>', shape * 10_000 + '</link>', 1)
+    text = html([run(urdf=urdf)], [None])
+    assert 'at most 300 are drawn' in text
+    assert len(text) < 10 * len(page_of_a_good_run())
 
 
 def test_several_bags_are_compared() -> None:

@@ -68,7 +68,7 @@ def test_a_truth_that_cannot_be_used_is_told(tmp_path: Path, content: str, reaso
 
 @pytest.mark.parametrize('changes', [{'com': [1.0, 2.0]}, {'mass': float('nan')}, {'momentum': {'linear': [1.0]}}])
 def test_a_truth_with_odd_numbers_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
-    with pytest.raises(DataError, match='cannot be used'):
+    with pytest.raises(DataError, match=r'cannot be used|NaN is no number of JSON'):
         read_truth(truth_file(tmp_path, **changes))
 
 

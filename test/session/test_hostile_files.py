@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import os
 import resource
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from mbaid_ros.config.calibrated import read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.replay.identified import read_identified
+from mbaid_ros.replay.truth import read_truth, truth_beside
 
 MEMORY = 600_000_000  # bytes, for any of them
 HEAD = '/**:\n  ros__parameters:\n'
@@ -22,10 +29,10 @@ JOINT = '<joint name="{}" type="{}"><parent link="a"/><child link="b"/></joint>'
 
 ROBOTS = {
     'entity bomb': (BOMB, 'DOCTYPE or ENTITY'),
-    'a million links': ('<robot name="r">' + LINK.format('a') * 1_000_000 + '</robot>', 'characters; at most'),
+    'a million links': ('<robot name="r">' + LINK.format('a') * 1_000_000 + '</robot>', 'more than 4000000 characters'),
     'too many links': (
-        '<robot name="r">' + ''.join(LINK.format(number) for number in range(100_000)) + '</robot>',
-        '100000 links; at most 1000',
+        '<robot name="r">' + ''.join(LINK.format(number) for number in range(40_000)) + '</robot>',
+        '40000 links; at most 1000',
     ),
     'a link of a long name': ('<robot name="r">' + LINK.format('a' * 1_000_000) + '</robot>', 'of 1000000 characters'),
     'a joint of a long name': (
@@ -37,17 +44,49 @@ ROBOTS = {
         "joint 'j' is of type",
     ),
     'deep nesting': ('<robot name="r">' + '<a>' * 1_300_000, 'not valid XML'),
+    'elements in elements': (
+        '<robot name="r"><link name="a"/>' + '<a>' * 100_000 + '</a>' * 100_000 + '</robot>',
+        'more than 50 deep',
+    ),
+    'many attributes': (
+        '<robot name="r"><link name="a"/><x ' + ' '.join(f'a{k}=""' for k in range(100_000)) + '/></robot>',
+        'an element <x> has 100000 attributes; at most 50',
+    ),
+    'many elements': ('<robot name="r"><link name="a"/>' + '<x/>' * 100_000 + '</robot>', 'more than 50000 elements'),
+    'a far origin': (
+        '<robot name="r"><link name="a"/><link name="b"/>'
+        + JOINT.format('j', 'fixed').replace('<parent', '<origin xyz="0 1e308 0"/><parent')
+        + '</robot>',
+        "joint 'j' has origin xyz '0 1e308 0'; numbers up to 1e+06",
+    ),
+    'a large mass': (
+        '<robot name="r"><link name="a"><inertial><mass value="1e300"/></inertial></link></robot>',
+        "link 'a' has mass 1e+300; at most 1e+15",
+    ),
 }
 PARAMETERS = {
     'a tag': (HEAD + '    window: !!python/object/apply:os.system ["true"]\n', 'not YAML'),
-    'bytes': (HEAD + '    window: !!binary aGk=\n', 'accepted: a number > 0 s'),
+    'bytes': (HEAD + '    window: !!binary aGk=\n', 'accepted: a number > 0 and <= 1e+06 s'),
     'aliases': (HEAD + '    a: &a [1, 1]\n    b: [*a, *a]\n', 'aliases are not supported'),
     'merged aliases': (HEAD + '    a: &a {b: 1}\n    <<: *a\n', 'aliases are not supported'),
     'deep nesting': (HEAD + '    window: ' + '[' * 3_000, 'nested too deeply'),
-    'a long name': (HEAD + '    ? ' + 'a' * 900_000 + '\n    : 1\n', 'unknown parameter'),
-    'a long value': (HEAD + '    method: ' + 'a' * 900_000 + '\n', 'accepted: trajectory, difference'),
+    'a long name': (HEAD + '    ? ' + 'a' * 200_000 + '\n    : 1\n', 'unknown parameter'),
+    'a long value': (HEAD + '    method: ' + 'a' * 200_000 + '\n', 'accepted: trajectory, difference'),
     'a long number': (HEAD + '    window: 1' + '0' * 10_000 + '\n', 'not YAML'),
-    'a long file': (HEAD + '    window: 0.5\n' * 100_000, 'more than 1000000 characters'),
+    'a hexadecimal number': (HEAD + '    window: 0x1' + '0' * 10_000 + '\n', 'a number of 10003 characters'),
+    'a binary number': (HEAD + '    window: 0b1' + '0' * 10_000 + '\n', 'a number of 10003 characters'),
+    'a sexagesimal number': (HEAD + '    window: 1' + ':1' * 5_000 + '\n', 'a number of 10001 characters'),
+    'a sexagesimal fraction': (HEAD + '    window: 1' + ':1' * 190 + '.0\n', 'not YAML'),
+    'a hexadecimal number as a name': (
+        HEAD + '    ? 0x1' + '0' * 10_000 + '\n    : 1\n',
+        'a number of 10003 characters',
+    ),
+    'merged mappings': (HEAD + '    <<: {window: 1}\n', 'merge keys (<<) are not supported'),
+    'a long time': (
+        HEAD + '    window: 1e300\n',
+        "'window' is 1e+300 s; accepted: a number > 0 and <=",
+    ),
+    'a long file': (HEAD + '    window: 0.5\n' * 100_000, 'more than 250000 characters'),
 }
 
 
@@ -83,6 +122,81 @@ def test_parameter_files(name: str, tmp_path: Path) -> None:
     with pytest.raises(MbaidError) as caught:
         build(EstimatorConfig, load_parameter_file(path, 'estimator'))
     refused_by(caught.value, text)
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize('pattern', ['/' + '*a' * 40 + '*', '/' + '*' * 2_000 + 'b', '/**' * 400 + '/b'])
+def test_patterns_of_many_stars(pattern: str, tmp_path: Path) -> None:
+    path = tmp_path / 'estimator.yaml'
+    path.write_text(f"? '{pattern}'\n: ros__parameters:\n    window: 1.0\n")
+    with pytest.raises(MbaidError) as caught:
+        load_parameter_file(path, '/' + 'a' * 200 + '/estimator')
+    refused_by(caught.value, 'has no section for node')
+
+
+@pytest.mark.parametrize(
+    'reader', [read_robot_description, partial(load_parameter_file, node_name='estimator'), read_truth]
+)
+def test_pipes_and_folders(reader: Callable[[Path], object], tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    for path, kind in ((pipe, 'a pipe'), (tmp_path, 'a folder'), (Path('/dev/zero'), 'a device')):
+        with pytest.raises(MbaidError) as caught:
+            reader(path)
+        refused_by(caught.value, f'it is {kind}; accepted: a regular file')
+
+
+TRUTH = {
+    'target_link': 'link7',
+    'mass': 1.0,
+    'com': [0.0, 0.0, 0.0],
+    'inertia': dict.fromkeys(('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'), 1.0),
+    'momentum': {'linear': [0.0] * 3, 'angular': [0.0] * 3},
+}
+TRUTHS = {
+    'deep nesting': ('[' * 300_000, 'nested too deeply'),
+    'deep objects': ('{"a":' * 100_000, 'nested too deeply'),
+    'an integer of 400 digits': (json.dumps({**TRUTH, 'mass': 10**400}), 'an integer of 401 digits'),
+    'an integer no float holds': (json.dumps({**TRUTH, 'mass': 10**350}), 'an integer of 351 digits'),
+    'an integer of 5000 digits': ('{"mass": 1' + '0' * 5_000 + '}', 'an integer of 5001 digits'),
+    'momentum as text': (json.dumps({**TRUTH, 'momentum': 'abc'}), 'momentum is no object'),
+    'momentum as a list': (json.dumps({**TRUTH, 'momentum': [1, 2]}), 'momentum is no object'),
+    'momentum as a number': (json.dumps({**TRUTH, 'momentum': 1}), 'momentum is no object'),
+    'half a momentum': (
+        json.dumps({**TRUTH, 'momentum': {'linear': [1.0] * 6, 'angular': []}}),
+        'linear is no list of 3',
+    ),
+    'inertia as a list': (json.dumps({**TRUTH, 'inertia': [1] * 6}), 'inertia is no object'),
+    'com as text': (json.dumps({**TRUTH, 'com': '123'}), 'com is no list of 3 numbers'),
+    'a link as a list': (json.dumps({**TRUTH, 'target_link': []}), 'target_link is no string'),
+    'mass as a list': (json.dumps({**TRUTH, 'mass': [1]}), 'TypeError'),
+    'infinite': (json.dumps({**TRUTH, 'mass': float('inf')}), 'Infinity is no number of JSON'),
+    'a list': ('[]', 'it is no object of JSON'),
+    'nothing': ('', 'is not JSON'),
+    'a long file': (' ' * 1_100_000, 'more than 1000000 characters'),
+}
+
+
+@pytest.mark.parametrize('name', TRUTHS)
+def test_truths(name: str, tmp_path: Path) -> None:
+    content, text = TRUTHS[name]
+    path = tmp_path / 'truth.json'
+    path.write_text(content)
+    with pytest.raises(MbaidError) as caught:
+        read_truth(path)
+    refused_by(caught.value, text)
+    beside = truth_beside(str(tmp_path))
+    assert beside is not None
+    assert text in beside.problem
+
+
+def test_results_and_calibrations_of_many_values(tmp_path: Path) -> None:
+    path = tmp_path / 'results.json'
+    path.write_text('[' + '[],' * 7_000_000 + '[]]')
+    for read in (read_identified, read_calibration):
+        with pytest.raises(MbaidError) as caught:
+            read(str(path))
+        refused_by(caught.value, 'more than 6000000 values')
 
 
 def test_files_without_an_end() -> None:

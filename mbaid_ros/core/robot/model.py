@@ -11,7 +11,10 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
+from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import Inertial, read_inertials
+
+_COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 
 
 @dataclass(frozen=True)
@@ -179,10 +182,12 @@ def parse(urdf: str) -> pinocchio.Model:
     ModelError
         Pinocchio does not accept the document.
     """
+    complaints: list[str] = []
     try:
-        model = pinocchio.buildModelFromXML(urdf, pinocchio.JointModelFreeFlyer())
+        with kept_words(complaints):
+            model = pinocchio.buildModelFromXML(urdf, pinocchio.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
-        reason = ' '.join(str(error).split()) or 'no reason given'
+        reason = ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).split()) or 'no reason given'
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error
     model.gravity.setZero()
     return model

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import NoReturn
 from xml.etree import ElementTree as ET
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ModelError, listing
 
 SUPPORTED_JOINTS = ('revolute', 'continuous', 'prismatic', 'fixed')
-LARGEST_URDF = 4_000_000  # characters: read in at most 0.5 GB, whatever they are
-LARGEST_TREE = 1_000  # links
-LONGEST_NAME = 500  # characters
 _LONGEST_REASON = 1_000
 
 
@@ -52,8 +50,8 @@ def read_inertials(text: str) -> dict[str, Inertial]:
     links = _names(robot, 'link')
     if not links:
         _refuse('the robot description has no <link>')
-    if len(links) > LARGEST_TREE:
-        _refuse(f'the robot description has {len(links)} links; at most {LARGEST_TREE} are accepted')
+    if len(links) > limits.LINKS:
+        _refuse(f'the robot description has {len(links)} links; at most {limits.LINKS} are accepted')
     _names(robot, 'joint')
     parents = _check_joints(robot, set(links))
     roots = [name for name in links if name not in parents]
@@ -74,19 +72,38 @@ def _refuse(reason: str) -> NoReturn:
 
 
 def _parse(text: str) -> ET.Element:
-    if len(text) > LARGEST_URDF:
-        _refuse(f'robot description of {len(text)} characters; at most {LARGEST_URDF} are accepted')
+    if len(text) > limits.URDF_CHARACTERS:
+        _refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
     if '<!DOCTYPE' in text or '<!ENTITY' in text:
         _refuse('the robot description holds a DOCTYPE or ENTITY declaration; plain URDF is accepted')
     try:
         robot = ET.fromstring(text)
     except (ET.ParseError, UnicodeEncodeError) as error:
         raise ModelError(f'the robot description is not valid XML: {error}') from error
+    _check_size(robot)
     if robot.tag != 'robot':
         _refuse(f"the robot description's root element is <{robot.tag}>; <robot> is accepted")
     if not robot.get('name'):
         _refuse('the robot description gives <robot> no name')
     return robot
+
+
+def _check_size(robot: ET.Element) -> None:
+    """Refuse what pinocchio's parser takes minutes for: it looks at all attributes of an element for each of them."""
+    level, count, depth = [robot], 0, 0
+    while level:
+        count, depth = count + len(level), depth + 1
+        if count > limits.URDF_ELEMENTS:
+            _refuse(f'the robot description has more than {limits.URDF_ELEMENTS} elements, which is the limit')
+        if depth > limits.URDF_DEPTH:
+            _refuse(f'the robot description nests elements more than {limits.URDF_DEPTH} deep, which is the limit')
+        for element in level:
+            if len(element.attrib) > limits.ELEMENT_ATTRIBUTES:
+                _refuse(
+                    f'an element <{element.tag[:40]}> has {len(element.attrib)} attributes; at most '
+                    f'{limits.ELEMENT_ATTRIBUTES} are accepted'
+                )
+        level = [child for element in level for child in element]
 
 
 def _names(robot: ET.Element, kind: str) -> list[str]:
@@ -95,9 +112,10 @@ def _names(robot: ET.Element, kind: str) -> list[str]:
     if '' in names:
         _refuse(f'a <{kind}> has no name')
     longest = max(names, key=len, default='')
-    if len(longest) > LONGEST_NAME:
+    if len(longest) > limits.NAME_CHARACTERS:
         _refuse(
-            f"{kind} '{longest[:40]}...' has a name of {len(longest)} characters; at most {LONGEST_NAME} are accepted"
+            f"{kind} '{longest[:40]}...' has a name of {len(longest)} characters; at most "
+            f'{limits.NAME_CHARACTERS} are accepted'
         )
     duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
     if duplicates:
@@ -159,7 +177,7 @@ def _inertial(link: ET.Element) -> Inertial | None:
     if inertial is None:
         return None
     what = f"link '{link.get('name', '')}' has"
-    mass = _number(what, inertial.find('mass'), 'value', 'mass')
+    mass = _quantity(what, inertial.find('mass'), 'value', 'mass')
     if mass <= 0.0:
         _refuse(f'{what} mass {mass:g} kg; a number above 0 is accepted (leave out <inertial> for none)')
     origin = inertial.find('origin')
@@ -168,7 +186,7 @@ def _inertial(link: ET.Element) -> Inertial | None:
         mass=mass,
         xyz=_triple(f'{what} inertial origin', origin, 'xyz'),
         rpy=_triple(f'{what} inertial origin', origin, 'rpy'),
-        inertia=tuple(_number(what, inertia, key) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')),
+        inertia=tuple(_quantity(what, inertia, key) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')),
     )
 
 
@@ -183,6 +201,13 @@ def _number(what: str, element: ET.Element | None, key: str, name: str = '') -> 
     return value
 
 
+def _quantity(what: str, element: ET.Element | None, key: str, name: str = '') -> float:
+    value = _number(what, element, key, name)
+    if abs(value) > limits.QUANTITY:
+        _refuse(f'{what} {name or key} {value:g}; at most {limits.QUANTITY:g} is accepted')
+    return value
+
+
 def _triple(what: str, element: ET.Element | None, key: str, default: str = '0 0 0') -> tuple[float, ...]:
     text = element.get(key, default) if element is not None else default
     try:
@@ -191,4 +216,6 @@ def _triple(what: str, element: ET.Element | None, key: str, default: str = '0 0
         values = ()
     if len(values) != 3 or not all(map(math.isfinite, values)):
         _refuse(f"{what} {key} '{text}'; three finite numbers are accepted")
+    if max(map(abs, values)) > limits.LENGTH:
+        _refuse(f"{what} {key} '{text}'; numbers up to {limits.LENGTH:g} are accepted")
     return values

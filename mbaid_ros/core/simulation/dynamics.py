@@ -38,6 +38,9 @@ _STAGES = tuple(
 _WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
+_DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
+
+
 @dataclass(frozen=True)
 class State:
     """One instant of the robot's motion.
@@ -116,8 +119,7 @@ class Dynamics:
             self._act(0, *self._inertial.on_base(state.base_position, state.base_orientation))
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
-            message = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
-            raise ModelError(message)
+            raise ModelError(_DIVERGED)
         return np.array(result)
 
     def torque(self, state: State, joint_acceleration: Array) -> Array:
@@ -137,7 +139,10 @@ class Dynamics:
         # Nothing pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
         push = pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[:6]
         pinocchio.crba(self._pinocchio, self._data, configuration)
-        acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+        try:
+            acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+        except np.linalg.LinAlgError as error:
+            raise ModelError(_DIVERGED) from error
         return np.array(pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[6:])
 
     def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
@@ -157,6 +162,11 @@ class Dynamics:
         Returns
         -------
         State
+
+        Raises
+        ------
+        ModelError
+            The motion has diverged.
         """
         size = 6 + self.model.joints
         slopes = np.empty((len(_NODES), 2 * size))
@@ -243,6 +253,8 @@ def _turned(quaternion: Array, rotation_vector: Array) -> Array:
     x, y, z, w = quaternion.tolist()
     a, b, c = rotation_vector.tolist()
     half = 0.5 * math.sqrt(a * a + b * b + c * c)
+    if not math.isfinite(half):
+        raise ModelError(_DIVERGED)
     factor = 0.5 * math.sin(half) / half if half > 1e-9 else 0.5
     a, b, c, d = factor * a, factor * b, factor * c, math.cos(half)
     product = (

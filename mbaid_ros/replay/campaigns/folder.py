@@ -10,9 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mbaid_ros import limits
 from mbaid_ros.config.campaign import Campaign
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.files import parse_json, read_text
 from mbaid_ros.replay.campaigns.make import FAILED, Result
 
 CAMPAIGN, RUNS, SUMMARY = 'campaign.json', 'runs.jsonl', 'summary.json'
@@ -92,7 +94,7 @@ class CampaignFolder:
             self._replace(CAMPAIGN, text)
             return
         try:
-            before = json.loads(path.read_text(encoding='utf-8'))
+            before = parse_json(read_text(path, 'campaign', limits.JSON_CHARACTERS, error=DataError))
         except ValueError as error:
             raise DataError(f"'{path}' is no campaign: {error}") from error
         difference = _difference(before, json.loads(text), '')
@@ -112,7 +114,7 @@ class CampaignFolder:
             try:
                 result = json.loads(line)
                 number, has_failed = result['run'], result['status'] == FAILED
-            except (ValueError, KeyError, TypeError) as error:
+            except (ValueError, KeyError, TypeError, RecursionError) as error:
                 raise DataError(f"'{self._path / RUNS}', line {place}, is no result of a run: {error}") from error
             if not (has_failed and retry_failed):
                 kept[number] = result

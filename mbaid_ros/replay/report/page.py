@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
@@ -196,6 +197,8 @@ def _robot(run: Run, name: str) -> str:
         caption += 'Cross: centre of mass, a coordinate that is not known drawn as 0. Circle: radius of gyration.'
     if not found.solids:
         caption += ' The robot description holds no boxes, cylinders or spheres to draw; meshes are left out.'
+    elif len(found.solids) == limits.SHAPES_DRAWN:
+        caption += f' Of the shapes in the robot description, at most {limits.SHAPES_DRAWN} are drawn.'
     return figure(drawing(found, name), caption)
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio
 
+from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, rotate
 
 _TURN = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
@@ -31,17 +33,19 @@ class Shape:
 
 
 def shapes(urdf: str) -> list[Shape]:
-    """Return the boxes, cylinders and spheres of a robot description that has been accepted as such."""
-    found = []
-    for link in ET.fromstring(urdf).findall('link'):
+    """Return the first boxes, cylinders and spheres of a robot description that has been accepted as such."""
+    return list(islice(_shapes(ET.fromstring(urdf)), limits.SHAPES_DRAWN))
+
+
+def _shapes(robot: ET.Element) -> Iterator[Shape]:
+    for link in robot.findall('link'):
         for visual in link.findall('visual'):
             for points in _points(visual.find('geometry')):
                 origin = visual.find('origin')
                 rpy, xyz = _numbers(origin, 'rpy', '0 0 0'), _numbers(origin, 'xyz', '0 0 0')
                 if len(rpy) == len(xyz) == 3:
                     placed = rotate(pinocchio.rpy.rpyToMatrix(*rpy), points) + np.array(xyz)
-                    found.append(Shape(link.get('name', ''), placed))
-    return found
+                    yield Shape(link.get('name', ''), placed)
 
 
 def _points(geometry: ET.Element | None) -> Iterator[Array]:

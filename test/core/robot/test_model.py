@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+
 import numpy as np
 import pinocchio
 import pytest
@@ -129,3 +132,25 @@ def test_a_robot_without_joints_is_a_model_too() -> None:
     assert model.axes.shape == model.positions.shape == (0, 3)
     assert model.rotations.shape == (0, 3, 3)
     assert not model.body_parameters().any()
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'told'),
+    [
+        ('<axis', '<dynamics damping="x"/><axis', 'damping value (x) is not a valid float'),
+        ('<robot ', '<robot version="9.9" ', "Invalid 'version' specified"),
+        ('</link>', '<visual><geometry><box size="a b c"/></geometry></visual></link>', ''),
+    ],
+)
+def test_what_the_parser_complains_of_is_in_the_error_alone(
+    before: str, after: str, told: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    urdf = (CONFIG / 'table1.urdf').read_text(encoding='utf-8').replace(before, after, 1)
+    if told:
+        with pytest.raises(ModelError, match=re.escape(told)):
+            load_model(urdf)
+    else:
+        assert load_model(urdf).joints == 4
+    assert capfd.readouterr() == ('', '')
+    os.write(2, b'still there')
+    assert capfd.readouterr().err == 'still there'

@@ -6,7 +6,8 @@ import pytest
 
 from mbaid_ros.core.errors import MbaidError, ModelError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf import LARGEST_TREE, LARGEST_URDF, read_inertials
+from mbaid_ros.core.robot.urdf import read_inertials
+from mbaid_ros.limits import LINKS, URDF_CHARACTERS
 
 MASS = '<mass value="2"/>'
 INERTIA = '<inertia ixx="1" ixy="0.1" ixz="0.2" iyy="1.5" iyz="0.3" izz="1.2"/>'
@@ -51,11 +52,11 @@ BAD = {
     'lone surrogate': (robot(link('\udcff')), 'not valid XML'),
     'doctype': ('<!DOCTYPE robot SYSTEM "x">' + pair(), 'DOCTYPE or ENTITY'),
     'entity': ('<!DOCTYPE r [<!ENTITY a "aaaa">]>' + pair(), 'DOCTYPE or ENTITY'),
-    'too long': (pair() + ' ' * LARGEST_URDF, f'at most {LARGEST_URDF}'),
+    'too long': (pair() + ' ' * URDF_CHARACTERS, f'at most {URDF_CHARACTERS}'),
     'another root': ('<sdf version="1.9"/>', '<sdf>'),
     'robot without a name': (pair().replace('<robot name="r">', '<robot>'), '<robot> no name'),
     'no link': (robot(), 'no <link>'),
-    'too many links': (robot(*(link(f'l{index}', '') for index in range(LARGEST_TREE + 1))), f'most {LARGEST_TREE}'),
+    'too many links': (robot(*(link(f'l{index}', '') for index in range(LINKS + 1))), f'most {LINKS}'),
     'link without a name': (robot('<link/>'), 'a <link> has no name'),
     'joint without a name': (robot(link('base'), link('arm'), joint('', 'base', 'arm')), 'a <joint> has no name'),
     'links of one name': (robot(link('base'), link('base')), 'link names given twice: base'),

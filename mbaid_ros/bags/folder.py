@@ -1,0 +1,190 @@
+"""Rosbag2 folders: their metadata.yaml, checked value by value, and the files it names."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import ReaderMetadata
+from rosbags.rosbag2.reader import DirectoryReader
+
+from mbaid_ros import limits
+from mbaid_ros.bags.block import Block, Raw, in_blocks
+from mbaid_ros.bags.chunks import ChunkReader
+from mbaid_ros.bags.compression import unpack_file, unpacked
+from mbaid_ros.bags.profiles import parse_profiles, parse_yaml
+from mbaid_ros.bags.sqlite import SqliteReader
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.files import require_regular
+
+_NEWEST = 9  # version of the metadata
+_NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
+
+
+class FolderReader(DirectoryReader):
+    """A folder of files and their metadata."""
+
+    STORAGE_PLUGINS: Mapping[str, type[Any]] = {'mcap': ChunkReader, 'sqlite3': SqliteReader}
+
+    def open(self) -> None:
+        """Open the files that the metadata name.
+
+        Raises
+        ------
+        DataError
+            A bound is exceeded, or something is no regular file.
+        ReaderError
+            The metadata cannot be used.
+        """
+        folder = Path(str(self.path))
+        self.stack = ExitStack()
+        self._opened: list[ChunkReader | SqliteReader] = []
+        try:
+            told = _read(folder / 'metadata.yaml')
+            plugin = self.STORAGE_PLUGINS.get(_text(told, 'storage_identifier'))
+            if plugin is None:
+                raise ReaderError(f'storage {told["storage_identifier"]!r:.40} is not known')
+            mode = _compression(told)
+            files = _files(told, folder)
+            self.connections = self._topics(told)
+            self.metadata = ReaderMetadata(0, 0, 0, _count(told, 'message_count'), None, mode, None, None)
+            for path in self._unpacked(files) if mode == 'file' else files:
+                storage = plugin(path)
+                storage.open()
+                self.stack.callback(storage.close)
+                self._opened.append(storage)
+            self._find_definitions()
+        except BaseException:
+            with suppress(ReaderError):
+                self.close()
+            raise
+
+    def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
+        """Yield the messages of connections, of each file in the order of their times."""
+        found = self._blocks({(connection.topic, connection.msgtype) for connection in connections})
+        yield from in_blocks(_unpacked(found)) if self.metadata.compression_mode == 'message' else found
+
+    def _blocks(self, wanted: Collection[tuple[str, str]]) -> Iterator[Block]:
+        for file in self._opened:
+            chosen = [each for each in file.connections if (each.topic, each.msgtype) in wanted]
+            if chosen:
+                yield from file.blocks(chosen)
+
+    def _topics(self, told: Mapping[str, Any]) -> list[Connection]:
+        topics = _list(told, 'topics_with_message_count')
+        if len(topics) > limits.TOPICS:
+            raise DataError(f"bag '{self.path}' has {len(topics)} topics; at most {limits.TOPICS} are accepted")
+        return [self._topic(number, _mapping(each)) for number, each in enumerate(topics, start=1)]
+
+    def _topic(self, number: int, told: Mapping[str, Any]) -> Connection:
+        topic = _mapping(told.get('topic_metadata'))
+        profiles = topic.get('offered_qos_profiles', [])
+        encoding = _text(topic, 'serialization_format')
+        if encoding != 'cdr':
+            raise ReaderError(f'a topic is encoded as {encoding!r:.40}; accepted: cdr')
+        return Connection(
+            number,
+            _text(topic, 'name'),
+            _text(topic, 'type'),
+            _NO_DEFINITION,
+            '',
+            _count(told, 'message_count'),
+            ConnectionExtRosbag2(encoding, parse_profiles(profiles if isinstance(profiles, str | list) else [])),
+            self,
+        )
+
+    def _find_definitions(self) -> None:
+        """Take the definitions of the types from the files."""
+        found: dict[str, MessageDefinition] = {}
+        for storage in self._opened:
+            for connection in storage.connections:
+                if connection.msgdef.format != MessageDefinitionFormat.NONE:
+                    found.setdefault(connection.msgtype, connection.msgdef)
+        self.connections = [each._replace(msgdef=found.get(each.msgtype, each.msgdef)) for each in self.connections]
+
+    def _unpacked(self, files: Collection[Path]) -> Iterator[Path]:
+        """Yield the files without their compression, in a folder that goes when the bag is closed."""
+        if self.stack is None:
+            raise ReaderError('the bag is not open')
+        folder = Path(self.stack.enter_context(TemporaryDirectory()))
+        for file in files:
+            unpack_file(file, folder / file.stem)
+            yield folder / file.stem
+
+
+def _unpacked(blocks: Iterator[Block]) -> Iterator[Raw]:
+    """Yield messages that are compressed one by one."""
+    for block in blocks:
+        for topic, data, time in block:
+            yield topic, unpacked(data, limits.MESSAGE_BYTES, f"a message on topic '{topic}'"), time
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    require_regular(path, 'metadata')
+    with path.open('rb') as file:
+        content = file.read(limits.METADATA_BYTES + 1)
+    if len(content) > limits.METADATA_BYTES:
+        raise DataError(f"metadata '{path}' has more than {limits.METADATA_BYTES} bytes, which is the limit")
+    told = _mapping(_mapping(parse_yaml(content.decode())).get('rosbag2_bagfile_information'))
+    if _count(told, 'version') > _NEWEST:
+        raise ReaderError(f'metadata of version {told["version"]}; accepted: up to {_NEWEST}')
+    return told
+
+
+def _files(told: Mapping[str, Any], folder: Path) -> list[Path]:
+    names = _list(told, 'relative_file_paths')
+    if len(names) > limits.FOLDER_FILES:
+        raise DataError(f"bag '{folder}' has {len(names)} files; at most {limits.FOLDER_FILES} are accepted")
+    if not all(isinstance(name, str) and '\0' not in name for name in names):
+        raise ReaderError('relative_file_paths holds what is no name')
+    paths = [folder / PurePath(name).name for name in names]
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
+        raise DataError(
+            f"metadata of bag '{folder}' list file '{twice.name}' {paths.count(twice)} times; accepted: once"
+        )
+    for path in paths:
+        if not path.exists():
+            raise ReaderError(f"file '{path}' is missing")
+        require_regular(path, 'bag')
+    return paths
+
+
+def _compression(told: Mapping[str, Any]) -> str:
+    """Return what is compressed: messages, files, or nothing."""
+    mode = str(told.get('compression_mode') or '').lower()
+    if mode in {'', 'none'}:
+        return ''
+    if mode not in {'file', 'message'} or told.get('compression_format') != 'zstd':
+        raise ReaderError(f'compression {mode!r:.40} as {told.get("compression_format")!r:.40} is not known')
+    return mode
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ReaderError('metadata lack a mapping')
+    return value
+
+
+def _list(told: Mapping[str, Any], key: str) -> list[Any]:
+    if not isinstance(told.get(key), list):
+        raise ReaderError(f'metadata have no list {key}')
+    return list(told[key])
+
+
+def _text(told: Mapping[str, Any], key: str) -> str:
+    if not isinstance(told.get(key), str):
+        raise ReaderError(f'metadata have no text {key}')
+    return str(told[key])
+
+
+def _count(told: Mapping[str, Any], key: str) -> int:
+    value = told.get(key)
+    if not isinstance(value, int) or not 0 <= value < 2**63:
+        raise ReaderError(f'metadata have no number {key}')
+    return value

@@ -1,0 +1,136 @@
+"""Files that are read as a whole: regular ones only, up to a bound, and what is in them as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+from mbaid_ros import limits
+from mbaid_ros.core.errors import DataError, MbaidError, ParameterError
+
+_PART = 40  # characters of a name that the name of a file in the making has
+
+
+def require_regular(path: str | Path, kind: str, error: type[MbaidError] = DataError) -> None:
+    """Refuse what is there but is no regular file: opening a pipe or a device may never end.
+
+    Parameters
+    ----------
+    path : the file
+    kind : what an error calls it
+    error : the error to raise
+
+    Raises
+    ------
+    MbaidError
+        It is of another kind, or cannot be looked at.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError) as reason:
+        raise error(f"cannot read {kind} '{path}': {_why(reason)}") from reason
+    if not stat.S_ISREG(mode):
+        raise error(f"cannot read {kind} '{path}': it is {_named(mode)}; accepted: a regular file")
+
+
+def read_text(
+    path: str | Path, kind: str, limit: int, accepted: str = '', error: type[MbaidError] = ParameterError
+) -> str:
+    """Return the content of a text file of at most so many characters.
+
+    Parameters
+    ----------
+    path : the file
+    kind : what an error calls it
+    limit : number of characters; more of a longer file are not read
+    accepted : what an error says of the files that are, if anything
+    error : the error to raise
+
+    Raises
+    ------
+    MbaidError
+        The file cannot be read, is no regular file, is no text, or is longer.
+    """
+    require_regular(path, kind, error)
+    try:
+        # Should it have become a pipe by now, this does not wait for someone to write.
+        with open(path, encoding='utf-8', opener=_without_waiting) as file:
+            text = file.read(limit + 1)
+    except OSError as reason:
+        raise error(f"cannot read {kind} '{path}': {_why(reason)}") from reason
+    except UnicodeDecodeError as reason:
+        told = f'; {accepted}' if accepted else ''
+        raise error(f"{kind} '{path}' is not text in UTF-8{told}") from reason
+    if len(text) > limit:
+        raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")
+    return text
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file so that at every instant it is there as a whole, whoever else writes it; a device is written to.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; what was there before stays.
+    """
+    target = Path(path).resolve()
+    if target.exists() and not target.is_file():
+        target.write_text(text, encoding='utf-8')
+        return
+    new = target.with_name(f'.{target.name[:_PART]}.{os.getpid()}.new')
+    try:
+        new.write_text(text, encoding='utf-8')
+        new.replace(target)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def parse_json(text: str) -> Any:
+    """Return what a JSON document holds; numbers that no float can hold are refused.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, too large, nested too deeply, or a number in it has too many digits or is not finite.
+    """
+    if sum(map(text.count, ',:[{')) > limits.JSON_VALUES:
+        raise ValueError(f'it has more than {limits.JSON_VALUES} values, which is the limit')
+    try:
+        return json.loads(text, parse_int=_integer, parse_float=_number, parse_constant=_constant)
+    except RecursionError as error:
+        raise ValueError('nested too deeply') from error
+
+
+def _integer(text: str) -> int:
+    if len(text) > limits.DIGITS or not math.isfinite(float(text)):
+        raise ValueError(f'an integer of {len(text)} digits, {text[:20]}..., is too large')
+    return int(text)
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if len(text) > limits.DIGITS or not math.isfinite(value):
+        raise ValueError(f'the number {text[:20]} is too large or too long')
+    return value
+
+
+def _constant(text: str) -> float:
+    raise ValueError(f'{text} is no number of JSON')
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _why(reason: OSError | ValueError) -> str:
+    return (reason.strerror if isinstance(reason, OSError) else None) or str(reason)
+
+
+def _named(mode: int) -> str:
+    names = {stat.S_IFDIR: 'a folder', stat.S_IFIFO: 'a pipe', stat.S_IFSOCK: 'a socket'}
+    return names.get(stat.S_IFMT(mode), 'a device')

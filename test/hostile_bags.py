@@ -1,0 +1,249 @@
+"""Bags that mean harm: each a small generator, every one of which hung, filled the memory or ended in a traceback."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+from backports import zstd
+from mcap.writer import CompressionType, Writer
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.bags.types import definition
+
+SHIPPED = Path(__file__).resolve().parents[1] / 'bags' / 'table1_live'
+TYPES = {'/joint_states': 'sensor_msgs/msg/JointState', '/odom': 'nav_msgs/msg/Odometry'}
+COUNT = 400  # messages of a whole bag
+
+SCHEMA = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL,
+  offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+  encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+  data BLOB NOT NULL);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+INSERT INTO schema VALUES (4, 'jazzy');
+"""
+
+
+def recorded() -> Iterator[tuple[str, bytes, int]]:
+    """Yield the first messages of a shipped bag."""
+    with BagReader(SHIPPED) as bag:
+        for message, _ in zip(bag.raw(TYPES), range(COUNT), strict=False):
+            yield message
+
+
+def database(path: Path, change: str = '', schema: str = SCHEMA, pack: Callable[[bytes], bytes] = bytes) -> Path:
+    """Write a sqlite3 bag, and change it by SQL."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript(schema.replace(' NOT NULL', ''))
+        numbers = {topic: number for number, topic in enumerate(TYPES, start=1)}
+        for topic, kind in TYPES.items():
+            connection.execute(
+                'INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)', (numbers[topic], topic, kind, 'cdr', '', '')
+            )
+            meaning = (numbers[topic], kind, 'ros2msg', definition(kind)[0], '')
+            connection.execute('INSERT INTO message_definitions VALUES (?, ?, ?, ?, ?)', meaning)
+        rows = [(None, numbers[topic], time, pack(data)) for topic, data, time in recorded()]
+        connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+        connection.executescript(change)
+        connection.commit()
+    return path
+
+
+def changed_database(folder: Path, change: str) -> Path:
+    """Write a bare sqlite3 bag that SQL has changed."""
+    return database(folder / 'bag.db3', change)
+
+
+def metadata(files: list[str], storage: str = 'sqlite3', mode: str = '', **more: Any) -> dict[str, Any]:
+    """Return what metadata.yaml says of a bag."""
+    topics = [
+        {'message_count': COUNT // 2, 'topic_metadata': {'name': name, 'type': kind, 'serialization_format': 'cdr'}}
+        for name, kind in TYPES.items()
+    ]
+    told = {
+        'version': 9,
+        'storage_identifier': storage,
+        'relative_file_paths': files,
+        'duration': {'nanoseconds': 10**9},
+        'starting_time': {'nanoseconds_since_epoch': 0},
+        'message_count': COUNT,
+        'topics_with_message_count': topics,
+        'compression_format': 'zstd' if mode else '',
+        'compression_mode': mode,
+        **more,
+    }
+    return {'rosbag2_bagfile_information': told}
+
+
+def folder_of(folder: Path, told: dict[str, Any] | str) -> Path:
+    """Write metadata, as data or as text."""
+    (folder / 'metadata.yaml').write_text(told if isinstance(told, str) else yaml.safe_dump(told))
+    return folder
+
+
+def zeros(size: int) -> bytes:
+    """Return so many zeros, compressed."""
+    packer, piece = zstd.ZstdCompressor(), bytes(1_000_000)
+    parts = [packer.compress(piece) for _ in range(size // len(piece))]
+    return b''.join((*parts, packer.flush()))
+
+
+def message_bomb(folder: Path) -> Path:
+    """Write a message that decompresses to 4 GB."""
+    bomb = zeros(4_000_000_000)
+    path = database(folder / 'bag.db3', pack=zstd.compress)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute('UPDATE messages SET data = ? WHERE id = 5', (bomb,))
+        connection.commit()
+    return folder_of(folder, metadata(['bag.db3'], mode='message'))
+
+
+def many_bombs(folder: Path) -> Path:
+    """Write messages that decompress to 50 MB each, 20 GB together."""
+    bomb = zeros(50_000_000)
+    database(folder / 'bag.db3', pack=lambda _data: bomb)
+    return folder_of(folder, metadata(['bag.db3'], mode='message'))
+
+
+def file_bomb(folder: Path) -> Path:
+    """Write a file that decompresses to 4 GB."""
+    (folder / 'bag.db3.zstd').write_bytes(zeros(4_000_000_000))
+    return folder_of(folder, metadata(['bag.db3.zstd'], mode='file'))
+
+
+def mcap(compression: CompressionType = CompressionType.ZSTD, profiles: str = '', **options: Any) -> bytes:
+    """Return an MCAP file of the recorded messages."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=4_000, compression=compression, **options)
+    writer.start(profile='ros2')
+    channels = {}
+    for topic, kind in TYPES.items():
+        schema = writer.register_schema(kind, 'ros2msg', definition(kind)[0].encode())
+        channels[topic] = writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': profiles})
+    for count, (topic, data, time) in enumerate(recorded()):
+        writer.add_message(channels[topic], time, data, time, count)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return stream.getvalue()
+
+
+def chunk_bomb(folder: Path) -> Path:
+    """Write an MCAP file one chunk of which decompresses to 4 GB."""
+    content = mcap(CompressionType.NONE)
+    bomb = zeros(4_000_000_000)
+    record = b'\0' * 16 + (4_000_000_000).to_bytes(8, 'little') + bytes(4) + b'\4\0\0\0zstd'
+    record += len(bomb).to_bytes(8, 'little') + bomb
+    begin = 8 + 9 + int.from_bytes(content[9:17], 'little')  # after the header
+    path = folder / 'bag.mcap'
+    path.write_bytes(content[:begin] + b'\x06' + len(record).to_bytes(8, 'little') + record + content[begin:-40])
+    return path
+
+
+def long_profiles(folder: Path) -> Path:
+    """Write an MCAP file with 2 MB of QoS profiles."""
+    path = folder / 'bag.mcap'
+    path.write_bytes(mcap(profiles='[' + '1,' * 1_000_000 + '1]'))
+    return path
+
+
+def pipe_for(folder: Path, name: str) -> Path:
+    """Make a folder with a pipe in the place of a file."""
+    shutil.copytree(SHIPPED, folder, dirs_exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    return folder
+
+
+def device_for(folder: Path, name: str) -> Path:
+    """Make a folder with a link to a device in the place of a file."""
+    shutil.copytree(SHIPPED, folder, dirs_exist_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to('/dev/zero')
+    return folder
+
+
+def described(folder: Path, text: Callable[[], dict[str, Any] | str]) -> Path:
+    """Write a whole bag with other metadata."""
+    database(folder / 'bag.db3')
+    return folder_of(folder, text())
+
+
+ROWS = 'WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 100000)'
+AS_VIEW = 'ALTER TABLE {0} RENAME TO kept; CREATE VIEW {0} AS SELECT {1};'
+ENDLESS = (
+    'WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS id, x AS topic_type, '
+    "'ros2msg' AS encoding, zeroblob(100000000) AS encoded_message_definition, '' AS type_description_hash FROM n"
+)
+COMPUTED = (
+    'DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, '
+    'data BLOB AS (zeroblob(900000000)) VIRTUAL);' + ROWS + 'INSERT INTO messages SELECT x, 1, x FROM n;'
+)
+
+# Refused: one line of error, exit code 2.
+REFUSED: dict[str, Callable[[Path], Path]] = {
+    'messages as a view of a cross join': partial(
+        changed_database, change=AS_VIEW.format('messages', 'a.* FROM kept a, kept b, kept c, kept d')
+    ),
+    'topics as a view of a cross join': partial(
+        changed_database, change=AS_VIEW.format('topics', 'a.* FROM kept a, messages b, messages c, messages d')
+    ),
+    'definitions as a view that never ends': partial(
+        changed_database, change=AS_VIEW.format('message_definitions', f'* FROM ({ENDLESS})')
+    ),
+    'computed data': partial(changed_database, change=COMPUTED),
+    'a topic a thousand times': partial(
+        changed_database,
+        change='ALTER TABLE topics RENAME TO kept; CREATE TABLE topics AS SELECT a.* FROM kept a, messages b, kept c;',
+    ),
+    'a topic without a name': partial(changed_database, change='UPDATE topics SET name = NULL'),
+    'a topic whose type is a number': partial(changed_database, change="UPDATE topics SET type = x'00ff'"),
+    'topics of no number': partial(
+        changed_database,
+        change="ALTER TABLE topics RENAME TO kept; CREATE TABLE topics AS SELECT 'a' || id AS id, name, type, "
+        'serialization_format, offered_qos_profiles FROM kept;',
+    ),
+    'profiles of 2 MB': partial(
+        changed_database,
+        change="UPDATE topics SET offered_qos_profiles = '[' || replace(hex(zeroblob(500000)), '00', '1,') || '1]'",
+    ),
+    'a message of 4 GB': message_bomb,
+    'a file of 4 GB': file_bomb,
+    'a chunk of 4 GB': chunk_bomb,
+    'profiles of 2 MB in an MCAP file': long_profiles,
+    'metadata that are a pipe': partial(pipe_for, name='metadata.yaml'),
+    'a pipe as an MCAP file': partial(pipe_for, name='table1_live.mcap'),
+    'metadata that are a device': partial(device_for, name='metadata.yaml'),
+    'a device as an MCAP file': partial(device_for, name='table1_live.mcap'),
+    'a list of 2 MB': partial(described, text=lambda: 'rosbag2_bagfile_information: [' + '1,' * 1_000_000 + '1]'),
+    'one file a thousand times': partial(described, text=lambda: metadata(['bag.db3'] * 1_000)),
+    'many files': partial(described, text=lambda: metadata([f'{number}.db3' for number in range(20_000)])),
+}
+# Read as far as it goes, with a warning, and too little for an estimate: exit code 3.
+DAMAGED: dict[str, Callable[[Path], Path]] = {
+    'text as data': partial(changed_database, change="UPDATE messages SET data = 'abc' WHERE id > 10"),
+    'no data': partial(changed_database, change='UPDATE messages SET data = NULL WHERE id > 10'),
+    'a number as data': partial(changed_database, change='UPDATE messages SET data = 1.5 WHERE id > 10'),
+    'text as times': partial(changed_database, change="UPDATE messages SET timestamp = 'abc' WHERE id > 10"),
+    'no times': partial(changed_database, change='UPDATE messages SET timestamp = NULL WHERE id > 10'),
+    'fractions as times': partial(changed_database, change='UPDATE messages SET timestamp = 1.5e300 WHERE id > 10'),
+    'empty data': partial(changed_database, change="UPDATE messages SET data = x'' WHERE id > 10"),
+    'no topic': partial(changed_database, change='UPDATE messages SET topic_id = NULL WHERE id > 10'),
+    'merge keys': partial(
+        described,
+        text=lambda: 'rosbag2_bagfile_information:\n  <<: [' + ', '.join('{a: 1}' for _ in range(50_000)) + ']\n',
+    ),
+    'deep metadata': partial(described, text=lambda: '[' * 500_000),
+    'metadata of other types': partial(described, text=lambda: metadata(['bag.db3'], message_count=[], version='x')),
+}
