@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -202,10 +202,17 @@ class MultiStart:
     ) -> Generator[int, None, _Result]:
         """Pass over the windows until they move the point no more, at most a dozen times; near its mass, if held."""
         mass = float(point.parameters[_MASS]) if held else None
+        result: _Result | None = None
         for _ in range(_PASSES):
-            passed = yield from self._pass(stacks, point)
-            (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
-            moments = Moments.of(track.belief, self.variables)
+            try:
+                passed = yield from self._pass(stacks, point)
+                (track,) = yield from self._follow(passed, (self._fresh(hypothesis, mass),))
+                moments = Moments.of(track.belief, self.variables)
+            except np.linalg.LinAlgError:
+                # The pass before has led to a robot that cannot be: nothing follows from it.
+                if result is None:
+                    raise
+                return replace(result, point=result.passed.point, settled=False)
             deviation = moments.deviation[self.layout.parameters]
             state = moments.mean
             step = state[self.layout.parameters] - point.parameters
@@ -214,9 +221,11 @@ class MultiStart:
             state[self.layout.parameters] = point.parameters + step
             point = self.layout.point(state, moments.deviation)
             settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
+            result = _Result(point, passed, track, moments, deviation, settled=settled, held=held)
             if settled:
                 break
-        return _Result(point, passed, track, moments, deviation, settled=settled, held=held)
+        assert result is not None, 'there is a pass'
+        return result
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
