@@ -192,7 +192,7 @@ def fuzz(count: int, seed: int, formats: list[str] | None = None) -> dict[str, F
                     continue
                 found.codes[code] += 1
                 found.slowest = max(found.slowest, taken)
-                if code not in {0, 2, 3} or error.count('\n') > (code == 2):
+                if code not in {0, 2, 3, 4} or error.count('\n') > (code == 2):
                     found.wrong.append(f'{kind} {number}: exit code {code}, {error!r}')
             path.write_bytes(content)
             memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - at_start) * 1024

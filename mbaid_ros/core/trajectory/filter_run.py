@@ -195,12 +195,19 @@ class FilterRun:
         return self._layout.point(moments.mean, moments.deviation)
 
     def _held(self, belief: Belief) -> Point:
-        """Return the point at which windows are linearised, while the estimate stays near it; else, a new one."""
+        """Return the point at which windows are linearised, while the estimate stays near it; else, a new one.
+
+        Only what has left it moves. Windows that are linearised at different points see different directions of what
+        none of them sees, the CoM and the odometry's mount displaced together, say, and would tell of all of these: the
+        smaller the step, the less it brings against that.
+        """
         assert self._point is not None, 'there is a bank'
         moments = Moments.of(belief, self._variables)
         parameters = self._layout.parameters
-        away = np.abs(moments.mean[parameters] - self._point.parameters)
-        if np.all(away <= _HELD * moments.deviation[parameters]):
+        state = moments.mean
+        near = np.abs(state[parameters] - self._point.parameters) <= _HELD * moments.deviation[parameters]
+        if np.all(near):
             return self._point
+        state[parameters] = np.where(near, self._point.parameters, state[parameters])
         # What follows has to be linked to the windows before: at their readings.
-        return self._layout.beside(moments.mean, self._point)
+        return self._layout.beside(state, self._point)

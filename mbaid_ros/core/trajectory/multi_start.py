@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -228,8 +228,8 @@ class MultiStart:
             except np.linalg.LinAlgError:
                 if result is None:
                     raise
-                # It has led away to where nothing physical moves so: what was found before that has not settled.
-                return result
+                # It has led away to a robot that cannot be: nothing follows from it.
+                return replace(result, point=result.passed.point, settled=False)
             point = result.point
             if result.settled:
                 break
