@@ -124,6 +124,11 @@ def _difference(
             f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which takes "
             'the momentum for constant; accepted: none, or method trajectory'
         )
+    if config.method == 'difference' and config.target_prior.mass_std > 0.0:
+        raise ParameterError(
+            f"parameter 'target_prior.mass_std' is {config.target_prior.mass_std:g} kg with method difference, which "
+            'takes nothing of the target for known; accepted: 0, or method trajectory'
+        )
     settings = DifferenceSettings(
         noise=noise,
         kept_windows=config.difference.kept_windows,

@@ -102,7 +102,9 @@ CAD = f"""
 model: {CONFIG / 'servicer7.urdf'}
 simulator_params: {CONFIG / 'servicer7_simulator.yaml'}
 simulator: {{duration: 15.0, joint_rate: 20.0, odometry_rate: 20.0}}
-estimator: {{method: difference, target_link: link7}}
+estimator:
+  {{method: difference, target_link: link7, known_joints: {{zero_std: 0.0, origin_std: 0.0, axis_std: 0.0}},
+    odometry_mount: {{position_std: 0.0, orientation_std: 0.0}}}}
 noise:
   {{joint_position: 1.0e-4, joint_velocity: 1.0e-3, base_position: 1.0e-3, base_orientation: 1.0e-4,
     base_linear_velocity: 1.0e-3, base_angular_velocity: 1.0e-4}}

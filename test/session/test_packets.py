@@ -13,6 +13,7 @@ from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.bags import Recorded
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
@@ -105,7 +106,7 @@ def said(found: Sequence[Estimate]) -> list[tuple[Any, ...]]:
 def test_the_estimates_are_the_same_to_the_last_bit(stream: str, at_once: int) -> None:
     messages = STREAMS[stream](arrivals(ROBOT, SECONDS, 1))
     expected, singly = estimates(ROBOT, messages)
-    session = Session(build(EstimatorConfig, {}), (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8'))
+    session = Session(build(EstimatorConfig, dict(EXACT)), (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8'))
     given, packing, found = packed(messages), Packing(), []
     for begin in range(0, len(given), at_once):
         INPUTS.add_to(session, packing.recorded(given[begin : begin + at_once]))

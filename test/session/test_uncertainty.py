@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -16,7 +17,7 @@ from simulated import robot
 def declared(**parameters: object) -> Uncertainty:
     """Return what parameters (with __ for the dot) say of the paper's robot of four joints."""
     given = {name.replace('__', '.'): value for name, value in parameters.items()}
-    return declared_uncertainty(build(EstimatorConfig, given), robot('table1'))
+    return declared_uncertainty(build(EstimatorConfig, {**EXACT, **given}), robot('table1'))
 
 
 def test_a_joint_may_have_standard_deviations_of_its_own() -> None:

@@ -53,8 +53,10 @@ def _normalised(belief: Belief, window: WhitenedWindow) -> Array:
     rows = np.zeros((size, count), order='F')
     rows[:columns] = window.rows.T
     gain = dtrtrs(belief.root[:, :size], rows, trans=1, overwrite_b=True)[0]  # R^-T H^T
-    factor = np.linalg.cholesky(_identity(count) + gain.T @ gain)
-    return np.asarray(dtrtrs(factor, window.value - gain.T @ belief.root[:, -1], lower=1)[0])
+    innovation = window.value - gain.T @ belief.root[:, -1]
+    # Their covariance 1 + gain^T gain is that of a triangle, which may span more than a covariance can hold.
+    triangle = dgeqrf(np.concatenate((gain, _identity(count))), overwrite_a=True)[0][:count]
+    return np.asarray(dtrtrs(triangle, innovation, trans=1)[0])
 
 
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
