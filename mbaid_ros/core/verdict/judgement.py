@@ -37,7 +37,7 @@ class Evidence:
     nis : mean normalised innovation squared
     innovations : by sensor, and from window to window
     deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
-        their squares
+        their squares; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
     gain : log-likelihood of that hypothesis over the first
@@ -125,6 +125,9 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
-    if evidence.hypothesis:
+    if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
-    return tuple(sorted(causes, key=lambda cause: -cause.gain))
+    causes.sort(key=lambda cause: -cause.gain)
+    # A walk gains more than anything else could, and names nothing: it comes last.
+    walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
+    return (*causes, *walk)
