@@ -89,7 +89,7 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
     if far:
-        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
+        reasons.append(f'the robot would have to be further off than declared: {", ".join(map(_named, far))}')
     return Judgement(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
 
 
@@ -109,7 +109,7 @@ def _widening(evidence: Evidence) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return what may be wrong, the likeliest first."""
     causes = [
-        Cause(f'{cause} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
+        Cause(f'{_named(cause)} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
         for cause, (largest, square) in evidence.deviations.items()
         if largest > 0.6 * _FAR
     ]
@@ -131,3 +131,9 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     # A walk gains more than anything else could, and names nothing: it comes last.
     walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
     return (*causes, *walk)
+
+
+def _named(cause: str) -> str:
+    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
+    kind, _, name = cause.partition(':')
+    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind
