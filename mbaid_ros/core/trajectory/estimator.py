@@ -211,6 +211,8 @@ class TrajectoryEstimator:
         """Return what the run says of its model."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis
+        if not hypothesis.physical:  # a walk takes up what would show where the robot is wrong
+            moments = run.moments_of_first()
         values = moments.mean[BODY.stop :]
         largest = np.max(np.abs(values)[:, None] * self._layout.belongs, axis=0, initial=0.0)
         squares = values**2 @ self._layout.belongs

@@ -98,6 +98,11 @@ class FilterRun:
         """Return the latest state under the best hypothesis."""
         return Moments.of(self.best.belief, self._variables)
 
+    def moments_of_first(self) -> Moments:
+        """Return the state under the first hypothesis, which lets nothing drift."""
+        assert self._bank is not None, 'there is a start'
+        return Moments.of(self._bank[0].belief, self._variables)
+
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in the order of their turn."""
         self._linearised.expect(windows)

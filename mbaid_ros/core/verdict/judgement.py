@@ -37,7 +37,7 @@ class Evidence:
     nis : mean normalised innovation squared
     innovations : by sensor, and from window to window
     deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
-        their squares
+        their squares; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
     gain : log-likelihood of that hypothesis over the first
@@ -89,7 +89,7 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
     if far:
-        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
+        reasons.append(f'the robot would have to be further off than declared: {", ".join(map(_named, far))}')
     return Judgement(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
 
 
@@ -109,7 +109,7 @@ def _widening(evidence: Evidence) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return what may be wrong, the likeliest first."""
     causes = [
-        Cause(f'{cause} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
+        Cause(f'{_named(cause)} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
         for cause, (largest, square) in evidence.deviations.items()
         if largest > 0.6 * _FAR
     ]
@@ -125,6 +125,15 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
-    if evidence.hypothesis:
+    if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
-    return tuple(sorted(causes, key=lambda cause: -cause.gain))
+    causes.sort(key=lambda cause: -cause.gain)
+    # A walk gains more than anything else could, and names nothing: it comes last.
+    walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
+    return (*causes, *walk)
+
+
+def _named(cause: str) -> str:
+    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
+    kind, _, name = cause.partition(':')
+    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind
