@@ -11,6 +11,7 @@ import numpy as np
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
+from mbaid_ros.core.calibration.blocks import OF_A_JOINT, OF_THE_MOUNT
 from mbaid_ros.core.calibration.result import Calibration, LinkResult
 from mbaid_ros.core.calibration.structure import BaseParameter
 from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges, formula, parameter
@@ -18,6 +19,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions
 
 _INERTIA = PARAMETERS[4:]
@@ -66,6 +68,11 @@ class Calibrated:
 def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and what to add; empty if there is one."""
     calibration = result.calibration
+    if not calibration.settled:
+        return (
+            'the data lead to no solution that stays near the robot description; correct what is far off in it, or '
+            'give priors that are as wide'
+        )
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
@@ -131,15 +138,26 @@ def _about_values(result: Calibrated) -> list[str]:
 def as_json(result: Calibrated) -> dict[str, Any]:
     """Return the result as scripts read it; what is not known is None."""
     calibration = result.calibration
-    links = result.kernel.unknown
+    model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
     return {
         'bags': [motion.bag for motion in result.motions],
         'links': {link.name: _link(link) for link in calibration.links},
+        'joints': _joints(calibration),
+        'odometry_mount': {
+            'orientation': calibration.mount[:3].tolist(),
+            'orientation_std': calibration.stds[-6:-3].tolist(),
+            'position': calibration.mount[3:].tolist(),
+            'position_std': calibration.stds[-3:].tolist(),
+        },
         'covariance': {
-            'order': [parameter(links, index) for index in range(len(calibration.theta))],
-            'values': calibration.theta.tolist(),
-            'matrix': calibration.covariance.tolist(),
+            'order': [
+                *(parameter(links, index) for index in range(len(calibration.theta))),
+                *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
+                *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
+            ],
+            'values': calibration.values.tolist(),
+            'matrix': calibration.block_covariance.tolist(),
         },
         'identifiability': {
             'unknowns': calibration.structure.unknowns,
@@ -176,6 +194,26 @@ def _link(link: LinkResult) -> dict[str, Any]:
         'moved': shaped(link.moved),
         'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
         'consistency_correction': link.consistency_correction,
+    }
+
+
+def _joints(calibration: Calibration) -> dict[str, Any]:
+    """Return each joint: what it has beside the URDF, and where its frame then is on the body that carries it."""
+    before = calibration.mechanism.kernel.model
+    after = displaced(before, *calibration.displacements)
+    stds = calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
+    return {
+        name: {
+            'zero': float(calibration.joints[index, 0]),
+            'zero_std': float(stds[index, 0]),
+            'origin_moved': calibration.displacements[0][index].tolist(),
+            'origin_std': stds[index, 1:4].tolist(),
+            'axis_tilted': calibration.displacements[1][index].tolist(),
+            'axis_std': stds[index, 4:].tolist(),
+            'position': after.positions[index].tolist(),
+            'rotation': after.rotations[index].tolist(),
+        }
+        for index, name in enumerate(before.joint_names)
     }
 
 

@@ -18,13 +18,12 @@ from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
-from mbaid_ros.session.known import declared_errors
+from mbaid_ros.session.known import KnownSide, declared_errors, known_side
 from mbaid_ros.session.self_calibration import self_calibration
-from mbaid_ros.session.uncertainty import declared_uncertainty
 
 
 def capture_of(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[MomentumKernel], Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator]
 ) -> CaptureEstimator | None:
     """Return what stands before a method in a run that begins before the capture, None in any other run.
 
@@ -32,7 +31,7 @@ def capture_of(
     ----------
     config : EstimatorConfig
     kernel : of the robot as it is known before
-    make : what makes the method after the capture
+    make : what makes the method after the capture, of a kernel, or of it and how well the robot is known
 
     Raises
     ------
@@ -61,8 +60,14 @@ def capture_of(
     return capture
 
 
-def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator:
+def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: KnownSide | None = None) -> Estimator:
     """Return the method that the parameters name.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    kernel : of the robot, with the errors of its known bodies
+    known : how well all of the robot is known; None leaves that to the parameters
 
     Raises
     ------
@@ -83,14 +88,15 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
     if config.method == 'difference':
         return _difference(config, kernel, noise, reporting)
     if config.method == 'trajectory':
+        known = known or known_side(config, kernel)
         second = TrajectoryEstimator(
-            kernel,
+            known.kernel,
             TrajectorySettings(
                 noise=noise,
                 window=config.window,
                 start=config.trajectory.start_windows,
                 kept=config.trajectory.kept_windows,
-                uncertainty=declared_uncertainty(config, kernel.model),
+                uncertainty=known.uncertainty,
                 adapt=config.trajectory.adapt,
                 constant=_axes(config.disturbance.constant),
             ),

@@ -255,7 +255,7 @@ class MultiStart:
         guesses: list[Point] = []
         for part in _GUESSED_MASSES:
             mass = part * float(np.sum(known[:, 0]))
-            state = np.zeros(self.layout.size)
+            state = np.concatenate((np.zeros(BODY.stop), self.layout.known.mean))
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
             guesses.append(self.layout.point(state))

@@ -115,6 +115,8 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     mobility, moving = whole(known, placed, body_twist)
+    if layout.plane is not None:
+        mobility = _in_plane(mobility, layout.plane)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
@@ -139,6 +141,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, 3:, count + 3 :] = turned
     solved = mobility @ right
     return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
+
+
+def _in_plane(mobility: Array, plane: Array) -> Array:
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
+
+    What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the
+    twist and the momentum equations are those of the (3, 6) rows.
+    """
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:

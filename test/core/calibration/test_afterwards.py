@@ -57,5 +57,7 @@ def test_the_intervals_of_the_target_cover(
 
 def test_without_it_they_are_too_narrow(servicers: list[MomentumKernel], afterwards: Truth) -> None:
     robot = MomentumKernel(servicers[0].model, 'link7')
-    last = estimator(robot, MID, method='trajectory').update(windows(observe(afterwards, MID, 1000)), 0)[-1]
+    last = estimator(robot, MID, method='trajectory', known_links__relative_std=0.0).update(
+        windows(observe(afterwards, MID, 1000)), 0
+    )[-1]
     assert nees(last, true_body(kernel('servicer7'))) > 3.0 * chi2.isf(1e-3, 10)
