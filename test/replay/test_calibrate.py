@@ -86,8 +86,18 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
         assert set(base[key]) == {'mass', 'com', 'inertia'}
     assert base['prior_std']['mass'] == pytest.approx(0.001 * base['cad']['mass'], rel=1e-6)
     assert result['covariance']['order'][:5] == [f'base_link.{name}' for name in ('m', 'hx', 'hy', 'hz', 'Ixx')]
+    assert result['covariance']['order'][80:83] == ['joint1.zero', 'joint1.origin_x', 'joint1.origin_y']
+    assert result['covariance']['order'][-6:] == [
+        f'odometry_mount.{name}' for name in ('turn_x', 'turn_y', 'turn_z', *'xyz')
+    ]
     matrix = np.array(result['covariance']['matrix'])
-    assert matrix.shape == (80, 80)
+    assert matrix.shape == (128, 128)
+    std = np.sqrt(np.diag(matrix))
+    joint = result['joints']['joint3']
+    assert [joint['zero_std'], *joint['origin_std'], *joint['axis_std']] == pytest.approx(std[92:98])
+    assert result['odometry_mount']['position_std'] == pytest.approx(std[-3:])
+    # Of a zero the motion tells something, of the position of a joint along its axis next to nothing.
+    assert joint['zero_std'] < 0.9e-3 < joint['origin_std'][2] <= 1e-3
     assert np.linalg.eigvalsh(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))))[0] > -1e-9
     found = result['identifiability']
     assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
@@ -103,18 +113,21 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
 
 def test_the_estimates_are_right_within_their_covariance(result: Any) -> None:
     theta = np.concatenate([link.parameters for link in free_servicer().links])
-    error = np.array(result['covariance']['values']) - theta
+    error = np.array(result['covariance']['values'])
+    error[:80] -= theta
     covariance = np.array(result['covariance']['matrix'])
-    assert error @ np.linalg.solve(covariance, error) == pytest.approx(80.0, abs=4.0 * np.sqrt(160.0))
+    # Eighty chi-squares: joints and mount are right, which makes the other 48 smaller.
+    assert error @ np.linalg.solve(covariance, error) < 80.0 + 4.0 * np.sqrt(160.0)
+    assert error[:80] @ np.linalg.solve(covariance[:80, :80], error[:80]) > 40.0
     assert result['residual'] == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.usefixtures('result')
-def test_only_inertial_lines_of_the_urdf_differ(place: Path) -> None:
+def test_only_inertials_and_the_origins_of_joints_differ_in_the_urdf(place: Path) -> None:
     before, after = ((place / name).read_text(encoding='utf-8').splitlines() for name in ('cad.urdf', 'out.urdf'))
     assert len(before) == len(after)
     lines = [line for line in difflib.unified_diff(before, after, n=0) if line[:1] in '+-'][2:]
-    assert len(lines) == 2 * 3 * len(LINKS)
+    assert len(lines) == 2 * (3 * len(LINKS) + 7)
     assert all(re.match(r'[+-]\s*<(origin|mass|inertia) ', line) for line in lines)
 
 
@@ -227,8 +240,9 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     recorded.write(tmp_path / 'one', free_servicer(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
     assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf')]) == 0
     assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in capsys.readouterr().out
-    still = free_motion(3, 20.0, joints=(3,))
-    motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name or 'joint' in name}
+    still = free_motion(3, 20.0, joints=(3,))[np.zeros(400, dtype=int)]
+    motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name}
+    motions['time'] = np.arange(400) / 20.0
     recorded.write(tmp_path / 'none', free_servicer(), noisy(Truth(**{**vars(still), **motions}), 1))
     assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
     assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -12,6 +13,7 @@ from scipy.stats import chi2
 import recorded
 from captured import Joined, alone, capture, sensed
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.capture import BEFORE
@@ -21,9 +23,11 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session
+from mbaid_ros.session.uncertainty import declared_uncertainty
 from observed import MID
 from servicing import LINKS, PRIORS, free_servicer, free_urdf, perturbed
 
@@ -96,8 +100,8 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
 
 
 def test_without_it_the_body_is_wrong() -> None:
-    session = make(**{'calibration.enabled': False})
-    assert error(session, feed(session)[-1]) > 10.0 * LIMIT
+    session = make(**{'calibration.enabled': False, **EXACT})
+    assert error(session, feed(session)[-1]) > 4.0 * LIMIT
     assert session.robot.urdf == cad()
 
 
@@ -123,15 +127,25 @@ def test_the_numbers_are_those_of_calibrate() -> None:
         return collector
 
     feed(Session(EstimatorConfig(), cad(), collect), BEGIN - 0.5)
-    found = calibrate(MomentumKernel(load_model(cad()), *LINKS), [collector.windows], CalibrationSettings(MID, PRIORS))
-    used = np.concatenate([session.robot.kernel.model.link(name).parameters for name in LINKS])
-    assert np.array_equal(used, found.theta)
-    size = np.sqrt(np.diag(found.covariance))[:70]
-    wanted = found.covariance[:70, :70] / np.outer(size, size)
-    assert session.robot.kernel.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
-    # The robot description that is given on has them, too.
+    model = load_model(cad())
+    settings = CalibrationSettings(
+        MID, (PRIORS[-1], *PRIORS[:-1]), replace(declared_uncertainty(session.config, model), time_offset=0.02)
+    )
+    names = (LINKS[-1], *LINKS[:-1])
+    found = calibrate(MomentumKernel(model, *names), [collector.windows], settings)
+    robot = session.robot.kernel
+    used = np.concatenate([robot.model.link(name).parameters for name in names])
+    assert used == pytest.approx(found.theta, rel=1e-9)
+    size = np.sqrt(np.diag(found.covariance))[10:]
+    wanted = found.covariance[10:, 10:] / np.outer(size, size)
+    assert robot.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
+    # The robot description that is given on has them, too, and the joints where they have been found.
     written = load_model(session.robot.urdf)
-    assert written.link('link3').parameters == pytest.approx(used[30:40], rel=1e-9)
+    assert written.link('link3').parameters == pytest.approx(found.theta[40:50], rel=1e-9)
+    moved = displaced(model, *found.displacements)
+    assert np.abs(moved.positions - model.positions).max() > 1e-4
+    assert written.positions == pytest.approx(moved.positions, abs=1e-10)
+    assert written.rotations == pytest.approx(moved.rotations, abs=1e-10)
 
 
 def test_one_message_after_the_other_leads_to_the_same() -> None:
@@ -150,7 +164,7 @@ def test_reset_forgets_it() -> None:
     session.reset()
     assert session.robot.calibrated == ''
     assert session.robot.urdf == cad()
-    assert session.robot.kernel.errors.count == 0
+    assert session.robot.kernel is session.robot.described
 
 
 def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
@@ -167,7 +181,10 @@ def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
         ({'capture.time': 0.0}, "'calibration.enabled' is true in a run that begins after the capture"),
         ({'calibration.weighed_stds': []}, "'calibration.weighed_stds' has 0 numbers; accepted: 1"),
         ({'calibration.weighed_links': ['moon']}, "'calibration.weighed_links' has 'moon'; accepted: links with an"),
-        ({'known_links.relative_std': 0.01}, "'known_links.relative_std' is 0.01; with 'calibration.enabled'"),
+        (
+            {'known_links.names': ['link1'], 'known_links.stds': [0.01]},
+            "with 'calibration.enabled', which finds how well all links are known",
+        ),
         (
             {
                 'calibration.mass_relative_std': 0.0,

@@ -98,11 +98,10 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The last pass, the point that it was linearised at, and whether that has come to stay."""
+    """The last pass, and whether it has left the point that it was linearised at where it was."""
 
     passed: Passed
     stays: bool
-    passes: int
 
 
 def settle(motions: Sequence[Motion], start: Array) -> Settled:
@@ -116,15 +115,21 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
     Raises
     ------
     LinAlgError
-        The windows cannot be weighed.
+        The windows cannot be weighed at the start.
     """
     layout, shared = motions[0].layout, motions[0].variables
     common = np.concatenate((start, layout.known.mean))
     momenta: Array = np.zeros((len(motions), 6))
     deviation = np.zeros(len(common))
-    for count in range(1, _PASSES + 1):
+    passed: Passed | None = None
+    for _ in range(_PASSES):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
-        passed = _pass(motions, points)
+        try:
+            passed = _pass(motions, points)
+        except np.linalg.LinAlgError:
+            if passed is None:
+                raise
+            break  # the last step has led to where nothing can be linearised
         spread = shared.spread[BODY.start :, shared.head :]
         found, deviation = spread @ passed.mean, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
         # What the variables leave out of a planar target link stays where it was.
@@ -134,8 +139,9 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
         still = np.all(np.abs(step) <= _SETTLED * deviation) and np.all(np.abs(momenta - before) <= _SETTLED * sizes)
         if still and part == 1.0:
-            return Settled(passed, stays=True, passes=count)
-    return Settled(passed, stays=False, passes=_PASSES)
+            return Settled(passed, stays=True)
+    assert passed is not None, 'there was a pass'
+    return Settled(passed, stays=False)
 
 
 def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:

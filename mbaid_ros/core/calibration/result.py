@@ -152,8 +152,8 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of theta of which the data say more than the prior."""
-        return int(np.sum(self.gains > 1.0))
+        """Number of directions of theta of which the data say more than the prior; at rest, none."""
+        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) else 0
 
     @cached_property
     def links(self) -> tuple[LinkResult, ...]:
