@@ -12,21 +12,26 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from scipy.stats import chi2
 
 import recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
+from mbaid_ros.core.simulation.motion import random_sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
-from observed import MID
+from observed import MID, configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion, free_servicer, free_urdf, perturbed
-from simulated import CONFIG
+from simulated import CONFIG, state
 
 PARAMETERS = """
 /**:
@@ -40,9 +45,9 @@ calibrate:
 """
 
 
-def noisy(truth: Truth, seed: int) -> Truth:
-    """Return a motion as sensors see it."""
-    sensors = Sensors(MID, seed)
+def noisy(truth: Truth, seed: int, errors: ModelErrors | None = None) -> Truth:
+    """Return a motion as sensors see it, of a robot with such errors."""
+    sensors = Sensors(MID, seed, errors)
     joints, base = sensors.joints(truth), sensors.base(truth)
     values = {**vars(truth), 'joint_position': joints.position, 'joint_velocity': joints.velocity}
     values |= {'base_position': base.position, 'base_orientation': base.orientation}
@@ -264,3 +269,53 @@ def test_the_estimator_takes_what_it_leaves_uncertain(
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert "link 'base_link' has other values in the robot description than in calibration" in error
+
+
+@pytest.fixture(scope='module')
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the calibration of a robot that is not its URDF, and a bag of it with the target in hand."""
+    folder = tmp_path_factory.mktemp('drawn')
+    errors = draw(free_servicer(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
+    model = true_robot(free_servicer(), errors, ('link7',))
+    motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
+    start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
+    before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    recorded.write(folder / 'before', free_servicer(), noisy(before, 1, errors))
+    after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
+    recorded.write(folder / 'after', free_servicer(), noisy(after, 2, errors))
+    cad = free_urdf()
+    for link in perturbed(free_servicer(), PRIORS, 7).links:
+        cad = change_inertial(cad, link.name, physical(link.parameters))
+    (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
+    (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
+    options = ['--params', str(folder / 'calibrate.yaml'), '--json', str(folder / 'out.json')]
+    arguments = [str(folder / 'before'), '--model', str(folder / 'cad.urdf'), '--output', str(folder / 'out.urdf')]
+    assert main([*arguments, *options]) == 0
+    return folder
+
+
+def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path) -> None:
+    (drawn / 'after.yaml').write_text(
+        'estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4, '
+        f'known_links.calibration: {drawn / "out.json"}}}}}'
+    )
+    (drawn / 'cad.yaml').write_text('estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4}}')
+    last = {}
+    for name, model in (('after', 'out'), ('cad', 'cad')):
+        inputs = [
+            str(drawn / 'after'),
+            '--model',
+            str(drawn / f'{model}.urdf'),
+            '--params',
+            str(drawn / f'{name}.yaml'),
+        ]
+        replay([*inputs, '--json', str(drawn / f'{name}.json')])
+        last[name] = json.loads((drawn / f'{name}.json').read_text(encoding='utf-8'))
+    true, found = true_body(kernel('servicer7')), last['after']
+    error = (
+        np.array([found['estimate']['mass'], *found['estimate']['com'], *found['estimate']['inertia'].values()]) - true
+    )
+    assert chi2.ppf(1e-4, 10) < error @ np.linalg.solve(np.array(found['covariance']), error) < chi2.isf(1e-4, 10)
+    assert found['status'] in {'converged', 'estimating'}
+    # What was learnt before the capture counts: from CAD values the mass is known half as well, at most.
+    assert found['std']['mass'] < 0.5 * last['cad']['std']['mass']

@@ -108,7 +108,7 @@ def test_without_it_the_body_is_wrong() -> None:
 class Collector:
     """A method that keeps the windows."""
 
-    method, needs_rates = 'none', True
+    method, needs_rates = 'none', False
 
     def __init__(self) -> None:
         self.windows: list[Samples] = []
