@@ -7,7 +7,7 @@ known body, and all other unknowns carry over with all their correlations.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 _PASSES = 12
 _SETTLED = 0.1  # standard deviations
 _TOGETHER = 30  # windows linearised in one call
+_FEW = 60  # windows of the first passes
 _HALVINGS = 20
 _STILL = Hypothesis('nothing drifts')
 
@@ -98,10 +99,19 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The last pass, and whether it has left the point that it was linearised at where it was."""
+    """The last pass, whether it has left the point that it was linearised at where it was, and the next point.
+
+    Attributes
+    ----------
+    passed : Passed
+    stays : whether the pass moved nothing by more than a tenth of its standard deviation
+    common, momenta : (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
+    """
 
     passed: Passed
     stays: bool
+    common: Array
+    momenta: Array
 
 
 def settle(motions: Sequence[Motion], start: Array) -> Settled:
@@ -117,31 +127,48 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
     LinAlgError
         The windows cannot be weighed at the start.
     """
-    layout, shared = motions[0].layout, motions[0].variables
-    common = np.concatenate((start, layout.known.mean))
+    first = motions[0]
+    common = np.concatenate((start, first.layout.known.mean))
     momenta: Array = np.zeros((len(motions), 6))
+    if sum(len(motion.windows) for motion in motions) > 2 * _FEW:
+        # A part of the windows takes most of the way, for a part of the work.
+        near = _repeat([replace(first, windows=first.windows[:_FEW])], common, momenta[:1])
+        if near.stays:
+            common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
+    return _repeat(motions, common, momenta)
+
+
+def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled:
+    layout = motions[0].layout
     deviation = np.zeros(len(common))
-    passed: Passed | None = None
+    result: Settled | None = None
     for _ in range(_PASSES):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
         try:
             passed = _pass(motions, points)
         except np.linalg.LinAlgError:
-            if passed is None:
+            if result is None:
                 raise
-            break  # the last step has led to where nothing can be linearised
-        spread = shared.spread[BODY.start :, shared.head :]
-        found, deviation = spread @ passed.mean, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
-        # What the variables leave out of a planar target link stays where it was.
-        step = found - spread @ np.linalg.pinv(spread) @ common
+            return result  # its step has led to where nothing can be linearised
+        step, deviation = _step(motions[0].variables, passed, common)
         part = _massive(layout, common, step)
-        common, before, momenta = common + part * step, momenta, passed.momenta
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
-        still = np.all(np.abs(step) <= _SETTLED * deviation) and np.all(np.abs(momenta - before) <= _SETTLED * sizes)
-        if still and part == 1.0:
-            return Settled(passed, stays=True)
-    assert passed is not None, 'there was a pass'
-    return Settled(passed, stays=False)
+        still = np.all(np.abs(step) <= _SETTLED * deviation)
+        still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
+        common, momenta = common + part * step, passed.momenta
+        result = Settled(passed, bool(still) and part == 1.0, common, momenta)
+        if result.stays:
+            break
+    assert result is not None, 'there was a pass'
+    return result
+
+
+def _step(shared: Variables, passed: Passed, common: Array) -> tuple[Array, Array]:
+    """Return where a pass leads to from its point, and the standard deviations there."""
+    spread = shared.spread[BODY.start :, shared.head :]
+    # What the variables leave out of a planar target link stays where it was.
+    step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
+    return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
 
 
 def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
