@@ -140,7 +140,7 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
 
 def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled:
     layout = motions[0].layout
-    deviation = np.zeros(len(common))
+    deviation: Array = np.zeros(len(common))
     result: Settled | None = None
     for _ in range(_PASSES):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
