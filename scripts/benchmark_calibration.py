@@ -2,8 +2,8 @@
 
 usage: benchmark_calibration.py [--seeds N] [--results FILE] [--output docs]
 
-Every seed draws its own CAD errors and sensor noise. With --results the seeds that a file holds already are not run
-again, so that a long measurement can be done in pieces.
+Every seed draws its own robot, CAD errors and sensor noise. With --results the seeds that a file holds already are not
+run again, so that a long measurement can be done in pieces.
 """
 
 from __future__ import annotations
@@ -11,30 +11,42 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import precapture
-from benchmarks.data import exact_samples, model
+from benchmarks.data import drawn, exact_samples, model
 from benchmarks.data import motion as robot_motion
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior, make_prior
+from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.calibration.result import Calibration
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, cross, exp, rotate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.simulation.drawn import ErrorSizes
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.session.known import KnownSide
+from mbaid_ros.session.methods import make_estimator
 
 SECONDS = 120.0
 PLACE = re.compile(r'(<!-- figures -->\n).*?(<!-- end of figures -->)', re.DOTALL)
-NOTHING = LinkPrior(0.0, 0.0, 0.0)
 GENERAL = LinkPrior(precapture.MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
 WEIGHED = LinkPrior(precapture.BASE_MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
-LINKS = ('base_link', *(f'link{index}' for index in range(1, 8)))
+LINKS = ('link7', 'base_link', *(f'link{index}' for index in range(1, 7)))
+SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+UNCERTAIN = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, mount_position=2e-3, mount_orientation=2e-3)
+NUMBERS = 10 * len(LINKS) + 6 * 7 + 6
 
 
 def main() -> None:
@@ -52,7 +64,7 @@ def main() -> None:
             print(f'seed {seed}', flush=True)
             if arguments.results:
                 arguments.results.write_text(json.dumps(results), encoding='utf-8')
-    text = figures(results)
+    text = figures(list(results.values()))
     print(text)
     if arguments.output:
         page = arguments.output / 'calibration.md'
@@ -62,156 +74,146 @@ def main() -> None:
 
 def one_seed(seed: int) -> dict[str, Any]:
     """Return what one seed leads to."""
-    truth, rows = precapture.motion(1, SECONDS), _rows(precapture.motion(2, 60.0, 10.0))
-    before, after = precapture.windows(truth, seed), precapture.windows(robot_motion('servicer7'), 1000 + seed)
-    cad, unweighed = (load_model(precapture.cad_urdf(seed, std)) for std in (precapture.BASE_MASS_STD, 0.05))
-    weighed = _calibrated(cad, before, (WEIGHED, *(GENERAL,) * 7))
-    loose = _calibrated(unweighed, before, (GENERAL,) * 8)
-    factor = float(np.sum(loose.theta[::10]) / np.sum(_theta(precapture.free_model())[::10]))
-    models = {'cad': cad, 'calibrated': _with(cad, weighed.theta), 'true': precapture.free_model()}
+    errors = drawn('servicer7', SIZES, seed)
+    fresh = exact_samples(precapture.motion(2, 60.0, 10.0, errors), precapture.NOISE, errors)
+    before = precapture.windows(precapture.motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
+    after = precapture.windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
+    cad = load_model(precapture.cad_urdf(seed))
+    found = _calibrated(cad, before, (GENERAL, WEIGHED, *(GENERAL,) * 6))
+    loose = _calibrated(load_model(precapture.cad_urdf(seed, 0.05)), before, (GENERAL,) * 8)
+    mass = _theta(precapture.free_model())[::10].sum()
+    error = found.values - np.concatenate((_theta(precapture.free_model()), _placed(cad, errors)))
+    none = ModelErrors.none(7)
+    learnt = _with(cad, found)
     return {
-        'weighed': {**_prediction(weighed, weighed.theta, rows), 'error': _nees(weighed)},
-        'unweighed': {
-            **_prediction(loose, loose.theta / factor, rows),
-            'error': _nees(loose),
-            'factor': factor - 1.0,
-            'factor_std': loose.scale.relative_std,
+        'cad': _momentum(cad, none.zeros, none.mount, fresh),
+        'calibrated': _momentum(learnt, found.joints[:, 0], found.mount, fresh),
+        'squares': float(error @ np.linalg.solve(found.block_covariance, error)),
+        'factor': [float(loose.theta[::10].sum() / mass - 1.0), loose.scale.relative_std],
+        'residual': found.residual,
+        'determined': found.determined,
+        'capture': {
+            'cad': _target(after, MomentumKernel(cad, 'link7'), Uncertainty()),
+            'carried': _target(
+                after,
+                MomentumKernel(cad, 'link7').doubted(found.prior.errors(1)),
+                replace(UNCERTAIN, carried=found.carried),
+            ),
+            'true': _target(
+                _exactly(after, errors), MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), Uncertainty()
+            ),
         },
-        'capture': {name: _capture(each, after) for name, each in models.items()},
-        'both': _base_mass_and_target(after),
-        'residual': weighed.residual,
-        'determined': weighed.determined,
     }
 
 
-def _rows(fresh: Truth) -> Array:
-    """Return Y of all links of the true servicer on another motion, (N, 6, 80)."""
-    kernel = MomentumKernel(precapture.free_model(), *LINKS)
-    states = kernel.states(exact_samples(fresh, precapture.NOISE))
-    return np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
+def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
+    settings = CalibrationSettings(precapture.NOISE, priors, UNCERTAIN)
+    return calibrate(MomentumKernel(cad, *LINKS), [before], settings)
 
 
 def _theta(robot: RobotModel) -> Array:
     return np.concatenate([robot.link(name).parameters for name in LINKS])
 
 
-def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
-    return calibrate(MomentumKernel(cad, *LINKS), [before], CalibrationSettings(precapture.NOISE, priors))
+def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
+    """Return what a calibration should find of joints and mount."""
+    across = Kinematics(cad).axial[1:, :, :2]
+    tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
+    return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
 
-def _prediction(found: Calibration, theta: Array, rows: Array) -> dict[str, object]:
-    """Return sizes of the errors of the momentum, before and after, and the part within the 95 % interval."""
-    true = _theta(precapture.free_model())
-    wrong, left = rows @ (found.prior.mean - true), rows @ (theta - true)
-    std = np.sqrt(np.einsum('nij,jk,nik->ni', rows, found.covariance, rows))
-    return {'cad': _size(wrong), 'calibrated': _size(left), 'covered': float(np.mean(np.abs(left) < 1.96 * std))}
+def _with(robot: RobotModel, found: Calibration) -> RobotModel:
+    """Return the robot as it has been found."""
+    for name, values in zip(LINKS, found.theta.reshape(-1, 10), strict=True):
+        robot = precapture.with_link(robot, name, values)
+    return displaced(robot, *found.displacements)
 
 
-def _size(momenta: Array) -> list[float]:
-    """Return the mean squares of linear and angular momentum."""
-    return np.mean(np.sum(momenta.reshape(-1, 2, 3) ** 2, axis=2), axis=0).tolist()
+def _momentum(robot: RobotModel, zeros: Array, mount: Array, samples: Samples) -> list[float]:
+    """Return mean squares of linear and angular momentum, about its mean, that a robot has by what is measured."""
+    samples = _at(samples, zeros, mount)
+    kernel = MomentumKernel(robot, 'link7')
+    states = kernel.states(samples)
+    momentum = states.known_momentum + (states.regressor @ kernel.target.parameters)
+    momentum[:, 3:] += cross(samples.base_position, momentum[:, :3])
+    changes = momentum - momentum.mean(axis=0)
+    return np.mean(np.sum(changes.reshape(-1, 2, 3) ** 2, axis=2), axis=0).tolist()
 
 
-def _nees(found: Calibration) -> float:
-    error = found.theta - _theta(precapture.free_model())
-    return float(error @ np.linalg.solve(found.covariance, error))
+def _at(samples: Samples, zeros: Array, mount: Array) -> Samples:
+    """Return samples with right zeros, of the base's own frame."""
+    arm = rotate(samples.base_rotation, np.broadcast_to(mount[3:], samples.base_position.shape))
+    return replace(
+        samples,
+        joint_position=samples.joint_position + zeros,
+        base_position=samples.base_position + arm,
+        base_rotation=samples.base_rotation @ exp(mount[:3]),
+        base_linear_velocity=samples.base_linear_velocity + cross(samples.base_angular_velocity, arm),
+    )
 
 
-def _capture(known: RobotModel, after: list[Samples]) -> list[float]:
-    """Return errors of the target: mass and inertia relative, CoM in m, with these values of the other links."""
-    found = calibrate(MomentumKernel(known, 'link7'), [after], CalibrationSettings(precapture.NOISE, (NOTHING,)))
+def _exactly(windows: list[Samples], errors: ModelErrors) -> list[Samples]:
+    return [_at(window, errors.zeros, errors.mount) for window in windows]
+
+
+def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty) -> list[float]:
+    """Return errors of the target, mass and inertia relative, CoM in m; then its squared error in its covariance."""
+    noise = {f'noise.{name}': value for name, value in vars(precapture.NOISE).items()}
+    config = build(EstimatorConfig, {**EXACT, **noise, 'method': 'trajectory', 'target_link': 'link7'})
+    last = make_estimator(config, kernel, KnownSide(kernel, uncertainty)).update(after, 0)[-1]
     true = physical(model('servicer7').link('link7').parameters)
-    error = physical(found.theta) - true
+    error = last.parameters - true
     size = np.sqrt(np.outer(true[[4, 7, 9]], true[[4, 7, 9]])[np.triu_indices(3)])
     return [
         abs(error[0]) / true[0],
         float(np.linalg.norm(error[1:4])),
         float(np.sqrt(np.mean((error[4:] / size) ** 2))),
+        float(error @ np.linalg.solve(last.covariance, error)),
     ]
 
 
-def _with(robot: RobotModel, theta: Array) -> RobotModel:
-    for index, name in enumerate(LINKS):
-        robot = precapture.with_link(robot, name, theta[10 * index : 10 * index + 10])
-    return robot
-
-
-def _base_mass_and_target(after: list[Samples]) -> list[float]:
-    """Return the errors of base mass and of the target's ten parameters in their standard deviations."""
-    robot = model('servicer7')
-    priors = (LinkPrior(0.0, 1e-5, 1e-5), NOTHING)
-    settings = CalibrationSettings(precapture.NOISE, priors)
-    base, target = calibrate(MomentumKernel(robot, 'base_link', 'link7'), [after], settings).links
-    true = physical(robot.link('link7').parameters)
-    deviations = np.concatenate(([(base.parameters[0] - 560.0) / base.std[0]], (target.parameters - true) / target.std))
-    return [*deviations.tolist(), base.std[0] / 560.0, target.std[0] / true[0]]
-
-
-def figures(results: dict[str, dict[str, Any]]) -> str:
-    """Return the figures as a table in Markdown."""
-    runs = list(results.values())
+def figures(runs: list[dict[str, Any]]) -> str:
+    """Return the figures as tables in Markdown."""
+    wrong, left = (np.sqrt(np.mean([run[key] for run in runs], axis=0)) for key in ('cad', 'calibrated'))
+    gains = np.array([np.sqrt(np.divide(run['cad'], run['calibrated'])) for run in runs])
+    usual, least = (' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), gains.min(axis=0)))
+    factors = np.array([run['factor'] for run in runs])
+    off = 100.0 * np.sqrt(np.mean(factors[:, 0] ** 2))
     lines = [
-        f'{len(runs)} seeds, each with CAD errors and sensor noise of its own.',
+        f'{len(runs)} robots, each with CAD errors, joints, mount and sensor noise of its own.',
         '',
-        '| | linear | angular |',
+        '| momentum on another motion, RMS change of what is constant | linear | angular |',
         '|---|---|---|',
-    ]
-    for case, words in (('weighed', 'base mass known to 0.1 %'), ('unweighed', 'all masses to 5 %, up to one factor')):
-        wrong, left = (_root_mean(runs, case, key) for key in ('cad', 'calibrated'))
-        lines += [
-            f'| {words}: RMS error of the momentum with CAD values | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |',
-            f'| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |',
-            f'| times smaller | {wrong[0] / left[0]:.0f} | {wrong[1] / left[1]:.0f} |',
-        ]
-    lines += _statements(results)
-    lines += ['', '| target after the capture, RMS error | mass | CoM | inertia |', '|---|---|---|---|']
-    for name, words in (('cad', 'CAD values'), ('calibrated', 'calibrated'), ('true', 'true values')):
-        mass, com, inertia = np.sqrt(np.mean(np.square([run['capture'][name] for run in runs]), axis=0))
-        lines.append(f'| {words} | {100.0 * mass:.3f} % | {1e3 * com:.2f} mm | {100.0 * inertia:.3f} % |')
-    both = np.array([run['both'] for run in runs])
-    base, target = (np.sqrt(np.mean(both[:, place] ** 2)) for place in (slice(0, 1), slice(1, 11)))
-    largest, masses = np.abs(both[:, :11]).max(), np.abs(both[:, :2]).max()
-    sentence = (
-        f'Base mass and target unknown at once: errors of {base:.2f} (base mass) and {target:.2f} (target) standard '
-        f'deviations RMS, the largest of {both[:, :2].size} masses {masses:.1f}, of all {both[:, :11].size} numbers '
-        f'{largest:.1f}; the standard deviations of the two masses are {100.0 * both[0, 11]:.2f} % and '
-        f'{100.0 * both[0, 12]:.2f} %.'
-    )
-    return '\n'.join([*lines, '', sentence]) + '\n'
-
-
-def _statements(results: dict[str, dict[str, Any]]) -> list[str]:
-    runs = list(results.values())
-    covered = 100.0 * np.mean([run['weighed']['covered'] for run in runs])
-    squares = np.mean([run['weighed']['error'] for run in runs])
-    before = np.mean([_prior_error(int(seed)) for seed in results])
-    gains = np.array([np.sqrt(np.divide(run['weighed']['cad'], run['weighed']['calibrated'])) for run in runs])
-    usual, least = (
-        ' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), np.min(gains, axis=0))
-    )
-    factors = np.array([run['unweighed']['factor'] for run in runs])
-    reported = 100.0 * np.mean([run['unweighed']['factor_std'] for run in runs])
-    off = 100.0 * np.sqrt(np.mean(factors**2))
-    return [
+        f'| with the URDF | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |',
+        f'| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |',
+        f'| times smaller | {wrong[0] / left[0]:.0f} | {wrong[1] / left[1]:.0f} |',
         '',
         f'- Times smaller in one run: median {usual}, least {least}.',
-        f'- Within the reported 95 % interval: {covered:.0f} % of the predicted momenta (base mass known).',
-        f'- Squared error of all 80 parameters in the reported covariance: {squares:.0f} on average; 80 is right.',
-        f'- That of the CAD values in the covariance of the prior: {before:.0f}.',
-        f'- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: {reported:.1f} %.',
+        (
+            f'- Squared error of all {NUMBERS} numbers in the reported covariance: '
+            f'{np.mean([run["squares"] for run in runs]):.0f} on average; {NUMBERS} is right.'
+        ),
+        f'- Residual: {np.mean([run["residual"] for run in runs]):.3f} on average.',
+        (
+            f'- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: '
+            f'{100.0 * np.mean(factors[:, 1]):.1f} %.'
+        ),
+        '',
+        '| target after the capture, RMS error | mass | CoM | inertia | squared error, normalised |',
+        '|---|---|---|---|---|',
     ]
-
-
-def _prior_error(seed: int) -> float:
-    """Return the squared error of the CAD values in the covariance of the prior."""
-    cad = load_model(precapture.cad_urdf(seed))
-    prior = make_prior(MomentumKernel(cad, *LINKS), (WEIGHED, *(GENERAL,) * 7))
-    error = prior.mean - _theta(precapture.free_model())
-    return float(error @ np.linalg.solve(prior.covariance, error))
-
-
-def _root_mean(runs: list[dict[str, Any]], case: str, key: str) -> Array:
-    return np.sqrt(np.mean([run[case][key] for run in runs], axis=0))
+    for name, words in (
+        ('cad', 'URDF taken as exact'),
+        ('carried', 'from the calibration on'),
+        ('true', 'true robot, known exactly'),
+    ):
+        errors = np.array([run['capture'][name] for run in runs])
+        mass, com, inertia = np.sqrt(np.mean(errors[:, :3] ** 2, axis=0))
+        lines.append(
+            f'| {words} | {100.0 * mass:.3f} % | {1e3 * com:.2f} mm | {100.0 * inertia:.3f} % | '
+            f'{np.mean(errors[:, 3]):.3g} |'
+        )
+    return '\n'.join(lines) + '\n'
 
 
 if __name__ == '__main__':

@@ -21,7 +21,8 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
+from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not
+from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions

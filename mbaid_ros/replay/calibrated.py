@@ -1,4 +1,4 @@
-"""What a calibration of bags leads to: its verdicts, its JSON form, which scripts rely on, and its text."""
+"""What a calibration of bags leads to: its verdicts, and its JSON form, which scripts rely on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.calibration.blocks import OF_A_JOINT, OF_THE_MOUNT
 from mbaid_ros.core.calibration.result import Calibration, LinkResult
@@ -247,55 +246,3 @@ def shaped(values: Array) -> dict[str, Any]:
     """Return ten values in the order of PARAMETERS as mass, com and inertia; None where there is no number."""
     numbers = [float(value) if math.isfinite(value) else None for value in values]
     return {'mass': numbers[0], 'com': numbers[1:4], 'inertia': dict(zip(_INERTIA, numbers[4:], strict=True))}
-
-
-def headline(result: Calibrated) -> str:
-    """Return the result in one sentence."""
-    calibration = result.calibration
-    count = len(calibration.links)
-    return (
-        f'{count} {"body" if count == 1 else "bodies"} calibrated from {calibration.samples} samples, '
-        f'{calibration.span:.3g} s; residual {calibration.residual:.2f}'
-    )
-
-
-def told(result: Calibrated) -> list[str]:
-    """Return what is determined and what fixes the scale, a sentence each."""
-    calibration = result.calibration
-    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
-    structure = calibration.structure
-    determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
-        f'{calibration.determined} the data say more than the prior'
-    )
-    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
-    return [determined, f'scale: total mass known to {std}, fixed by {shares or "nothing"}']
-
-
-def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
-    """Return a line a body: name, mass, shift of the CoM, change of the inertia, what stayed at CAD."""
-    return [_row(link) for link in result.calibration.links]
-
-
-def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
-    stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
-    mass = f'{link.parameters[0]:.6g} ± {link.std[0]:.2g}'
-    before, com, moments = 'none', '-', '-'
-    if link.cad[0] > 0.0:
-        before = f'{link.cad[0]:.6g}'
-        com = ' '.join(f'{1e3 * each:+.1f}' for each in (link.parameters - link.cad)[1:4])
-        moments = f'{100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0):+.1f}'
-    kept = 'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing'
-    return one_line(link.name), f'{before} -> {mass}', com, moments, kept
-
-
-HEAD = ('body', 'mass ± std, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
-
-
-def summary(result: Calibrated) -> str:
-    """Return the result as a table for a terminal."""
-    table = [HEAD, *rows(result)]
-    widths = [max(len(row[column]) for row in table) for column in range(len(HEAD))]
-    lines = [headline(result), *(f'  {each}' for each in told(result)), '']
-    lines += ['  ' + '  '.join(f'{cell:{w}}' for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]
-    return '\n'.join([*lines, *(f'  warning: {one_line(each)}' for each in result.warnings)])

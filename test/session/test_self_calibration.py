@@ -26,6 +26,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.session import Session
 from mbaid_ros.session.uncertainty import declared_uncertainty
 from observed import MID
@@ -58,12 +59,13 @@ def cad() -> str:
 
 
 @cache
-def messages() -> list[tuple[str, Any, int]]:
-    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1)))
+def messages(*, misread: bool = False) -> list[tuple[str, Any, int]]:
+    errors = draw(free_servicer(), 'link7', ErrorSizes(0.0, 1e-3, 0.0, 0.0, 2e-3, 2e-3), generator(3))
+    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1, errors if misread else None)))
 
 
-def feed(session: Session, until: float = np.inf) -> list[Estimate]:
-    for topic, message, time in messages():
+def feed(session: Session, until: float = np.inf, *, misread: bool = False) -> list[Estimate]:
+    for topic, message, time in messages(misread=misread):
         if time <= until * 1e9:
             (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     return session.process()
@@ -97,6 +99,16 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
     assert found.chaser.residual == pytest.approx(1.0, abs=0.15)
     # CAD values do not conserve momentum; those that came after do.
     assert not any('the known model changes' in warning for warning in last.warnings)
+
+
+def test_zeros_and_mount_are_learnt_before_the_capture_and_go_on() -> None:
+    """Encoders whose zeros are off and odometry that is mounted elsewhere, before the capture and after it."""
+    session = make(method='trajectory')
+    last = feed(session, misread=True)[-1]
+    assert error(session, last) < LIMIT
+    assert last.status != 'inconsistent'
+    exact = make(method='trajectory', **{name: value for name, value in EXACT.items() if 'links' not in name})
+    assert error(exact, feed(exact, misread=True)[-1]) > 2.0 * error(session, last)
 
 
 def test_without_it_the_body_is_wrong() -> None:
