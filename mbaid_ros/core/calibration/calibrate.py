@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core.calibration.blocks import Normals
-from mbaid_ros.core.calibration.passes import Motion, Passed, settle
+from mbaid_ros.core.calibration.passes import Motion, Passed, Settled, settle
 from mbaid_ros.core.calibration.prior import LinkPrior, Prior, make_prior
 from mbaid_ros.core.calibration.result import Calibration, Scale
 from mbaid_ros.core.calibration.structure import Mechanism, structure
@@ -67,25 +67,13 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
-    # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
-    robot = MomentumKernel(kernel.model, kernel.target.name).doubted(prior.errors(1))
-    uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
-    sensing = (settings.noise, settings.window)
-    motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
-    motions = [motion for motion in motions if motion.windows]
-    if not motions:
-        raise DataError(_NO_WINDOWS)
-    try:
-        settled = settle(motions, prior.mean[:10])
-    except np.linalg.LinAlgError as error:
-        raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
-    passed, belief = settled.passed, settled.passed.belief
-    normals = Normals.before(prior, robot, uncertainty).after(passed, motions[0].variables, detectors[0])
+    settled, motions, normals = _filtered(prior, runs, detectors, settings)
+    belief = settled.passed.belief
     values, covariance = normals.blocks()
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
-    momentum, momentum_covariance = _momenta(passed, motions)
+    momentum, momentum_covariance = _momenta(settled.passed, motions)
     return Calibration(
         prior=prior,
         values=values,
@@ -103,9 +91,26 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         redundancy=belief.measured,
         samples=sum(len(window) for run in runs for window in run),
         span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),
-        planar=mechanism.normal is not None,
-        still=tuple(name for name, moves in zip(kernel.model.joint_names, mechanism.moving, strict=True) if not moves),
     )
+
+
+def _filtered(
+    prior: Prior, runs: Sequence[list[Samples]], detectors: Sequence[PlaneDetector], settings: CalibrationSettings
+) -> tuple[Settled, list[Motion], Normals]:
+    """Return what the filter comes to over all motions."""
+    # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
+    robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
+    uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
+    sensing = (settings.noise, settings.window)
+    motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
+    if not any(motion.windows for motion in motions):
+        raise DataError(_NO_WINDOWS)
+    try:
+        settled = settle(motions, prior.mean[:10])
+    except np.linalg.LinAlgError as error:
+        raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
+    before = Normals.before(prior, robot, uncertainty)
+    return settled, motions, before.after(settled.passed, motions[0].variables, detectors[0])
 
 
 def _mechanism(

@@ -95,8 +95,6 @@ class Calibration:
     redundancy : number of innovations
     samples : number used
     span : s, length of all motions
-    planar : whether only what shows in a plane was used
-    still : names of the joints that do not move
     """
 
     prior: Prior
@@ -115,8 +113,17 @@ class Calibration:
     redundancy: int
     samples: int
     span: float
-    planar: bool
-    still: tuple[str, ...]
+
+    @property
+    def planar(self) -> bool:
+        """Whether only what shows in a plane was used."""
+        return self.mechanism.normal is not None
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of the joints that do not move."""
+        names = self.mechanism.kernel.model.joint_names
+        return tuple(name for name, moves in zip(names, self.mechanism.moving, strict=True) if not moves)
 
     @property
     def theta(self) -> Array:
