@@ -30,7 +30,7 @@ def told(result: Calibrated) -> list[str]:
     structure = calibration.structure
     determined = (
         f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
-        f'{calibration.determined} the data say more than the prior'
+        f'{calibration.determined}, joints and mount among them, the data say more than the prior'
     )
     std = f'{100.0 * calibration.scale.relative_std:.2g} %'
     lines = [determined, f'scale: total mass known to {std}, fixed by {shares or "nothing"}']

@@ -24,6 +24,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
+from mbaid_ros.core.unknowns.time_offset import TimeOffset
 
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
 OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
@@ -83,6 +84,13 @@ class Normals:
     def links(self) -> Carried:
         """What is known of the links' numbers, ten each."""
         count = len(self.prior.mean)
+        return Carried(self.belief.mean[:count], self.belief.factor[:count])
+
+    @property
+    def of_the_robot(self) -> Carried:
+        """What is known of the numbers of links, joints and mount: all but a delay of the stamps, which comes last."""
+        delays = sum(unknown.count for unknown in self.unknowns if isinstance(unknown, TimeOffset))
+        count = len(self.belief.mean) - delays
         return Carried(self.belief.mean[:count], self.belief.factor[:count])
 
     def blocks(self) -> tuple[Array, Array]:

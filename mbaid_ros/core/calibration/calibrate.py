@@ -84,7 +84,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         momentum_covariance=momentum_covariance,
         mechanism=mechanism,
         structure=structure(mechanism),
-        gains=np.linalg.eigvalsh(gained)[::-1],
+        gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         scale=_scale(values[:size], covariance[:size, :size], prior, gained),
         residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
         settled=settled.stays,
@@ -163,9 +163,9 @@ def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequen
     return x, corrections
 
 
-def _gained(links: Carried) -> Array:
-    """Return the data's information on the links' numbers in units of the prior's, all else minimised over."""
-    left, values, _ = np.linalg.svd(links.factor, full_matrices=False)
+def _gained(known: Carried) -> Array:
+    """Return the data's information on some numbers in units of the prior's, all else minimised over."""
+    left, values, _ = np.linalg.svd(known.factor, full_matrices=False)
     return np.asarray((left * (np.maximum(values, _SMALLEST) ** -2 - 1.0)) @ left.T)
 
 

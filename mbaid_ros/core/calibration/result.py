@@ -88,7 +88,8 @@ class Calibration:
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     mechanism : what moves
     structure : what momentum can tell at all
-    gains : (10 k,) information of the data in units of the prior's along its principal directions, the largest first
+    gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
+        the largest first
     scale : how well the common factor is known
     residual : root mean square of the normalised innovations: 1 is as the noise says
     settled : whether the passes have come to a point that stays
@@ -159,7 +160,7 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of theta of which the data say more than the prior; at rest, none."""
+        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none."""
         return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) else 0
 
     @cached_property
