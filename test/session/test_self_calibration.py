@@ -101,13 +101,14 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
     assert not any('the known model changes' in warning for warning in last.warnings)
 
 
-def test_zeros_and_mount_are_learnt_before_the_capture_and_go_on() -> None:
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_zeros_and_mount_are_learnt_before_the_capture_and_go_on(method: str) -> None:
     """Encoders whose zeros are off and odometry that is mounted elsewhere, before the capture and after it."""
-    session = make(method='trajectory')
+    session = make(method=method)
     last = feed(session, misread=True)[-1]
     assert error(session, last) < LIMIT
     assert last.status != 'inconsistent'
-    exact = make(method='trajectory', **{name: value for name, value in EXACT.items() if 'links' not in name})
+    exact = make(method=method, **{name: value for name, value in EXACT.items() if 'links' not in name})
     assert error(exact, feed(exact, misread=True)[-1]) > 2.0 * error(session, last)
 
 
