@@ -2,43 +2,53 @@
 
 usage: benchmark_calibration.py [--seeds N] [--processes N] [--store FOLDER] [--output docs]
 
-Every seed draws its own CAD errors and sensor noise.
+Every seed draws its own robot, CAD errors and sensor noise.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import precapture
-from benchmarks.data import exact_samples, model
+from benchmarks.data import drawn, exact_samples, model
 from benchmarks.data import motion as robot_motion
 from benchmarks.driver import add_run_arguments, driving, parser_of
 from benchmarks.store import Runs
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.calibration.result import Calibration
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
+from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.replay.campaigns.monte_carlo import coverage
+from mbaid_ros.core.simulation.drawn import ErrorSizes
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.session.methods import make_estimator
 
 SECONDS = 120.0
 PLACE = re.compile(r'(<!-- figures -->\n).*?(<!-- end of figures -->)', re.DOTALL)
-NOTHING = LinkPrior(0.0, 0.0, 0.0)
 GENERAL = LinkPrior(precapture.MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
 WEIGHED = LinkPrior(precapture.BASE_MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
-LINKS = ('base_link', *(f'link{index}' for index in range(1, 8)))
+LINKS = ('link7', 'base_link', *(f'link{index}' for index in range(1, 7)))
+SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+UNCERTAIN = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, mount_position=2e-3, mount_orientation=2e-3)
+NUMBERS = 10 * len(LINKS) + 6 * 7 + 6
 
 
-CASES = {'weighed': 'base mass known to 0.1 %', 'unweighed': 'all masses to 5 %, up to one factor'}
-VALUES = {'cad': 'CAD values', 'calibrated': 'calibrated', 'true': 'true values'}
+KNOWN = ('URDF taken as exact', 'from the calibration on', 'true robot, known exactly')
 
 
 @dataclass(frozen=True)
@@ -47,24 +57,21 @@ class Found(Runs):
 
     Attributes
     ----------
-    before, after : (..., 2, 2) mean squares of the errors of linear and angular momentum, with CAD values and
-        calibrated, in each of CASES
-    covered : (...) part of the momenta within their 95 % interval, with the base weighed
-    error, prior_error : (...) squared, of all parameters in the covariance that is reported, and of CAD in the prior's
+    cad, calibrated : (..., 2) mean squares of the changes of linear and angular momentum, which are constant, with the
+        URDF and calibrated
+    error : (...) squared, of all numbers in the covariance that is reported
     factor, factor_std : (...) that all masses are off by where nothing is weighed, and what is reported of it
-    capture : (..., 3, 3) errors of the target with each of VALUES: mass and inertia relative, CoM in m
-    both : (..., 13) what `_base_mass_and_target` says
+    residual : (...)
+    capture : (..., 3, 4) what `_target` says with each of KNOWN
     """
 
-    before: Array
-    after: Array
-    covered: Array
+    cad: Array
+    calibrated: Array
     error: Array
-    prior_error: Array
     factor: Array
     factor_std: Array
+    residual: Array
     capture: Array
-    both: Array
 
 
 def main() -> None:
@@ -85,130 +92,122 @@ def main() -> None:
 
 def one_seed(seed: int) -> Found:
     """Return what one seed leads to."""
-    truth, rows = precapture.motion(1, SECONDS), _rows(precapture.motion(2, 60.0, 10.0))
-    before, after = precapture.windows(truth, seed), precapture.windows(robot_motion('servicer7'), 1000 + seed)
-    cad, unweighed = (load_model(precapture.cad_urdf(seed, std)) for std in (precapture.BASE_MASS_STD, 0.05))
-    weighed = _calibrated(cad, before, (WEIGHED, *(GENERAL,) * 7))
-    loose = _calibrated(unweighed, before, (GENERAL,) * 8)
-    true = _theta(precapture.free_model())
-    factor = float(np.sum(loose.theta[::10]) / np.sum(true[::10]))
-    left = rows @ (weighed.theta - true)
-    std = np.sqrt(np.einsum('nij,jk,nik->ni', rows, weighed.covariance, rows))
-    prior = weighed.prior
-    models = {'cad': cad, 'calibrated': _with(cad, weighed.theta), 'true': precapture.free_model()}
+    errors = drawn('servicer7', SIZES, seed)
+    fresh = exact_samples(precapture.motion(2, 60.0, 10.0, errors), precapture.NOISE, errors)
+    before = precapture.windows(precapture.motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
+    after = precapture.windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
+    cad = load_model(precapture.cad_urdf(seed))
+    found = _calibrated(cad, before, (GENERAL, WEIGHED, *(GENERAL,) * 6))
+    loose = _calibrated(load_model(precapture.cad_urdf(seed, 0.05)), before, (GENERAL,) * 8)
+    mass = _theta(precapture.free_model())[::10].sum()
+    error = found.values - np.concatenate((_theta(precapture.free_model()), _placed(cad, errors)))
+    own = MomentumKernel(cad, 'link7')
+    nominal = KnownSide.nominal(own)
+    learnt = KnownSide(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
+    truth = KnownSide(MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), errors.zeros, errors.mount, 0.0)
+    carried = replace(UNCERTAIN, carried=found.carried)
     return Found(
-        before=np.array([_size(rows @ (found.prior.mean - true)) for found in (weighed, loose)]),
-        after=np.array([_size(left), _size(rows @ (loose.theta / factor - true))]),
-        covered=np.asarray(np.mean(coverage(left, std))),
-        error=_squared(weighed.theta - true, weighed.covariance),
-        prior_error=_squared(prior.mean - true, prior.covariance),
-        factor=np.array(factor - 1.0),
+        cad=_momentum(nominal, fresh),
+        calibrated=_momentum(learnt, fresh),
+        error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
+        factor=np.array(loose.theta[::10].sum() / mass - 1.0),
         factor_std=np.array(loose.scale.relative_std),
-        capture=np.array([_capture(models[name], after) for name in VALUES]),
-        both=np.array(_base_mass_and_target(after)),
+        residual=np.array(found.residual),
+        capture=np.array(
+            [
+                _target(after, own, Uncertainty()),
+                _target(after, own.doubted(found.prior.errors(1)), carried),
+                _target([truth.corrected(window) for window in after], truth.kernel, Uncertainty()),
+            ]
+        ),
     )
 
 
-def _rows(fresh: Truth) -> Array:
-    """Return Y of all links of the true servicer on another motion, (N, 6, 80)."""
-    kernel = MomentumKernel(precapture.free_model(), *LINKS)
-    states = kernel.states(exact_samples(fresh, precapture.NOISE))
-    return np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
+def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
+    settings = CalibrationSettings(precapture.NOISE, priors, UNCERTAIN)
+    return calibrate(MomentumKernel(cad, *LINKS), [before], settings)
 
 
 def _theta(robot: RobotModel) -> Array:
     return np.concatenate([robot.link(name).parameters for name in LINKS])
 
 
-def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
-    return calibrate(MomentumKernel(cad, *LINKS), [before], CalibrationSettings(precapture.NOISE, priors))
+def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
+    """Return what a calibration should find of joints and mount."""
+    across = Kinematics(cad).axial[1:, :, :2]
+    tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
+    return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
 
-def _size(momenta: Array) -> Array:
-    """Return the mean squares of linear and angular momentum."""
-    return np.asarray(np.mean(np.sum(momenta.reshape(-1, 2, 3) ** 2, axis=2), axis=0))
+def _with(robot: RobotModel, found: Calibration) -> RobotModel:
+    """Return the robot as it has been found."""
+    for name, values in zip(LINKS, found.theta.reshape(-1, 10), strict=True):
+        robot = precapture.with_link(robot, name, values)
+    return displaced(robot, *found.displacements)
 
 
-def _squared(error: Array, covariance: Array) -> Array:
-    return np.asarray(error @ np.linalg.solve(covariance, error))
+def _momentum(side: KnownSide, samples: Samples) -> Array:
+    """Return mean squares of linear and angular momentum, about its mean, that a robot has by what is measured."""
+    samples, kernel = side.corrected(samples), side.kernel
+    states = kernel.states(samples)
+    momentum = states.known_momentum + (states.regressor @ kernel.target.parameters)
+    momentum[:, 3:] += cross(samples.base_position, momentum[:, :3])
+    changes = momentum - momentum.mean(axis=0)
+    return np.asarray(np.mean(np.sum(changes.reshape(-1, 2, 3) ** 2, axis=2), axis=0))
 
 
-def _capture(known: RobotModel, after: list[Samples]) -> list[float]:
-    """Return errors of the target: mass and inertia relative, CoM in m, with these values of the other links."""
-    found = calibrate(MomentumKernel(known, 'link7'), [after], CalibrationSettings(precapture.NOISE, (NOTHING,)))
+def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty) -> list[float]:
+    """Return errors of the target, mass and inertia relative, CoM in m; then its squared error in its covariance."""
+    noise = {f'noise.{name}': value for name, value in vars(precapture.NOISE).items()}
+    config = build(EstimatorConfig, {**EXACT, **noise, 'method': 'trajectory', 'target_link': 'link7'})
+    last = make_estimator(config, kernel, KnownRobot(kernel, uncertainty)).update(after, 0)[-1]
     true = physical(model('servicer7').link('link7').parameters)
-    error = physical(found.theta) - true
+    error = last.parameters - true
     size = np.sqrt(np.outer(true[[4, 7, 9]], true[[4, 7, 9]])[np.triu_indices(3)])
     return [
         abs(error[0]) / true[0],
         float(np.linalg.norm(error[1:4])),
         float(np.sqrt(np.mean((error[4:] / size) ** 2))),
+        float(error @ np.linalg.solve(last.covariance, error)),
     ]
-
-
-def _with(robot: RobotModel, theta: Array) -> RobotModel:
-    for index, name in enumerate(LINKS):
-        robot = precapture.with_link(robot, name, theta[10 * index : 10 * index + 10])
-    return robot
-
-
-def _base_mass_and_target(after: list[Samples]) -> list[float]:
-    """Return the errors of base mass and of the target's ten parameters in their standard deviations."""
-    robot = model('servicer7')
-    priors = (LinkPrior(0.0, 1e-5, 1e-5), NOTHING)
-    settings = CalibrationSettings(precapture.NOISE, priors)
-    base, target = calibrate(MomentumKernel(robot, 'base_link', 'link7'), [after], settings).links
-    true = physical(robot.link('link7').parameters)
-    deviations = np.concatenate(([(base.parameters[0] - 560.0) / base.std[0]], (target.parameters - true) / target.std))
-    return [*deviations.tolist(), base.std[0] / 560.0, target.std[0] / true[0]]
 
 
 def figures(found: Found) -> str:
-    """Return the figures as a table in Markdown."""
+    """Return the figures as tables in Markdown."""
+    wrong, left = (np.sqrt(np.mean(squares, axis=0)) for squares in (found.cad, found.calibrated))
+    gains = np.sqrt(found.cad / found.calibrated)
+    usual, least = (' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), gains.min(axis=0)))
+    off = 100.0 * np.sqrt(np.mean(found.factor**2))
     lines = [
-        f'{len(found)} seeds, each with CAD errors and sensor noise of its own.',
+        f'{len(found)} robots, each with CAD errors, joints, mount and sensor noise of its own.',
         '',
-        '| | linear | angular |',
+        '| momentum on another motion, RMS change of what is constant | linear | angular |',
         '|---|---|---|',
-    ]
-    for place, words in enumerate(CASES.values()):
-        wrong, left = (np.sqrt(np.mean(squares[:, place], axis=0)) for squares in (found.before, found.after))
-        lines += [
-            f'| {words}: RMS error of the momentum with CAD values | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |',
-            f'| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |',
-            f'| times smaller | {wrong[0] / left[0]:.0f} | {wrong[1] / left[1]:.0f} |',
-        ]
-    lines += _statements(found)
-    lines += ['', '| target after the capture, RMS error | mass | CoM | inertia |', '|---|---|---|---|']
-    for words, (mass, com, inertia) in zip(VALUES.values(), np.sqrt(np.mean(found.capture**2, axis=0)), strict=True):
-        lines.append(f'| {words} | {100.0 * mass:.3f} % | {1e3 * com:.2f} mm | {100.0 * inertia:.3f} % |')
-    both = found.both
-    base, target = (np.sqrt(np.mean(both[:, place] ** 2)) for place in (slice(0, 1), slice(1, 11)))
-    largest, masses = np.abs(both[:, :11]).max(), np.abs(both[:, :2]).max()
-    sentence = (
-        f'Base mass and target unknown at once: errors of {base:.2f} (base mass) and {target:.2f} (target) standard '
-        f'deviations RMS, the largest of {both[:, :2].size} masses {masses:.1f}, of all {both[:, :11].size} numbers '
-        f'{largest:.1f}; the standard deviations of the two masses are {100.0 * both[0, 11]:.2f} % and '
-        f'{100.0 * both[0, 12]:.2f} %.'
-    )
-    return '\n'.join([*lines, '', sentence]) + '\n'
-
-
-def _statements(found: Found) -> list[str]:
-    gains = np.sqrt(found.before[:, 0] / found.after[:, 0])
-    usual, least = (
-        ' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), np.min(gains, axis=0))
-    )
-    covered, reported = 100.0 * np.mean(found.covered), 100.0 * np.mean(found.factor_std)
-    off, squares = 100.0 * np.sqrt(np.mean(found.factor**2)), np.mean(found.error)
-    return [
+        f'| with the URDF | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |',
+        f'| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |',
+        f'| times smaller | {wrong[0] / left[0]:.0f} | {wrong[1] / left[1]:.0f} |',
         '',
         f'- Times smaller in one run: median {usual}, least {least}.',
-        f'- Within the reported 95 % interval: {covered:.0f} % of the predicted momenta (base mass known).',
-        f'- Squared error of all 80 parameters in the reported covariance: {squares:.0f} on average; 80 is right.',
-        f'- That of the CAD values in the covariance of the prior: {np.mean(found.prior_error):.0f}.',
-        f'- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: {reported:.1f} %.',
+        (
+            f'- Squared error of all {NUMBERS} numbers in the reported covariance: '
+            f'{np.mean(found.error):.0f} on average; {NUMBERS} is right.'
+        ),
+        f'- Residual: {np.mean(found.residual):.3f} on average.',
+        (
+            f'- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: '
+            f'{100.0 * np.mean(found.factor_std):.1f} %.'
+        ),
+        '',
+        '| target after the capture, RMS error | mass | CoM | inertia | squared error, normalised |',
+        '|---|---|---|---|---|',
     ]
+    for words, errors in zip(KNOWN, np.swapaxes(found.capture, 0, 1), strict=True):
+        mass, com, inertia = np.sqrt(np.mean(errors[:, :3] ** 2, axis=0))
+        lines.append(
+            f'| {words} | {100.0 * mass:.3f} % | {1e3 * com:.2f} mm | {100.0 * inertia:.3f} % | '
+            f'{np.mean(errors[:, 3]):.3g} |'
+        )
+    return '\n'.join(lines) + '\n'
 
 
 if __name__ == '__main__':

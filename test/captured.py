@@ -16,6 +16,7 @@ from mbaid_ros.core.results.debris import Frame
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
@@ -121,9 +122,9 @@ def _momentum(rotation: Array, position: Array, joints: Array, velocity: Array, 
     return np.concatenate((linear, np.cross(centre, linear) + inertia @ spin))
 
 
-def sensed(truth: Truth, seed: int) -> Truth:
-    """Return what sensors of the middle kind make of a motion."""
-    sensors = Sensors(MID, seed)
+def sensed(truth: Truth, seed: int, errors: ModelErrors | None = None) -> Truth:
+    """Return what sensors of the middle kind make of a motion; they do not know the errors of zeros and mount."""
+    sensors = Sensors(MID, seed, errors)
     joints, base = sensors.joints(truth), sensors.base(truth)
     return replace(
         truth,

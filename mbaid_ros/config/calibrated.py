@@ -17,23 +17,28 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class CalibratedLinks:
-    """What a calibration found of k links.
+class CalibrationFile:
+    """What a calibration found of k links, n joints and the odometry's mount.
 
     Attributes
     ----------
     path : of the file
-    names : of the links
-    values, covariance : (10 k,), (10 k, 10 k) standard parameters (m, h, I_o), each link's in its own frame
+    links, joints : names
+    values, covariance : (10 k + 6 n + 6,) and squared: standard parameters (m, h, I_o) of the links, each in its own
+        frame; of each joint zero, displacement of its frame (3) and tilts of its axis (2); mount
+    positions, rotations : (n, 3), (n, 3, 3) frame of each joint in that of the moving body that carries it
     """
 
     path: str
-    names: tuple[str, ...]
+    links: tuple[str, ...]
+    joints: tuple[str, ...]
     values: Array
     covariance: Array
+    positions: Array
+    rotations: Array
 
 
-def read_calibration(path: str) -> CalibratedLinks:
+def read_calibration(path: str) -> CalibrationFile:
     """Return the calibration in a file.
 
     Raises
@@ -49,7 +54,7 @@ def read_calibration(path: str) -> CalibratedLinks:
         raise ParameterError(f"'{path}' is no calibration: {reason}; {_ACCEPTED}") from error
 
 
-def _read(path: str, text: str) -> CalibratedLinks:
+def _read(path: str, text: str) -> CalibrationFile:
     content = parse_json(text)
     if not isinstance(content, dict):
         raise TypeError('it is no object of JSON')
@@ -58,18 +63,25 @@ def _read(path: str, text: str) -> CalibratedLinks:
             f"calibration '{path}' must not be trusted, for its data contradict the model; "
             "accepted: one with the status 'calibrated'"
         )
-    names = tuple(content['links'])
-    if not all(isinstance(name, str) for name in names):
-        raise TypeError('the names of its links are no strings')
+    links, joints = tuple(content['links']), tuple(content['joints'])
+    if not all(isinstance(name, str) for name in (*links, *joints)):
+        raise TypeError('the names of its links and joints are no strings')
     values, covariance = (np.array(content['covariance'][key], dtype=float) for key in ('values', 'matrix'))
-    size = 10 * len(names)
+    size = 10 * len(links) + 6 * len(joints) + 6
     if values.shape != (size,) or covariance.shape != (size, size):
         raise ValueError(
-            f'values and covariance of {len(names)} links have the shapes {values.shape}, {covariance.shape}'
+            f'values and covariance of {len(links)} links and {len(joints)} joints have the shapes {values.shape}, '
+            f'{covariance.shape}'
         )
+    frames = [
+        np.array([content['joints'][name][key] for name in joints], dtype=float).reshape(-1, *shape)
+        for key, shape in (('position', (3,)), ('rotation', (3, 3)))
+    ]
+    if not all(len(each) == len(joints) and np.all(np.isfinite(each)) for each in frames):
+        raise ValueError('position or rotation of a joint is none')
     if not np.all(np.isfinite(values)) or not _is_covariance(covariance):
         raise ValueError('its matrix is no covariance')
-    return CalibratedLinks(path, names, values, covariance)
+    return CalibrationFile(path, links, joints, values, covariance, *frames)
 
 
 def _is_covariance(matrix: Array) -> bool:

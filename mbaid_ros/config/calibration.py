@@ -15,7 +15,7 @@ _LINKS = 'prior.links.'
 
 
 @dataclass(frozen=True)
-class PriorConfig:
+class LinkPriorConfig:
     """How far the <inertial> of every unknown link may be off: one standard deviation."""
 
     mass_relative_std: float = parameter(
@@ -31,6 +31,44 @@ class PriorConfig:
         0.1,
         'Standard deviation of each element I_ij about the centre of mass, relative to sqrt(I_ii I_jj); 0 means that '
         'nothing is known of it.',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class PriorConfig(LinkPriorConfig):
+    """How far links, joints and the odometry's mount may be off: one standard deviation."""
+
+    zero_std: float = parameter(
+        1e-3,
+        'Standard deviation of the true position of every joint less the measured one; in m for a prismatic joint. 0 '
+        "takes the encoders' zeros as exact.",
+        unit='rad',
+        minimum=0.0,
+    )
+    origin_std: float = parameter(
+        1e-3,
+        "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
+        unit='m',
+        minimum=0.0,
+    )
+    axis_std: float = parameter(
+        1e-3,
+        "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
+        unit='rad',
+        minimum=0.0,
+    )
+    mount_position_std: float = parameter(
+        2e-3,
+        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
+        'exact.',
+        unit='m',
+        minimum=0.0,
+    )
+    mount_orientation_std: float = parameter(
+        2e-3,
+        "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
+        unit='rad',
         minimum=0.0,
     )
 
@@ -58,9 +96,9 @@ class CalibrationParameters:
 
     estimator: EstimatorConfig
     calibration: CalibrationConfig
-    links: Mapping[str, PriorConfig]
+    links: Mapping[str, LinkPriorConfig]
 
-    def prior(self, link: str) -> PriorConfig:
+    def prior(self, link: str) -> LinkPriorConfig:
         """Return the prior of a link: its own, or the one for all."""
         return self.links.get(link, self.calibration.prior)
 
@@ -80,16 +118,17 @@ def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameter
     return CalibrationParameters(build(EstimatorConfig, rest), config, _link_priors(of_links, config.prior))
 
 
-def _link_priors(values: Mapping[str, object], general: PriorConfig) -> dict[str, PriorConfig]:
+def _link_priors(values: Mapping[str, object], general: PriorConfig) -> dict[str, LinkPriorConfig]:
     """Return the priors of single links: what is not given for one is as for all."""
-    known = specifications(PriorConfig)
+    known = specifications(LinkPriorConfig)
+    shared = {name: value for name, value in values_of(general).items() if name in known}
     given: dict[str, dict[str, object]] = {}
     for name, value in values.items():
         link, _, short = name.removeprefix(_LINKS).rpartition('.')
         if short not in known or not link:
             raise unknown_parameter(name, {f'{_LINKS}<link>.{each}': spec for each, spec in known.items()})
         try:
-            given.setdefault(link, dict(values_of(general)))[short] = known[short].check(value)
+            given.setdefault(link, dict(shared))[short] = known[short].check(value)
         except ParameterError as error:
             raise ParameterError(str(error).replace(f"'{short}'", f"'{name}'", 1)) from error
-    return {link: build(PriorConfig, own) for link, own in given.items()}
+    return {link: build(LinkPriorConfig, own) for link, own in given.items()}

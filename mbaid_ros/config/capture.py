@@ -84,8 +84,9 @@ class SelfCalibrationConfig:
 
     enabled: bool = parameter(
         default=False,
-        description='At the capture, calibrate all links from the latest 600 windows before it, as calibrate does, and '
-        'go on with what that says of them and leaves uncertain.',
+        description='At the capture, calibrate links, joints and the mount of the odometry from the latest 600 windows '
+        'before it, as calibrate does, and go on with what that says of them and leaves uncertain. How well joints and '
+        'mount are known before is what known_joints and odometry_mount say.',
     )
     mass_relative_std: float = parameter(
         0.05, 'Relative standard deviation of each mass in the URDF; 0 means that nothing is known of it.', minimum=0.0

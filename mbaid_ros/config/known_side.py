@@ -35,8 +35,8 @@ class KnownLinksConfig:
     )
     calibration: str = parameter(
         '',
-        'JSON file of calibrate, whose covariance of all links counts, not relative_std; the URDF is then the one it '
-        'wrote.',
+        'JSON file of calibrate, whose covariance of links, joints and mount counts, not relative_std, known_joints '
+        'and odometry_mount; the URDF is then the one it wrote.',
     )
 
 

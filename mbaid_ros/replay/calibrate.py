@@ -14,12 +14,15 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
+from mbaid_ros.core.calibration.result import Calibration
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.replay.calibrated import Calibrated, as_json, summary, why_not
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not
+from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
@@ -136,7 +139,22 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
     return CalibrationSettings(
         noise=SensorNoise(**vars(parameters.estimator.noise)),
         priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
-        linear_momentum_std=parameters.estimator.momentum.linear_prior_std,
+        uncertainty=_uncertainty(kernel.model.joints, parameters),
+        window=parameters.estimator.window,
+    )
+
+
+def _uncertainty(joints: int, parameters: CalibrationParameters) -> Uncertainty:
+    """Return what the parameters say of joints, mount, stamps and momentum."""
+    prior, estimator = parameters.calibration.prior, parameters.estimator
+    return Uncertainty(
+        [prior.zero_std] * joints,
+        [prior.origin_std] * joints,
+        [prior.axis_std] * joints,
+        mount_position=prior.mount_position_std,
+        mount_orientation=prior.mount_orientation_std,
+        time_offset=estimator.time_offset.prior_std if estimator.time_offset.estimate else 0.0,
+        linear_momentum=estimator.momentum.linear_prior_std,
     )
 
 
@@ -145,12 +163,20 @@ def _motions(bag: str, parameters: CalibrationParameters, urdf: str, inputs: Inp
         return read_motions(bag, parameters.estimator, urdf, inputs, progress)
 
 
+def calibrated_urdf(urdf: str, calibration: Calibration) -> str:
+    """Return a robot description with the calibrated links and joint frames."""
+    for link in calibration.links:
+        urdf = change_inertial(urdf, link.name, link.parameters)
+    names = calibration.mechanism.kernel.model.joint_names
+    for name, origin, tilt in zip(names, *calibration.displacements, strict=True):
+        urdf = displace_joint(urdf, name, origin, tilt)
+    return urdf
+
+
 def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace) -> None:
     text = json.dumps(as_json(result), allow_nan=False, ensure_ascii=False) + '\n'
     if arguments.output and not result.contradicted:
-        for link in result.calibration.links:
-            urdf = change_inertial(urdf, link.name, link.parameters)
-        Path(arguments.output).write_text(urdf, encoding='utf-8')
+        Path(arguments.output).write_text(calibrated_urdf(urdf, result.calibration), encoding='utf-8')
     if arguments.json and arguments.json != STDOUT:
         Path(arguments.json).write_text(text, encoding='utf-8')
     if arguments.report:

@@ -1,4 +1,4 @@
-"""What a calibration of bags leads to: its verdicts, its JSON form, which scripts rely on, and its text."""
+"""What a calibration of bags leads to: its verdicts, and its JSON form, which scripts rely on."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
+from mbaid_ros.core.calibration.blocks import OF_A_JOINT, OF_THE_MOUNT
 from mbaid_ros.core.calibration.result import Calibration, LinkResult
 from mbaid_ros.core.calibration.structure import BaseParameter
 from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges, formula, parameter
@@ -18,6 +18,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
@@ -72,6 +73,11 @@ class Calibrated:
 def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and what to add; empty if there is one."""
     calibration = result.calibration
+    if not calibration.settled:
+        return (
+            'the data lead to no solution that stays near the robot description; correct what is far off in it, or '
+            'give priors that are as wide'
+        )
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
@@ -136,16 +142,27 @@ def _about_values(result: Calibrated) -> list[str]:
 def as_json(result: Calibrated) -> dict[str, Any]:
     """Return the result as scripts read it; what is not known is None."""
     calibration = result.calibration
-    links = result.kernel.unknown
+    model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
     return {
         'status': INCONSISTENT if result.contradicted else CALIBRATED,
         'bags': [motion.bag for motion in result.motions],
         'links': {link.name: _link(link) for link in calibration.links},
+        'joints': _joints(calibration),
+        'odometry_mount': {
+            'orientation': calibration.mount[:3].tolist(),
+            'orientation_std': calibration.stds[-6:-3].tolist(),
+            'position': calibration.mount[3:].tolist(),
+            'position_std': calibration.stds[-3:].tolist(),
+        },
         'covariance': {
-            'order': [parameter(links, index) for index in range(len(calibration.theta))],
-            'values': calibration.theta.tolist(),
-            'matrix': calibration.covariance.tolist(),
+            'order': [
+                *(parameter(links, index) for index in range(len(calibration.theta))),
+                *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
+                *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
+            ],
+            'values': calibration.values.tolist(),
+            'matrix': calibration.block_covariance.tolist(),
         },
         'identifiability': {
             'unknowns': calibration.structure.unknowns,
@@ -185,6 +202,26 @@ def _link(link: LinkResult) -> dict[str, Any]:
     }
 
 
+def _joints(calibration: Calibration) -> dict[str, Any]:
+    """Return each joint: what it has beside the URDF, and where its frame then is on the body that carries it."""
+    before = calibration.mechanism.kernel.model
+    after = displaced(before, *calibration.displacements)
+    stds = calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
+    return {
+        name: {
+            'zero': float(calibration.joints[index, 0]),
+            'zero_std': float(stds[index, 0]),
+            'origin_moved': calibration.displacements[0][index].tolist(),
+            'origin_std': stds[index, 1:4].tolist(),
+            'axis_tilted': calibration.displacements[1][index].tolist(),
+            'axis_std': stds[index, 4:].tolist(),
+            'position': after.positions[index].tolist(),
+            'rotation': after.rotations[index].tolist(),
+        }
+        for index, name in enumerate(before.joint_names)
+    }
+
+
 def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
     calibration, links = result.calibration, result.kernel.unknown
     factors = combination.factors
@@ -215,56 +252,3 @@ def shaped(values: Array) -> dict[str, Any]:
     """Return ten values in the order of PARAMETERS as mass, com and inertia; None where there is no number."""
     numbers = [float(value) if math.isfinite(value) else None for value in values]
     return {'mass': numbers[0], 'com': numbers[1:4], 'inertia': dict(zip(_INERTIA, numbers[4:], strict=True))}
-
-
-def headline(result: Calibrated) -> str:
-    """Return the result in one sentence."""
-    calibration = result.calibration
-    count = len(calibration.links)
-    bodies = f'{count} {"body" if count == 1 else "bodies"}'
-    data = f'{calibration.samples} samples, {calibration.span:.3g} s; residual {calibration.residual:.2f}'
-    if result.contradicted:
-        return f'the data contradict the model, so the values of {bodies} must not be trusted: {data}'
-    return f'{bodies} calibrated from {data}'
-
-
-def told(result: Calibrated) -> list[str]:
-    """Return what is determined and what fixes the scale, a sentence each."""
-    calibration = result.calibration
-    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
-    structure = calibration.structure
-    determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
-        f'{calibration.determined} the data say more than the prior'
-    )
-    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
-    return [determined, f'scale: total mass known to {std}, fixed by {shares or "nothing"}']
-
-
-def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
-    """Return a line a body: name, mass, shift of the CoM, change of the inertia, what stayed at CAD."""
-    return [_row(link) for link in result.calibration.links]
-
-
-def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
-    stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
-    mass = f'{link.parameters[0]:.6g} ± {link.std[0]:.2g}'
-    before, com, moments = 'none', '-', '-'
-    if link.cad[0] > 0.0:
-        before = f'{link.cad[0]:.6g}'
-        com = ' '.join(f'{1e3 * each:+.1f}' for each in (link.parameters - link.cad)[1:4])
-        moments = f'{100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0):+.1f}'
-    kept = 'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing'
-    return one_line(link.name), f'{before} -> {mass}', com, moments, kept
-
-
-HEAD = ('body', 'mass ± std, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
-
-
-def summary(result: Calibrated) -> str:
-    """Return the result as a table for a terminal."""
-    table = [HEAD, *rows(result)]
-    widths = [max(len(row[column]) for row in table) for column in range(len(HEAD))]
-    lines = [headline(result), *(f'  {each}' for each in told(result)), '']
-    lines += ['  ' + '  '.join(f'{cell:{w}}' for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]
-    return '\n'.join([*lines, *(f'  warning: {one_line(each)}' for each in result.warnings)])

@@ -35,7 +35,7 @@ class _Collector:
     """A method that keeps the windows, and says nothing of any body."""
 
     method = 'calibration'
-    needs_rates = True
+    needs_rates = False
 
     def __init__(self) -> None:
         self.windows: list[Samples] = []

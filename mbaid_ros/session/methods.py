@@ -18,13 +18,12 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.catalogue import catalogue
-from mbaid_ros.session.known import declared_errors
+from mbaid_ros.session.known import KnownRobot, declared_errors, known_side
 from mbaid_ros.session.self_calibration import self_calibration
-from mbaid_ros.session.uncertainty import declared_uncertainty
 
 
 def capture_of(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[MomentumKernel], Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator]
 ) -> CaptureEstimator | None:
     """Return what stands before a method in a run that begins before the capture, None in any other run.
 
@@ -32,7 +31,7 @@ def capture_of(
     ----------
     config : EstimatorConfig
     kernel : of the robot as it is known before
-    make : what makes the method after the capture
+    make : what makes the method after the capture, of a kernel, or of it and how well the robot is known
 
     Raises
     ------
@@ -61,8 +60,14 @@ def capture_of(
     return capture
 
 
-def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator:
+def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: KnownRobot | None = None) -> Estimator:
     """Return the method that the parameters name.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    kernel : of the robot, with the errors of its known bodies
+    known : how well all of the robot is known; None leaves that to the parameters
 
     Raises
     ------
@@ -81,16 +86,17 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
         largest_residual=convergence.largest_residual,
     )
     if config.method == 'difference':
-        return _difference(config, kernel, noise, reporting)
+        return _difference(config, known or known_side(config, kernel), noise, reporting)
     if config.method == 'trajectory':
+        known = known or known_side(config, kernel)
         second = TrajectoryEstimator(
-            kernel,
+            known.kernel,
             TrajectorySettings(
                 noise=noise,
                 window=config.window,
                 start=config.trajectory.start_windows,
                 kept=config.trajectory.kept_windows,
-                uncertainty=declared_uncertainty(config, kernel.model),
+                uncertainty=known.uncertainty,
                 adapt=config.trajectory.adapt,
                 constant=_axes(config.disturbance.constant),
             ),
@@ -98,7 +104,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
         )
         if config.disturbance.constant != 'none':
             return second  # the first stage takes the momentum for constant
-        return TwoStageEstimator(_difference(config, kernel, noise, reporting), second)
+        return TwoStageEstimator(_difference(config, known, noise, reporting), second)
     paper = config.paper
     return PaperEstimator(
         kernel,
@@ -116,7 +122,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator
 
 
 def _difference(
-    config: EstimatorConfig, kernel: MomentumKernel, noise: SensorNoise, reporting: Reporting
+    config: EstimatorConfig, known: KnownRobot, noise: SensorNoise, reporting: Reporting
 ) -> DifferenceEstimator:
     """Return the weighted difference form: a method by itself, and the first stage of another."""
     if config.disturbance.constant != 'none':
@@ -136,8 +142,8 @@ def _difference(
         window=config.window,
         linear_momentum_std=config.momentum.linear_prior_std,
     )
-    unknowns = catalogue(kernel, declared_uncertainty(config, kernel.model))
-    return DifferenceEstimator(kernel, settings, reporting, unknowns)
+    unknowns = catalogue(known.kernel, known.uncertainty)
+    return DifferenceEstimator(known.kernel, settings, reporting, unknowns, known.uncertainty.carried)
 
 
 def _axes(name: str) -> Literal['none', 'inertial', 'body']:

@@ -10,7 +10,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_values import change_inertial, joints_moved
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
 
@@ -76,6 +76,7 @@ class Robot:
             for old, new in zip(self.model.links, model.links, strict=True):
                 if new.parameters is not old.parameters:
                     text = change_inertial(text, new.name, physical(new.parameters))
+            text = joints_moved(text, self.model, model)
             self._written = model, text
         return self._written[1]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from mbaid_ros.config.capture import SelfCalibrationConfig
@@ -15,11 +15,15 @@ from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import calibrated
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.session.uncertainty import declared_uncertainty
 
 
 def self_calibration(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[MomentumKernel], Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator]
 ) -> Calibrate | None:
     """Return what calibrates a robot from the windows before its capture, None where that is not asked for.
 
@@ -27,7 +31,7 @@ def self_calibration(
     ----------
     config : EstimatorConfig
     kernel : of the robot as it is known before
-    make : what makes the method after the capture, for the robot as it is known then
+    make : what makes the method after the capture, of a kernel and of how well the robot is known then
 
     Raises
     ------
@@ -42,61 +46,79 @@ def self_calibration(
             f"parameter 'known_links.{declared}' is {getattr(config.known_links, declared)!r}; with "
             "'calibration.enabled', which finds how well all links are known, none is accepted"
         )
-    model, target = kernel.model, kernel.target.name
-    links = [link for link in model.links if link.parameters[0] > 0.0]
+    model, target = kernel.model, kernel.target
+    # The target link comes first: it is what the filter has unknown after the capture.
+    massive = [link for link in model.links if link.parameters[0] > 0.0 and link.name != target.name]
+    links = [target, *massive]
     robot = MomentumKernel(model, *(link.name for link in links))
     settings = CalibrationSettings(
         noise=SensorNoise(**vars(config.noise)),
-        priors=_priors(config.calibration, [link.name for link in links]),
-        linear_momentum_std=config.momentum.linear_prior_std,
+        priors=_priors(config.calibration, links),
+        uncertainty=declared_uncertainty(config, model),
+        window=config.window,
     )
     make_prior(robot, settings.priors)  # what is wrong with it is said at once, not at the capture
 
     def learn(windows: list[Samples]) -> Handover:
         found = calibrate(robot, [windows], settings)
+        if not found.settled:
+            raise DataError('the data before it lead to no solution that stays; accepted: a URDF that is nearer')
         if found.determined == 0:
             raise DataError(
                 'the data before it say nothing that the URDF does not; accepted: a run in which all joints move'
             )
-        values = dict(zip((link.name for link in links), found.theta.reshape(-1, 10), strict=True))
-        known = replace(
-            model, links=tuple(replace(x, parameters=values.get(x.name, x.parameters)) for x in model.links)
-        )
-        after = MomentumKernel(known, target).doubted(calibrated(links, found.covariance, [target]))
-        place = 10 * list(values).index(target) if target in values else None
+        after = MomentumKernel(_learnt(model, found), target.name)
+        after = after.doubted(calibrated(links, found.covariance, [target.name]))
+        # From here on the target link may be anything; all else is as it has been found, correlations and all.
+        before = MomentumKernel(model, target.name).doubted(found.prior.errors(1))
+        known = KnownRobot(before, replace(settings.uncertainty, carried=found.carried))
         return Handover(
             kernel=after,
-            after=make(after),
+            after=make(after, known),
             chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
-            link_covariance=None if place is None else found.covariance[place : place + 10, place : place + 10],
+            link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
             told=_told(found),
         )
 
     return learn
 
 
-def _priors(config: SelfCalibrationConfig, links: list[str]) -> tuple[LinkPrior, ...]:
+def _learnt(model: RobotModel, found: Calibration) -> RobotModel:
+    """Return a robot with the bodies and joint frames of a calibration."""
+    values = dict(zip((link.name for link in found.prior.links), found.theta.reshape(-1, 10), strict=True))
+    links = (
+        replace(link, parameters=values[link.name]) if link.name in values and link.parameters[0] > 0.0 else link
+        for link in model.links
+    )
+    return displaced(replace(model, links=tuple(links)), *found.displacements)
+
+
+def _priors(config: SelfCalibrationConfig, links: Sequence[Link]) -> tuple[LinkPrior, ...]:
     if len(config.weighed_links) != len(config.weighed_stds):
         raise ParameterError(
             f"parameter 'calibration.weighed_stds' has {len(config.weighed_stds)} numbers; accepted: "
             f"{len(config.weighed_links)}, one for each of 'calibration.weighed_links'"
         )
     weighed = dict(zip(config.weighed_links, config.weighed_stds, strict=True))
-    foreign = [name for name in weighed if name not in links]
+    names = [link.name for link in links if link.parameters[0] > 0.0]
+    foreign = [name for name in weighed if name not in names]
     if foreign:
         raise ParameterError(
             f"parameter 'calibration.weighed_links' has '{foreign[0][:60]}'; accepted: links with an <inertial>: "
-            f'{listing(links)}'
+            f'{listing(names)}'
         )
     return tuple(
-        LinkPrior(weighed.get(name, config.mass_relative_std), config.com_std, config.inertia_relative_std)
-        for name in links
+        LinkPrior(weighed.get(link.name, config.mass_relative_std), config.com_std, config.inertia_relative_std)
+        if link.parameters[0] > 0.0
+        else LinkPrior(0.0, 0.0, 0.0, empty=True)
+        for link in links
     )
 
 
 def _told(found: Calibration) -> str:
+    bodies = sum(not std.empty for std in found.prior.stds)
     return (
-        f'{len(found.prior.links)} bodies calibrated from the {found.span:.3g} s before the capture: '
+        f'{bodies} bodies calibrated from the {found.span:.3g} s before the capture: '
         f'they say more than the URDF of {found.determined} combinations, total mass known to '
         f'{100.0 * found.scale.relative_std:.2g} %, residual {found.residual:.2f}'
     )

@@ -18,7 +18,6 @@ from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
 from mbaid_ros.session.at_once import let_through
@@ -27,7 +26,7 @@ from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
-MakeEstimator = Callable[[EstimatorConfig, MomentumKernel], Estimator]
+MakeEstimator = Callable[..., Estimator]
 # Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 STOPPED = 'after the stop by a jump of the stamps'

@@ -129,7 +129,7 @@ def test_a_capture_is_detected() -> None:
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
     robot = chaser()
-    run = CaptureEstimator(robot, estimator(robot, MID), MID, 0.5, 2.0, detect=True)
+    run = CaptureEstimator(robot, estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
     run.update([window for window in pieces(2) if window.time[-1] < BEGIN], 0)
     assert (run.time, run.phase) == (None, 'pre_capture')
 

@@ -8,32 +8,56 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.session.known import with_known_errors
+from mbaid_ros.core.unknowns.catalogue import catalogue
+from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.session.known import known_side, with_known_errors
 from servicing import LINKS, free_servicer, standard_parameters
 
 ROBOT = MomentumKernel(free_servicer(), 'link7')
 
 
+SIZE = 80 + 6 * 7 + 6
+
+
 def matrix() -> Array:
-    factor = np.random.default_rng(1).normal(size=(80, 80)) * 10.0 ** np.linspace(-3.0, 0.0, 80)[:, None]
+    factor = np.random.default_rng(1).normal(size=(SIZE, SIZE)) * 10.0 ** np.linspace(-3.0, 0.0, SIZE)[:, None]
     return factor @ factor.T
 
 
+def values() -> Array:
+    found = np.zeros(SIZE)
+    found[:80] = standard_parameters(free_servicer())
+    found[80:-6:6] = 1e-3 * np.arange(7)
+    found[-6:] = 1e-3 * np.arange(6)
+    return found
+
+
+def joints() -> dict[str, Any]:
+    model = free_servicer()
+    frames = zip(model.joint_names, model.positions.tolist(), model.rotations.tolist(), strict=True)
+    return {name: {'position': position, 'rotation': rotation} for name, position, rotation in frames}
+
+
 def content(**changed: Any) -> dict[str, Any]:
-    covariance = {'values': standard_parameters(free_servicer()).tolist(), 'matrix': matrix().tolist()}
-    return {'links': {name: {} for name in LINKS}, 'covariance': {**covariance, **changed}}
+    covariance = {'values': values().tolist(), 'matrix': matrix().tolist()}
+    return {'links': {name: {} for name in LINKS}, 'joints': joints(), 'covariance': {**covariance, **changed}}
 
 
 def read(path: Path, found: object, **parameters: object) -> tuple[MomentumKernel, Array | None]:
     path.write_text(found if isinstance(found, str) else json.dumps(found), encoding='utf-8')
-    values = {'known_links.calibration': str(path), **{f'known_links.{key}': x for key, x in parameters.items()}}
-    return with_known_errors(ROBOT, build(EstimatorConfig, values).known_links)
+    return with_known_errors(ROBOT, config_of(path, **parameters).known_links)
+
+
+def config_of(path: Path, **parameters: object) -> EstimatorConfig:
+    given = {'known_links.calibration': str(path), **{f'known_links.{key}': x for key, x in parameters.items()}}
+    return build(EstimatorConfig, given)
 
 
 def test_the_covariance_is_that_of_the_file(tmp_path: Path) -> None:
@@ -42,11 +66,37 @@ def test_the_covariance_is_that_of_the_file(tmp_path: Path) -> None:
     size = np.sqrt(np.diag(matrix()))
     wanted = matrix() / np.outer(size, size)
     assert robot.errors.covariance / np.outer(size[:70], size[:70]) == pytest.approx(wanted[:70, :70], abs=1e-11)
-    assert own == pytest.approx(matrix()[70:, 70:])
+    assert own == pytest.approx(matrix()[70:80, 70:80])
+
+
+def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path) -> None:
+    """Links but the target, joints, mount: what the filter's independent numbers make of it is what the file says."""
+    path = tmp_path / 'calibration.json'
+    path.write_text(json.dumps(content()), encoding='utf-8')
+    known = known_side(config_of(path), ROBOT)
+    unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.carried
+    assert carried is not None
+    *parts, offset = unknowns
+    assert isinstance(offset, TimeOffset)
+    spread = block_diag(*(part.factor for part in parts))
+    own = np.delete(np.arange(SIZE), np.arange(70, 80))
+    size = np.sqrt(np.diag(matrix()))[own]
+    found = spread @ carried.factor[:-1] @ carried.factor[:-1].T @ spread.T
+    assert found / np.outer(size, size) == pytest.approx(matrix()[np.ix_(own, own)] / np.outer(size, size), abs=1e-9)
+    wanted = values()[own]
+    wanted[:70] = 0.0  # the robot description has these
+    assert spread @ carried.mean[:-1] == pytest.approx(wanted, abs=1e-12)
+    # The delay is that of the recording, of which a calibration says nothing.
+    assert carried.factor[-1] == pytest.approx(np.eye(len(carried.factor))[-1])
+    # Whitened they are independent.
+    whole = carried.whitening @ carried.factor
+    assert whole @ whole.T == pytest.approx(np.eye(len(whole)), abs=1e-6)
+    assert carried.triangle.T @ carried.triangle == pytest.approx(carried.whitening.T @ carried.whitening, rel=1e-6)
 
 
 def test_a_part_of_the_links(tmp_path: Path) -> None:
-    part = content(values=standard_parameters(free_servicer())[:20].tolist(), matrix=matrix()[:20, :20].tolist())
+    kept = np.delete(np.arange(SIZE), np.arange(20, 80))
+    part = content(values=values()[kept].tolist(), matrix=matrix()[np.ix_(kept, kept)].tolist())
     part['links'] = {'base_link': {}, 'link1': {}}
     robot, own = read(tmp_path / 'calibration.json', part)
     assert robot.errors.bodies == (0, 1)
@@ -54,9 +104,15 @@ def test_a_part_of_the_links(tmp_path: Path) -> None:
 
 
 def changed_values() -> list[float]:
-    values = standard_parameters(free_servicer())
-    values[30] *= 1.01
-    return values.tolist()
+    found = values()
+    found[30] *= 1.01
+    return found.tolist()
+
+
+def moved_joint() -> dict[str, Any]:
+    found = joints()
+    found['joint4']['position'][1] += 1e-4
+    return found
 
 
 @pytest.mark.parametrize(
@@ -65,7 +121,9 @@ def changed_values() -> list[float]:
         ('[1, 2', {}, 'is no calibration: Expecting'),
         ('[]', {}, 'is no calibration: it is no object of JSON; accepted: what calibrate --json writes'),
         ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
-        ({'links': {}, 'covariance': None}, {}, 'is no calibration: '),
+        ({'links': {}, 'joints': {}, 'covariance': None}, {}, 'is no calibration: '),
+        ({**content(), 'joints': moved_joint()}, {}, "joint 'joint4' is elsewhere in the robot description than in"),
+        ({**content(), 'joints': {f'{x}_': y for x, y in joints().items()}}, {}, 'has the joints joint1_, '),
         (
             {**content(), 'status': 'inconsistent'},
             {},
@@ -74,7 +132,7 @@ def changed_values() -> list[float]:
         (
             content(matrix=[[1.0]]),
             {},
-            'is no calibration: values and covariance of 8 links have the shapes (80,), (1, 1)',
+            'is no calibration: values and covariance of 8 links and 7 joints have the shapes (128,), (1, 1)',
         ),
         (content(matrix=(-matrix()).tolist()), {}, 'its matrix is no covariance'),
         (content(values=changed_values()), {}, "link 'link3' has other values in the robot description than in"),

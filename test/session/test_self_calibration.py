@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -22,9 +23,12 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.session import Session
+from mbaid_ros.session.uncertainty import declared_uncertainty
 from observed import MID
 from servicing import LINKS, PRIORS, free_servicer, free_urdf, perturbed
 
@@ -55,19 +59,20 @@ def cad() -> str:
 
 
 @cache
-def messages() -> list[tuple[str, Any, int]]:
-    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1)))
+def messages(*, misread: bool = False) -> list[tuple[str, Any, int]]:
+    errors = draw(free_servicer(), 'link7', ErrorSizes(0.0, 1e-3, 0.0, 0.0, 2e-3, 2e-3), generator(3))
+    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1, errors if misread else None)))
 
 
-def feed(session: Session, until: float = np.inf) -> list[Estimate]:
-    for topic, message, time in messages():
+def feed(session: Session, until: float = np.inf, *, misread: bool = False) -> list[Estimate]:
+    for topic, message, time in messages(misread=misread):
         if time <= until * 1e9:
             (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     return session.process()
 
 
 def make(**parameters: object) -> Session:
-    return Session(build(EstimatorConfig, {**EXACT, **PARAMETERS, **parameters}), cad())
+    return Session(build(EstimatorConfig, {**PARAMETERS, **parameters}), cad())
 
 
 def error(session: Session, last: Estimate) -> float:
@@ -96,8 +101,19 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
     assert not any('the known model changes' in warning for warning in last.warnings)
 
 
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_zeros_and_mount_are_learnt_before_the_capture_and_go_on(method: str) -> None:
+    """Encoders whose zeros are off and odometry that is mounted elsewhere, before the capture and after it."""
+    session = make(method=method)
+    last = feed(session, misread=True)[-1]
+    assert error(session, last) < LIMIT
+    assert last.status != 'inconsistent'
+    exact = make(method=method, **{name: value for name, value in EXACT.items() if 'links' not in name})
+    assert error(exact, feed(exact, misread=True)[-1]) > 2.0 * error(session, last)
+
+
 def test_without_it_the_body_is_wrong() -> None:
-    session = make(**{'calibration.enabled': False})
+    session = make(**{'calibration.enabled': False, **EXACT})
     last = feed(session)[-1]
     assert error(session, last) > 3.0 * LIMIT
     assert last.status == 'inconsistent'
@@ -107,7 +123,7 @@ def test_without_it_the_body_is_wrong() -> None:
 class Collector:
     """A method that keeps the windows."""
 
-    method, needs_rates = 'none', True
+    method, needs_rates = 'none', False
 
     def __init__(self) -> None:
         self.windows: list[Samples] = []
@@ -125,16 +141,26 @@ def test_the_numbers_are_those_of_calibrate() -> None:
     def collect(_config: EstimatorConfig, _kernel: MomentumKernel) -> Estimator:
         return collector
 
-    feed(Session(build(EstimatorConfig, dict(EXACT)), cad(), collect), BEGIN - 0.5)
-    found = calibrate(MomentumKernel(load_model(cad()), *LINKS), [collector.windows], CalibrationSettings(MID, PRIORS))
-    used = np.concatenate([session.robot.kernel.model.link(name).parameters for name in LINKS])
-    assert np.array_equal(used, found.theta)
-    size = np.sqrt(np.diag(found.covariance))[:70]
-    wanted = found.covariance[:70, :70] / np.outer(size, size)
-    assert session.robot.kernel.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
-    # The robot description that is given on has them, too.
+    feed(Session(EstimatorConfig(), cad(), collect), BEGIN - 0.5)
+    model = load_model(cad())
+    settings = CalibrationSettings(
+        MID, (PRIORS[-1], *PRIORS[:-1]), replace(declared_uncertainty(session.config, model), time_offset=0.02)
+    )
+    names = (LINKS[-1], *LINKS[:-1])
+    found = calibrate(MomentumKernel(model, *names), [collector.windows], settings)
+    robot = session.robot.kernel
+    used = np.concatenate([robot.model.link(name).parameters for name in names])
+    assert used == pytest.approx(found.theta, rel=1e-9)
+    size = np.sqrt(np.diag(found.covariance))[10:]
+    wanted = found.covariance[10:, 10:] / np.outer(size, size)
+    assert robot.errors.covariance / np.outer(size, size) == pytest.approx(wanted, abs=1e-9)
+    # The robot description that is given on has them, too, and the joints where they have been found.
     written = load_model(session.robot.urdf)
-    assert written.link('link3').parameters == pytest.approx(used[30:40], rel=1e-9)
+    assert written.link('link3').parameters == pytest.approx(found.theta[40:50], rel=1e-9)
+    moved = displaced(model, *found.displacements)
+    assert np.abs(moved.positions - model.positions).max() > 1e-4
+    assert written.positions == pytest.approx(moved.positions, abs=1e-10)
+    assert written.rotations == pytest.approx(moved.rotations, abs=1e-10)
 
 
 def test_one_message_after_the_other_leads_to_the_same() -> None:
@@ -153,7 +179,7 @@ def test_reset_forgets_it() -> None:
     session.reset()
     assert session.robot.calibrated == ''
     assert session.robot.urdf == cad()
-    assert session.robot.kernel.errors.count == 0
+    assert session.robot.kernel is session.robot.described
 
 
 def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
@@ -170,6 +196,10 @@ def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
         ({'capture.time': 0.0}, "'calibration.enabled' is true in a run that begins after the capture"),
         ({'calibration.weighed_stds': []}, "'calibration.weighed_stds' has 0 numbers; accepted: 1"),
         ({'calibration.weighed_links': ['moon']}, "'calibration.weighed_links' has 'moon'; accepted: links with an"),
+        (
+            {'known_links.names': ['link1'], 'known_links.stds': [0.01]},
+            "with 'calibration.enabled', which finds how well all links are known",
+        ),
         (
             {
                 'calibration.mass_relative_std': 0.0,

@@ -1,29 +1,33 @@
-"""The calibration: the momentum equations of all motions, the prior, one likelihood, bodies that can exist."""
+"""The calibration: the trajectory filter over all motions, with every link known as its prior says."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.calibration.likelihood import Eliminated, Likelihood, Motion
-from mbaid_ros.core.calibration.prior import NO_PRIOR, LinkPrior, Prior, make_prior
+from mbaid_ros.core.calibration.blocks import Normals
+from mbaid_ros.core.calibration.passes import Motion, Passed, Settled, settle
+from mbaid_ros.core.calibration.prior import LinkPrior, Prior, make_prior
 from mbaid_ros.core.calibration.result import Calibration, Scale
-from mbaid_ros.core.calibration.structure import Mechanism, planar_basis, structure
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.calibration.structure import Mechanism, structure
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.consistency import project
-from mbaid_ros.core.results.reporting import NOISE_MARGIN
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.state import MOMENTUM
+from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.target_body import KnownTarget
 
-_WINDOWS_AT_ONCE = 200
+_NO_WINDOWS = 'the data hold no complete window; accepted: joint states and odometry that overlap in time'
 # Range of a joint's window means, in standard deviations of one, from which it moves.
 _MOVES = 20.0
+_SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as none
 
 
 @dataclass(frozen=True)
@@ -34,33 +38,18 @@ class CalibrationSettings:
     ----------
     noise : of the joint sensors (the base's stands in the samples)
     priors : of each of the kernel's unknown links
-    linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
+    uncertainty : of joints, mount, stamps and linear momentum
+    window : s, longest
     """
 
     noise: SensorNoise
     priors: tuple[LinkPrior, ...]
-    linear_momentum_std: float = 0.0
-
-
-@dataclass(frozen=True)
-class _Data:
-    """The motions as equations.
-
-    Attributes
-    ----------
-    motions : Motion
-    mechanism : what moves
-    samples, span : number, s
-    """
-
-    motions: tuple[Motion, ...]
-    mechanism: Mechanism
-    samples: int
-    span: float
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    window: float = 0.5
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
-    """Return the unknown links of a kernel after some motions of its robot.
+    """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
 
     Parameters
     ----------
@@ -73,90 +62,75 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     ModelError, ParameterError
         The prior cannot be used.
     DataError
-        There are no windows.
+        There are no windows, or none that can be weighed.
     """
     prior = make_prior(kernel, settings.priors)
-    data = _data(kernel, [run for run in runs if run], settings.noise)
-    likelihood = _likelihood(kernel, data, prior, settings.linear_momentum_std)
-    x = likelihood.maximum()
-    information, _ = likelihood.linearise(x)
-    own = likelihood.noise_information(x)
-    known = Eliminated.of(information - own, likelihood.bodies)
-    cautious = Eliminated.of(information - NOISE_MARGIN * own, likelihood.bodies)
-    covariance = likelihood.root @ known.covariance() @ likelihood.root.T
-    cost = likelihood.cost(x)
-    redundancy = likelihood.equations
-    bodies = likelihood.bodies
-    x, corrections = _physical(x, covariance, kernel)
-    momentum, momentum_covariance = _momenta(x, covariance, data.motions)
-    model = kernel.model
+    runs = [run for run in runs if run]
+    detectors, mechanism = _mechanism(kernel, runs, settings.noise)
+    settled, motions, normals = _filtered(prior, runs, detectors, settings)
+    belief = settled.passed.belief
+    values, covariance = normals.blocks()
+    values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
+    size = len(prior.mean)
+    gained = _gained(normals.links)
+    momentum, momentum_covariance = _momenta(settled.passed, motions)
     return Calibration(
         prior=prior,
-        theta=x[:bodies],
-        covariance=covariance[:bodies, :bodies],
+        values=values,
+        block_covariance=covariance,
+        carried=normals.carried,
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
-        mechanism=data.mechanism,
-        structure=structure(data.mechanism),
-        gains=np.linalg.eigvalsh(cautious.marginal)[::-1],
-        scale=_scale(x[:bodies], covariance[:bodies, :bodies], prior, known, likelihood.root),
-        # The prior adds as many equations as there are unknowns.
-        residual=float(np.sqrt(cost / max(redundancy, 1))),
-        redundancy=redundancy,
-        samples=data.samples,
-        span=data.span,
-        planar=data.mechanism.normal is not None,
-        still=tuple(name for name, moves in zip(model.joint_names, data.mechanism.moving, strict=True) if not moves),
+        mechanism=mechanism,
+        structure=structure(mechanism),
+        gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
+        scale=_scale(values[:size], covariance[:size, :size], prior, gained),
+        residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
+        settled=settled.stays,
+        redundancy=belief.measured,
+        samples=sum(len(window) for run in runs for window in run),
+        span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),
     )
 
 
-def _data(kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise) -> _Data:
+def _filtered(
+    prior: Prior, runs: Sequence[list[Samples]], detectors: Sequence[PlaneDetector], settings: CalibrationSettings
+) -> tuple[Settled, list[Motion], Normals]:
+    """Return what the filter comes to over all motions."""
+    # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
+    robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
+    uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
+    sensing = (settings.noise, settings.window)
+    motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
+    if not any(motion.windows for motion in motions):
+        raise DataError(_NO_WINDOWS)
+    try:
+        settled = settle(motions, prior.mean[:10])
+    except np.linalg.LinAlgError as error:
+        raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
+    before = Normals.before(prior, robot, uncertainty)
+    return settled, motions, before.after(settled.passed, motions[0].variables, detectors[0])
+
+
+def _mechanism(
+    kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise
+) -> tuple[list[PlaneDetector], Mechanism]:
+    """Return the plane of each motion, if all of them are planar, and what moves."""
     if not runs:
-        raise DataError('the data hold no complete window; accepted: joint states and odometry that overlap in time')
+        raise DataError(_NO_WINDOWS)
     detectors = []
     for run in runs:
         detector = PlaneDetector(kernel.model)
         for window in run:
             detector.update(window)
         detectors.append(detector)
-    planes = [detector.plane(kernel.model.links[0]) for detector in detectors]
-    normal = planes[0].normal if planes[0] is not None and all(plane is not None for plane in planes) else None
-    windows = [window for run in runs for window in run]
-    posture, moving = _moving(windows, noise)
-    mechanism = Mechanism(kernel, moving, posture, normal)
-    motions = tuple(_motion(mechanism, run, noise, each) for run, each in zip(runs, detectors, strict=True))
-    return _Data(
-        motions=motions,
-        mechanism=mechanism,
-        samples=sum(map(len, windows)),
-        span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),
-    )
-
-
-def _motion(mechanism: Mechanism, run: list[Samples], noise: SensorNoise, detector: PlaneDetector) -> Motion:
-    kernel = mechanism.kernel
-    origin = run[0].base_position[0].copy()
-    parts = []
-    for start in range(0, len(run), _WINDOWS_AT_ONCE):
-        blocks = window_rows(kernel, run[start : start + _WINDOWS_AT_ONCE], noise, origin)
-        if mechanism.normal is not None:
-            selection = detector.rows()
-            blocks = blocks.restrict(selection, _in_the_plane(mechanism, selection))
-        parts.append(blocks)
-    return Motion(tuple(parts), origin)
-
-
-def _in_the_plane(mechanism: Mechanism, selection: Array) -> Array:
-    """Return the (u, u) projector on the unknowns that motion in a plane shows; of the others speaks the prior."""
-    links = mechanism.kernel.unknown
-    projector = np.zeros((10 * len(links) + 6,) * 2)
-    for index, link in enumerate(links):
-        place = slice(10 * index, 10 * index + 10)
-        basis = planar_basis(mechanism, link)
-        projector[place, place] = basis @ basis.T
-    projector[-6:, -6:] = selection.T @ selection
-    return projector
+    spatial = next((detector for detector in detectors if not detector.planar), None)
+    if spatial is not None:
+        detectors = [spatial] * len(runs)
+    plane = detectors[0].plane(kernel.model.links[0])
+    posture, moving = _moving([window for run in runs for window in run], noise)
+    return detectors, Mechanism(kernel, moving, posture, None if plane is None else plane.normal)
 
 
 def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
@@ -166,28 +140,8 @@ def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
     return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * noise.joint_position / np.sqrt(count)
 
 
-def _likelihood(kernel: MomentumKernel, data: _Data, prior: Prior, linear_momentum_std: float) -> Likelihood:
-    momentum = NO_PRIOR * unknown_scale(kernel)[10:]
-    if linear_momentum_std > 0.0:
-        momentum[:3] = linear_momentum_std
-    size = len(prior.mean)
-    root = np.zeros((size + 6 * len(data.motions),) * 2)
-    for start in range(0, size, 10):
-        place = slice(start, start + 10)
-        root[place, place] = _root(prior.covariance[place, place])
-    root[range(size, len(root)), range(size, len(root))] = np.tile(momentum, len(data.motions))
-    mean = np.concatenate((prior.mean, np.zeros(6 * len(data.motions))))
-    return Likelihood(data.motions, mean, root, np.arange(0, size, 10))
-
-
-def _root(covariance: Array) -> Array:
-    """Return the lower triangular factor of a covariance whose entries differ widely in size."""
-    size = np.sqrt(np.diag(covariance))
-    return np.asarray(size[:, None] * np.linalg.cholesky(covariance / size / size[:, None]))
-
-
-def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
-    """Return x with links that can exist, and by how much each had to give way.
+def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:
+    """Return x with links that can exist, or are empty, and by how much each had to give way.
 
     A link that is none moves in its own metric to the nearest that is; everything else follows as the covariance says.
     """
@@ -195,7 +149,7 @@ def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Arra
     corrections = np.zeros(len(kernel.unknown))
     fixed = np.zeros(len(x), dtype=bool)
     for _ in range(len(kernel.unknown)):
-        for index in range(len(kernel.unknown)):
+        for index in np.flatnonzero(~np.array(empty)).tolist():
             place = np.arange(10 * index, 10 * index + 10)
             body, distance = project(x[place], covariance[np.ix_(place, place)], scale)
             if distance == 0.0:
@@ -209,29 +163,34 @@ def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Arra
     return x, corrections
 
 
-def _momenta(x: Array, covariance: Array, motions: tuple[Motion, ...]) -> tuple[Array, Array]:
+def _gained(known: Carried) -> Array:
+    """Return the data's information on some numbers in units of the prior's, all else minimised over."""
+    left, values, _ = np.linalg.svd(known.factor, full_matrices=False)
+    return np.asarray((left * (np.maximum(values, _SMALLEST) ** -2 - 1.0)) @ left.T)
+
+
+def _momenta(passed: Passed, motions: Sequence[Motion]) -> tuple[Array, Array]:
     """Return (P, L) of each motion, (R, 6), about the odometry origin, and their covariances, (R, 6, 6)."""
-    first = len(x) - 6 * len(motions)
     values, covariances = np.zeros((len(motions), 6)), np.zeros((len(motions), 6, 6))
-    for index, motion in enumerate(motions):
-        place = slice(first + 6 * index, first + 6 * index + 6)
+    for index, (motion, factor) in enumerate(zip(motions, passed.momentum_factors, strict=True)):
         shift = np.eye(6)
         shift[3:, :3] = skew(motion.origin)
-        values[index] = shift @ x[place]
-        covariances[index] = shift @ covariance[place, place] @ shift.T
+        values[index] = shift @ passed.momenta[index]
+        own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
+        covariances[index] = shift @ own @ shift.T
     return values, covariances
 
 
-def _scale(theta: Array, covariance: Array, prior: Prior, known: Eliminated, root: Array) -> Scale:
+def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scale:
     """Return how well the common factor is known, and what of prior and data says it."""
-    size = len(theta)
-    masses = np.arange(0, size, 10)
+    masses = np.arange(0, len(theta), 10)
     total = float(np.sum(theta[masses]))
     relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total
     # Along theta itself: nothing but the factor changes.
-    along = np.linalg.solve(root[:size, :size], theta)
-    data = float(along @ known.marginal @ along)
-    parts = [('the known bodies', max(data, 0.0))]
+    along = np.concatenate(
+        [np.linalg.solve(root, link) for root, link in zip(prior.roots, theta.reshape(-1, 10), strict=True)]
+    )
+    parts = [('the known bodies', max(float(along @ gained @ along), 0.0))]
     for index, (link, std) in enumerate(zip(prior.links, prior.stds, strict=True)):
         if prior.given[index, 0]:
             parts.append((f'mass of {link.name}', 1.0 / std.mass**2))

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, pseudo_inertia
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.scale import unknown_scale
 
 # Standard deviation, in typical sizes, of what nothing is known of: far too much to be a prior (as in difference).
 NO_PRIOR = 100.0
+_EMPTY = 1e-9  # the same of a link that is known to be none
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 # Smallest standard deviation of an element of inertia, relative to a third of the trace: a thin rod has zeros.
@@ -33,11 +37,13 @@ class LinkPrior:
     mass : relative
     com : m, of each coordinate of the centre of mass
     inertia : of the element I_ij about the centre of mass, relative to sqrt(I_ii I_jj)
+    empty : whether a link without <inertial> is known to have no mass
     """
 
     mass: float
     com: float
     inertia: float
+    empty: bool = False
 
     @property
     def given(self) -> Flags:
@@ -64,6 +70,17 @@ class Prior:
     covariance: Array
     given: Flags
 
+    @cached_property
+    def roots(self) -> tuple[Array, ...]:
+        """Of each link, the (10, 10) lower triangular factor of its covariance."""
+        blocks = (self.covariance[start : start + 10, start : start + 10] for start in range(0, len(self.mean), 10))
+        return tuple(map(_root, blocks))
+
+    def errors(self, but: int) -> KnownErrors:
+        """Return what the priors of all links but the first few say of the moving bodies: ten numbers a link."""
+        bodies, carry = to_bodies(self.links[but:])
+        return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
+
 
 def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     """Return the prior of a kernel's unknown links.
@@ -86,13 +103,13 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     given = np.zeros((len(kernel.unknown), 10), dtype=bool)
     for index, (link, std) in enumerate(zip(kernel.unknown, stds, strict=True)):
         place = slice(10 * index, 10 * index + 10)
+        mean[place] = link.parameters
         # A link without <inertial> has no values to be near to.
         if link.parameters[0] > 0.0 and np.any(std.given):
             given[index] = std.given
-            mean[place] = link.parameters
             covariance[place, place] = _covariance(link, std, scale)
         else:
-            covariance[place, place] = np.diag((NO_PRIOR * scale) ** 2)
+            covariance[place, place] = np.diag(((_EMPTY if std.empty else NO_PRIOR) * scale) ** 2)
     if not np.any(kernel.known[:, 0]) and not np.any(given[:, [0, 4]]):
         raise ParameterError(
             'nothing fixes the scale: all bodies are unknown, and no mass or inertia has a prior; accepted: '
@@ -119,6 +136,12 @@ def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     information = scale[:, None] * (rows.T @ rows) * scale + np.eye(10) / NO_PRIOR**2
     covariance = np.linalg.inv(information)
     return np.asarray(0.5 * (covariance + covariance.T) * scale[:, None] * scale)
+
+
+def _root(covariance: Array) -> Array:
+    """Return the lower triangular factor of a covariance whose entries differ widely in size."""
+    size = np.sqrt(np.diag(covariance))
+    return np.asarray(size[:, None] * np.linalg.cholesky(covariance / size / size[:, None]))
 
 
 def _require_a_body(link: Link) -> None:

@@ -11,6 +11,8 @@ from mbaid_ros.core.calibration.prior import Prior
 from mbaid_ros.core.calibration.structure import Mechanism, Structure
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.unknowns.carried import Carried
 
 # Part of a prior variance that the data have to take away for a value to count as theirs.
 _MOVED = 0.5
@@ -79,24 +81,27 @@ class Calibration:
     Attributes
     ----------
     prior : what was known before
-    theta, covariance : (10 k,), (10 k, 10 k) standard parameters (m, h, I_o) of the links, each in its own frame
+    values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
+        their covariance
+    carried : what is known of the unknowns of the trajectory filter, to go on with
     corrections : (k,) sizes of the projections on bodies that can exist
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     mechanism : what moves
     structure : what momentum can tell at all
-    gains : (10 k,) information of the data in units of the prior's along its principal directions, the largest first
+    gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
+        the largest first
     scale : how well the common factor is known
-    residual : root mean square of the normalised residuals: 1 is as the noise says
-    redundancy : number of equations less that of unknowns
+    residual : root mean square of the normalised innovations: 1 is as the noise says
+    settled : whether the passes have come to a point that stays
+    redundancy : number of innovations
     samples : number used
     span : s, length of all motions
-    planar : whether only what shows in a plane was used
-    still : names of the joints that do not move
     """
 
     prior: Prior
-    theta: Array
-    covariance: Array
+    values: Array
+    block_covariance: Array
+    carried: Carried
     corrections: Array
     momentum: Array
     momentum_covariance: Array
@@ -105,16 +110,58 @@ class Calibration:
     gains: Array
     scale: Scale
     residual: float
+    settled: bool
     redundancy: int
     samples: int
     span: float
-    planar: bool
-    still: tuple[str, ...]
+
+    @property
+    def planar(self) -> bool:
+        """Whether only what shows in a plane was used."""
+        return self.mechanism.normal is not None
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of the joints that do not move."""
+        names = self.mechanism.kernel.model.joint_names
+        return tuple(name for name, moves in zip(names, self.mechanism.moving, strict=True) if not moves)
+
+    @property
+    def theta(self) -> Array:
+        """Standard parameters (m, h, I_o) of the links, each in its own frame, (10 k,)."""
+        return self.values[: len(self.prior.mean)]
+
+    @property
+    def covariance(self) -> Array:
+        """Of these, (10 k, 10 k)."""
+        size = len(self.prior.mean)
+        return self.block_covariance[:size, :size]
+
+    @property
+    def joints(self) -> Array:
+        """(n, 6) of each joint: zero, displacement of its frame (3), tilts of its axis (2)."""
+        return self.values[len(self.prior.mean) : -6].reshape(-1, 6)
+
+    @property
+    def displacements(self) -> tuple[Array, Array]:
+        """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
+        across = Kinematics(self.mechanism.kernel.model).axial[1:, :, :2]
+        return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
+
+    @property
+    def mount(self) -> Array:
+        """(6,) rotation vector and position of the base's frame in the one that the odometry locates."""
+        return self.values[-6:]
+
+    @property
+    def stds(self) -> Array:
+        """One standard deviation of each of the values."""
+        return np.sqrt(np.diag(self.block_covariance))
 
     @property
     def determined(self) -> int:
-        """Number of directions of theta of which the data say more than the prior."""
-        return int(np.sum(self.gains > 1.0))
+        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none."""
+        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) else 0
 
     @cached_property
     def links(self) -> tuple[LinkResult, ...]:

@@ -105,7 +105,8 @@ class CaptureEstimator:
         calibrate: Calibrate | None = None,
     ) -> None:
         self.method = after.method
-        self.needs_rates = after.needs_rates
+        # A calibration takes poses and velocities for independent: it gets none that are derived from the poses.
+        self.needs_rates = after.needs_rates and calibrate is None
         self.time: float | None = None
         self.kernel = kernel
         self.handover: Handover | None = None
@@ -152,6 +153,8 @@ class CaptureEstimator:
                 self._look(window, self.time)
             if window.time[0] > self.time + self._margin - _SLACK:
                 later.append(window)
+        if self._after.needs_rates:
+            later = [with_rates(window) for window in later if len(window) >= FEWEST or not any(window.missing_rates)]
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
         return [*made, *map(self._with_doubts, found)]
@@ -223,8 +226,8 @@ class CaptureEstimator:
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
             window = self._waiting.popleft()
             self._known.add(window)
-            if self._calibrate is not None and len(window) >= FEWEST:
-                self._kept.append(with_rates(window))
+            if self._calibrate is not None:
+                self._kept.append(window)
 
     def _hand_over(self) -> None:
         """Calibrate the robot with all that came before the capture, once."""

@@ -25,7 +25,9 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
 
 _WORTH_TELLING = 0.5  # share of the variance due to consider parameters
 
@@ -59,6 +61,8 @@ class DifferenceEstimator:
     settings : DifferenceSettings
     reporting : Reporting
     unknowns : what else is uncertain; it widens the covariance by what it does to them
+    known : what is known of the unknowns together, whose mean the robot is taken at; None for their own variances about
+        zero
     """
 
     method = 'difference'
@@ -70,11 +74,13 @@ class DifferenceEstimator:
         settings: DifferenceSettings,
         reporting: Reporting,
         unknowns: Sequence[Unknown] = (),
+        known: Carried | None = None,
     ) -> None:
-        self._kernel = kernel
+        self._side = KnownSide.nominal(kernel) if known is None else known.expected(kernel, unknowns)
+        self._kernel = self._side.kernel
         self._settings = settings
         self._reporting = reporting
-        self._considered = ConsiderParameters(kernel, unknowns)
+        self._considered = ConsiderParameters(self._kernel, unknowns, known)
         self._plane = PlaneDetector(kernel.model)
         self._run: Run | None = None
         self._samples = 0
@@ -88,6 +94,7 @@ class DifferenceEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
+        windows = [self._side.corrected(window) for window in windows]
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows = window_rows(self._kernel, windows, self._settings.noise, start)
         posteriors, instants, verdicts = [], [], []

@@ -1,7 +1,8 @@
 """What the momentum equations depend on beside the unknowns that are solved for: consider parameters (Schmidt 1966).
 
 An unknown of the known side adds E d to the equations of every window, with known columns E and d of covariance F F^T.
-It is not solved for here, and widens the covariance of what is by what it does to that.
+It is not solved for here, and widens the covariance of what is by what it does to that. Unknowns that a calibration has
+left are dependent: d is F times numbers that have a factor of their own.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import orth
+from scipy.linalg import block_diag, orth
 
 from mbaid_ros.core.equations.window_rows import joined, mean_of_each
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
 
 
@@ -24,8 +26,9 @@ class ConsiderParameters:
 
     Parameters
     ----------
-    kernel : MomentumKernel
+    kernel : of the robot at the mean of what is known
     unknowns : those that the equations do not depend on are left out
+    known : what is known of the numbers of all unknowns together; None where they are independent
 
     Attributes
     ----------
@@ -33,16 +36,14 @@ class ConsiderParameters:
     labels : names of all parts
     """
 
-    def __init__(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> None:
+    def __init__(self, kernel: MomentumKernel, unknowns: Sequence[Unknown], known: Carried | None = None) -> None:
         self._kernel = kernel
         self._unknowns = [unknown for unknown in unknowns if unknown.in_equations]
-        self.count = sum(unknown.count for unknown in self._unknowns)
-        factor = np.zeros((sum(len(unknown.factor) for unknown in self._unknowns), self.count))
-        row = column = 0
-        for unknown in self._unknowns:
-            rows, columns = unknown.factor.shape
-            factor[row : row + rows, column : column + columns] = unknown.factor
-            row, column = row + rows, column + columns
+        factor = block_diag(np.zeros((0, 0)), *(unknown.factor for unknown in self._unknowns))
+        self._together = None if known is None else _factor_of_some(unknowns, known)
+        if self._together is not None:
+            factor = factor @ self._together
+        self.count = factor.shape[1]
         every = np.array([label for unknown in self._unknowns for label in unknown.labels])
         self.labels = list(dict.fromkeys(every.tolist()))
         # Of each part, what it has a share in: orthonormal (e, k).
@@ -62,7 +63,8 @@ class ConsiderParameters:
             mean_of_each(unknown.equation_columns(kernel, states), counts) @ unknown.factor
             for unknown in self._unknowns
         ]
-        return np.concatenate(means, axis=2)
+        columns = np.concatenate(means, axis=2)
+        return columns if self._together is None else columns @ self._together
 
     def shares(self, spread: Array) -> Array:
         """Return the part of some variances that each labelled part alone would take away if it were known exactly.
@@ -77,3 +79,10 @@ class ConsiderParameters:
         """
         parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in self._directions]
         return np.stack(parts, axis=-1) if parts else np.zeros((*spread.shape[:-1], 0))
+
+
+def _factor_of_some(unknowns: Sequence[Unknown], known: Carried) -> Array:
+    """Return a factor of the covariance of the numbers that the equations depend on, no wider than it is high."""
+    some = np.repeat([unknown.in_equations for unknown in unknowns], [unknown.count for unknown in unknowns])
+    factor = known.factor[some]
+    return factor if len(factor) >= factor.shape[1] else np.asarray(np.linalg.qr(factor.T, mode='r')).T

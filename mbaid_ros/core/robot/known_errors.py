@@ -72,13 +72,25 @@ def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] 
     covariance : (10 k, 10 k) of their standard parameters, each in its own frame
     unknown : names of those that do not count as known
     """
+    bodies, carry = to_bodies(links, unknown)
+    return KnownErrors(bodies, _factor(carry @ covariance @ carry.T))
+
+
+def to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
+    """Return the b bodies of k links, and the (10 b, 10 k) matrix from the links' standard parameters to theirs.
+
+    Parameters
+    ----------
+    links : k links
+    unknown : names of those that do not count
+    """
     known = [(index, link) for index, link in enumerate(links) if link.name not in unknown]
     bodies = tuple(sorted({link.body for _, link in known}))
-    to_bodies = np.zeros((10 * len(bodies), len(covariance)))
+    matrix = np.zeros((10 * len(bodies), 10 * len(links)))
     for index, link in known:
         row = 10 * bodies.index(link.body)
-        to_bodies[row : row + 10, 10 * index : 10 * index + 10] += express(np.eye(10), link.rotation, link.position).T
-    return KnownErrors(bodies, _factor(to_bodies @ covariance @ to_bodies.T))
+        matrix[row : row + 10, 10 * index : 10 * index + 10] += express(np.eye(10), link.rotation, link.position).T
+    return bodies, matrix
 
 
 def _factor(covariance: Array) -> Array:

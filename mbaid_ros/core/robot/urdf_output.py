@@ -40,9 +40,9 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
     names = ('m', 'x', 'y', 'z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
     # repr is the shortest text that reads back as the same number.
     element = _INERTIAL.format(**{name: repr(float(value)) for name, value in zip(names, parameters, strict=True)})
-    if place.inertial_end:
-        indent = _indent(document, place.inertial_start)
-        return _joined(document, place.inertial_start, element.replace('\n', '\n' + indent), place.inertial_end)
+    if place.part_end:
+        indent = _indent(document, place.part_start)
+        return _joined(document, place.part_start, element.replace('\n', '\n' + indent), place.part_end)
     outer = _indent(document, place.start)
     inner = outer + '  '
     text = f'\n{inner}' + element.replace('\n', '\n' + inner)
@@ -60,10 +60,24 @@ def inertial_text(urdf: str, link: str) -> tuple[int, str]:
     ModelError
         The document is not XML or has no such link.
     """
-    document = urdf.encode()
-    place = _find(document, link)
-    text = document[place.inertial_start : place.inertial_end].decode() if place.inertial_end else ''
-    return len(document[: place.inertial_start].decode()), text
+    return _part_text(urdf.encode(), _find(urdf.encode(), link))
+
+
+def origin_text(urdf: str, joint: str) -> tuple[int, str]:
+    """Return where in a URDF a joint's <origin> begins, or could, and its text; empty where the joint has none.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such joint.
+    """
+    return _part_text(urdf.encode(), _find(urdf.encode(), joint, 'joint', 'origin'))
+
+
+def _part_text(document: bytes, place: _Place) -> tuple[int, str]:
+    start = place.part_start if place.part_end else place.content
+    text = document[start : place.part_end].decode() if place.part_end else ''
+    return len(document[:start].decode()), text
 
 
 def _joined(document: bytes, start: int, text: str, end: int) -> str:
@@ -78,19 +92,19 @@ def _indent(document: bytes, position: int) -> str:
 
 @dataclass
 class _Place:
-    """Byte offsets of a link and of its <inertial>; an end of 0 is not found."""
+    """Byte offsets of a link and of its <inertial>, or of a joint and its <origin>; an end of 0 is not found."""
 
-    start: int = 0  # of <link ...>
-    content: int = 0  # behind <link ...>
-    end: int = 0  # behind </link>
+    start: int = 0  # of <link ...> or <joint ...>
+    content: int = 0  # behind it
+    end: int = 0  # behind </link> or </joint>
     self_closing: bool = False
-    inertial_start: int = 0
-    inertial_end: int = 0
+    part_start: int = 0
+    part_end: int = 0
     path: list[str] = field(default_factory=list)
 
 
-def _find(document: bytes, link: str) -> _Place:
-    """Return where the link stands."""
+def _find(document: bytes, name: str, kind: str = 'link', part: str = 'inertial') -> _Place:
+    """Return where a link and its <inertial> stand, or a joint and its <origin>."""
     place = _Place()
     # The text is Unicode already: what its XML declaration says about an encoding no longer holds.
     parser = expat.ParserCreate('utf-8')
@@ -100,19 +114,19 @@ def _find(document: bytes, link: str) -> _Place:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         place.path.append(tag)
-        if place.path == ['robot', 'link'] and attributes.get('name') == link and not place.content:
+        if place.path == ['robot', kind] and attributes.get('name') == name and not place.content:
             place.start = parser.CurrentByteIndex
             place.content = _end_of_tag(document, place.start)
             place.self_closing = document[place.content - 2 : place.content] == b'/>'
-        elif place.path == ['robot', 'link', 'inertial'] and inside() and not place.inertial_end:
-            place.inertial_start = parser.CurrentByteIndex
+        elif place.path == ['robot', kind, part] and inside() and not place.part_end:
+            place.part_start = parser.CurrentByteIndex
 
     def end(_tag: str) -> None:
-        if place.path == ['robot', 'link', 'inertial'] and inside() and not place.inertial_end:
-            opened = _end_of_tag(document, place.inertial_start)
+        if place.path == ['robot', kind, part] and inside() and not place.part_end:
+            opened = _end_of_tag(document, place.part_start)
             empty = document[opened - 2 : opened] == b'/>'
-            place.inertial_end = opened if empty else _end_of_tag(document, parser.CurrentByteIndex)
-        elif place.path == ['robot', 'link'] and inside():
+            place.part_end = opened if empty else _end_of_tag(document, parser.CurrentByteIndex)
+        elif place.path == ['robot', kind] and inside():
             place.end = parser.CurrentByteIndex
         place.path.pop()
 
@@ -122,7 +136,7 @@ def _find(document: bytes, link: str) -> _Place:
     except expat.ExpatError as error:
         raise ModelError(f'the robot description is not valid XML: {error}') from error
     if not place.content:
-        raise ModelError(f"link '{link}' is not in the robot description")
+        raise ModelError(f"{kind} '{name}' is not in the robot description")
     return place
 
 

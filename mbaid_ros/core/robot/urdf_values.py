@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pinocchio
 
-from mbaid_ros.core.geometry import Array, unvec, vec
-from mbaid_ros.core.robot.urdf_output import inertial_text, replace_inertial
+from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec, vec
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.urdf_output import inertial_text, origin_text, replace_inertial
 
 _COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -38,6 +39,44 @@ def change_inertial(urdf: str, link: str, parameters: Array) -> str:
     start, old = inertial_text(urdf, link)
     new = _with_values(old, parameters)
     return urdf[:start] + new + urdf[start + len(old) :] if new else replace_inertial(urdf, link, parameters)
+
+
+def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
+    """Return a URDF in which one joint's frame is elsewhere; its <axis> stays, in a frame that is turned.
+
+    Parameters
+    ----------
+    urdf : str
+        A robot description that `load_model` accepts.
+    joint : str
+        Name of the joint.
+    origin, tilt : (3,), (3,) arrays
+        Displacement of the frame (m) and rotation vector that turns it (rad), in that frame.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such joint.
+    """
+    if not (np.any(origin) or np.any(tilt)):
+        return urdf
+    start, old = origin_text(urdf, joint)
+    written = [_value(old, 'origin', key) for key in ('xyz', 'rpy')]
+    xyz, rpy = (np.array([float(x) for x in each[2].split()]) if each else np.zeros(3) for each in written)
+    rotation = pinocchio.rpy.rpyToMatrix(*rpy)
+    place, turn = xyz + rotation @ origin, pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy
+    xyz_text, rpy_text = (' '.join(f'{value:.12g}' for value in each) for each in (place, turn))
+    return f'{urdf[:start]}<origin xyz="{xyz_text}" rpy="{rpy_text}"/>{urdf[start + len(old) :]}'
+
+
+def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
+    """Return a URDF of one robot with the joints' frames of another that differs from it in these."""
+    back = np.swapaxes(before.rotations, -1, -2)
+    origins, tilts = rotate(back, after.positions - before.positions), log(back @ after.rotations)
+    for name, origin, tilt in zip(before.joint_names, origins, tilts, strict=True):
+        if max(np.abs(origin).max(), np.abs(tilt).max()) > _SAME:
+            urdf = displace_joint(urdf, name, origin, tilt)
+    return urdf
 
 
 def _with_values(text: str, parameters: Array) -> str:

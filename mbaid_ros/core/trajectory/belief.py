@@ -152,5 +152,5 @@ class Moments:
         -------
         names of c causes, (m, c) variances
         """
-        squares = (own @ self.factor[BODY.stop :].T) ** 2
+        squares = (own @ self.factor[BODY.stop :].T @ layout.known.whitening.T) ** 2
         return layout.causes, squares @ layout.belongs

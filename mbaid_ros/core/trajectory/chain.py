@@ -39,7 +39,7 @@ class WindowModel:
     twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
-    joints, joints_by_body : (6, n), (6, 10, n) the part of the pose's noise that the joints' makes
+    joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the part of the pose's noise that the joints' makes
         (`JointNoise`)
     joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
     length : () s
@@ -56,7 +56,7 @@ class WindowModel:
     drift: Array
     process: Array
     joints: Array
-    joints_by_body: Array
+    joints_by_unknowns: Array
     joints_in_twist: Array
     length: Array
     rotation: Array
@@ -92,7 +92,7 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
     whole, bodies = predict(layout, flat, point)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
+    noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
     models = [
         _models(layout, stack, motion, prediction, point, noise)
         for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
@@ -130,7 +130,7 @@ def _models(
         drift=errors[-1][..., -1],
         process=noise.process,
         joints=noise.pose,
-        joints_by_body=noise.by_body,
+        joints_by_unknowns=noise.by_unknowns,
         joints_in_twist=np.full(len(stack.windows), _telescoped(len(middle), spacing)),
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],

@@ -21,10 +21,10 @@ from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.verdict.judgement import Evidence, Judgement, judge
@@ -144,7 +144,7 @@ class TrajectoryEstimator:
         body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
         momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
         momentum[3:] -= cross(self._averaging.origin, momentum[:3])
-        state = np.zeros(self._layout.size)
+        state = np.concatenate((np.zeros(BODY.stop), self._layout.known.mean))
         state[MOMENTUM], state[BODY] = momentum, standard(body)
         return self._layout.point(state)
 
@@ -163,10 +163,7 @@ class TrajectoryEstimator:
         """Return the filter; a new one where the motion has turned out spatial."""
         if self._run is None or self._run.planar != self._plane.planar:
             settings, kernel = self._settings, self._kernel
-            unknowns = catalogue(kernel, settings.uncertainty)
-            if self._plane.planar:
-                unknowns = tuple(unknown.in_plane(self._plane) for unknown in unknowns)
-            self._layout = Layout.of(kernel, unknowns)
+            self._layout = layout_of(kernel, settings.uncertainty, self._plane)
             self._variables = variables(self._layout, self._plane, settings.uncertainty)
             known_mass = float(np.sum(kernel.known[:, 0]))
             bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=settings.adapt)
@@ -213,7 +210,8 @@ class TrajectoryEstimator:
         belief, hypothesis = track.belief, track.hypothesis
         if not hypothesis.physical:  # a walk takes up what would show where the robot is wrong
             moments = run.moments_of_first()
-        values = moments.mean[BODY.stop :]
+        known = self._layout.known
+        values = known.whitening @ (moments.mean[BODY.stop :] - known.mean)
         largest = np.max(np.abs(values)[:, None] * self._layout.belongs, axis=0, initial=0.0)
         squares = values**2 @ self._layout.belongs
         return Evidence(

@@ -90,6 +90,17 @@ def pose_reset(belief: Belief, variables: Variables) -> Belief:
     return belief.with_root(root)
 
 
+def new_motion(belief: Belief, variables: Variables) -> Belief:
+    """Return the belief at the begin of another motion: of pose error and momentum nothing is known.
+
+    Their rows go, which leaves what is known of all else whatever they were.
+    """
+    root, head = belief.root.copy(), variables.head
+    root[:head] = 0.0
+    root[:head, :head] = variables.prior()[1][:head, :head]
+    return belief.with_root(root)
+
+
 def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variables, sizes: Array) -> Belief:
     """Return the belief with a momentum that may have jumped in the window just before.
 

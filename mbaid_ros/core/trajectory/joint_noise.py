@@ -1,8 +1,8 @@
 """What the noise of the joint encoders does to a window.
 
 An error dq of the joints moves the predicted pose by A dq, A = dV/dq', at that instant only: noise of what is measured,
-and hardly any of what accumulates. As A depends on the bodies, the same dq is in the window's rows, by dA/dphi dq: that
-makes least squares prefer bodies of small A (errors in variables), and is why the filter has to know of it.
+and hardly any of what accumulates. As A depends on bodies and joints, the same dq is in the window's rows, by dA/dphi
+dq: that makes least squares prefer bodies of small A (errors in variables), and is why the filter has to know of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_body, joint_gains
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_unknowns, joint_gains
+from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.trajectory.windows import Stack
 
 
@@ -28,16 +29,17 @@ class JointNoise(Stacked):
     Attributes
     ----------
     pose : (B, 6, n) factor of the covariance of the mean pose
-    by_body : (B, 6, 10, n) its derivative by the target body
+    by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the unknowns that the prediction depends on
     process : (B, 6, n) factor of the covariance of what accumulates on the way to the next window
     """
 
     pose: Array
-    by_body: Array
+    by_unknowns: Array
     process: Array
 
 
 def joint_noise(
+    layout: Layout,
     kernel: MomentumKernel,
     stacks: Sequence[Stack],
     inside: Sequence[slice],
@@ -48,7 +50,8 @@ def joint_noise(
 
     Parameters
     ----------
-    kernel : MomentumKernel
+    layout : of the state
+    kernel : of the robot where it is linearised
     stacks : Sequence of Stack
     inside : the windows' own intervals among those of each stack
     predictions : of each stack and the intervals beside, (m, B, ...)
@@ -73,8 +76,8 @@ def joint_noise(
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
     # What is left behind at position level: the turn of A itself, and what F makes of A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
-    by_body = gains_by_body(kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
-    whole = JointNoise(deviation * middle, deviation[..., None] * by_body, deviation * length * remainder)
+    by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
+    whole = JointNoise(deviation * middle, deviation[..., None] * by_unknowns, deviation * length * remainder)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]
 

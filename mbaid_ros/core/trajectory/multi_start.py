@@ -290,7 +290,7 @@ class MultiStart:
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for mass in [declared] if declared > 0.0 else parts:
-            state = np.zeros(self.layout.size)
+            state = np.concatenate((np.zeros(BODY.stop), self.layout.known.mean))
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
             guesses.append(self.layout.point(state))

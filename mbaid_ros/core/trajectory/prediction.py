@@ -7,7 +7,7 @@ M and the momentum b of the joint motion at a resting base, both linear in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -115,6 +115,8 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     mobility, moving = whole(known, placed, body_twist)
+    if layout.plane is not None:
+        mobility = _in_plane(mobility, layout.plane)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
@@ -142,6 +144,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
 
 
+def _in_plane(mobility: Array, plane: Array) -> Array:
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
+
+    What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the
+    twist and the momentum equations are those of the (3, 6) rows.
+    """
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
+
+
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     """Return how joint errors move the prediction.
 
@@ -159,25 +170,38 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     return back @ by_rate, back @ by_position
 
 
-def gains_by_body(kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
-    """Return how the derivative A of the twist by the joint rates depends on the target body.
+def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
+    """Return how the derivative A of the twist by the joint rates depends on the target body and the unknowns.
 
-    A joint at unit rate, where there is no momentum, makes the base move by its column of A and the target by that and
-    its own twist; M dA = -Y dphi at those motions.
+    A joint at unit rate, where there is no momentum, makes the base move by its column of A and every body by that and
+    what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
 
     Parameters
     ----------
-    kernel : MomentumKernel
+    layout : of the state
+    kernel : of the robot where it is linearised
     bodies : at N instants, as predicted
     by_rate : (N, 6, n) A there
 
     Returns
     -------
-    (N, 6, 10, n) array
+    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
     """
-    placed, base = bodies.configuration, np.swapaxes(by_rate, 1, 2)
-    rotation, position = placed.link(bodies.target)
-    motion = base + kernel.kinematics.ancestors[bodies.target.body][:, None] * placed.joint_twist
-    columns = regressor(rotation[:, None], position[:, None], motion)
-    right = -np.moveaxis(columns, 1, -1)  # (N, 6, 10, n)
-    return (bodies.mobility @ right.reshape(*right.shape[:2], -1)).reshape(right.shape)
+    count, joints = len(by_rate), by_rate.shape[-1]
+    each = bodies[np.repeat(np.arange(count), joints)]  # once for every joint
+    alone = np.tile(np.arange(joints), count)
+    added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
+    motion = replace(each, twist=np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added)
+    placed = motion.configuration.link(bodies.target)
+    columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
+    for unknown in layout.predicted:
+        of_momentum = unknown.momentum_columns(kernel, motion.states)
+        nothing = np.zeros((len(alone), 6, unknown.count))
+        columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
+    right = -np.concatenate(columns, axis=-1).reshape(count, joints, 6, -1).transpose(0, 2, 3, 1)
+    return (bodies.mobility @ right.reshape(count, 6, -1)).reshape(right.shape)
+
+
+def _of(joint_twist: Array, joints: Integers) -> Array:
+    """Return the (N, 6) twist of one joint at each instant."""
+    return joint_twist[np.arange(len(joints)), joints]

@@ -15,6 +15,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
@@ -46,15 +49,26 @@ class Layout:
     ----------
     kernel : of the robot as its URDF has it
     unknowns : of the known side, those that are only read last
+    known : what is known of their numbers beforehand
+    plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
     """
 
     kernel: MomentumKernel
     unknowns: tuple[Unknown, ...]
+    known: Carried
+    plane: Array | None = None
 
     @staticmethod
-    def of(kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> Layout:
-        """Return the layout of a state with these unknowns."""
-        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)))
+    def of(
+        kernel: MomentumKernel,
+        unknowns: Sequence[Unknown],
+        known: Carried | None = None,
+        plane: Array | None = None,
+    ) -> Layout:
+        """Return the layout of a state with these unknowns, of which something may be known together."""
+        if known is None:
+            known = Carried.nothing(sum(unknown.count for unknown in unknowns))
+        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
@@ -115,3 +129,13 @@ class Layout:
         values = state.copy()
         values[self.readings] = point.readings
         return self.point(values)
+
+
+def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
+    """Return the layout for what is uncertain of a robot, as the motion seen so far depends on it."""
+    unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
+    if detector.planar:
+        seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
+        known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
+        unknowns = seen
+    return Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)

@@ -32,7 +32,8 @@ class Variables:
     scale : (v,) typical size of each variable
     measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
     force : (6, f) from independent numbers of unit variance to a constant force and torque that may act
-    mean, factor : (s,), (s, s) of the state when nothing has been measured
+    mean, factor : (s,), (s, s) of the state when nothing has been measured, of the unknowns as if they were independent
+    known : (e, e) square-root information of the unknowns then
     typical_momentum : (6,) typical sizes, whatever is known of it
     """
 
@@ -42,6 +43,7 @@ class Variables:
     force: Array
     mean: Array
     factor: Array
+    known: Array
     typical_momentum: Array
 
     @property
@@ -99,6 +101,7 @@ class Variables:
         root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
         information = np.eye(len(self.scale))
         information[:own, :own] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
+        information[own:, own:] = self.known
         return self.gather @ mean, information, likelihood
 
 
@@ -122,9 +125,11 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         deviation[LINEAR] = uncertainty.linear_momentum
     mean, factor = np.zeros(layout.size), np.diag(deviation)
     uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
+    mean[BODY.stop :] = layout.known.mean
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
-    return Variables(basis, np.sqrt((basis**2).T @ sizes**2), measured, force, mean, factor, typical[10:16])
+    scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
+    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16])
 
 
 def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:

@@ -72,7 +72,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             turn @ variables.rows(windows.transition),
             (turn @ windows.drift[..., None])[..., 0],
             turn @ windows.process,
-            _shared(weighed, windows.joints_by_body, variables),
+            _shared(weighed, windows.joints_by_unknowns, variables),
             windows.transition[..., MOMENTUM],
             *_pushes(windows, variables),
             windows.length.tolist(),
@@ -121,13 +121,14 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     Parameters
     ----------
     weighed : (B, 6, n) the joints' noise in the values, as `_White.weighed`
-    slope : (B, 6, 10, n) the same noise in the rows, of the target body
+    slope : (B, 6, 10 + e, n) the same noise in the rows, of the target body and the unknowns
     variables : of the filter
     """
     windows, _, numbers, _ = slope.shape
     by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
-    score = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
-    return np.asarray((score[:, None] @ variables.spread[BODY])[:, 0])
+    score = np.zeros((windows, 1, len(variables.basis)))
+    score[:, 0, BODY.start : BODY.start + numbers] = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
+    return variables.rows(score)[:, 0]
 
 
 def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:

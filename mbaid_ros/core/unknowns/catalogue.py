@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
-from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
 from mbaid_ros.core.unknowns.time_offset import time_offset
 
 
@@ -25,6 +26,7 @@ class Uncertainty:
     time_offset : s, of the joints' stamps
     target : what is known of the target body
     linear_momentum : N s, of the total linear momentum about zero; 0 where nothing is known of it
+    carried : what is known of the unknowns' independent numbers together; None for nothing but their own variances
     """
 
     zeros: Sequence[float] = ()
@@ -33,12 +35,13 @@ class Uncertainty:
     mount_position: float = 0.0
     mount_orientation: float = 0.0
     time_offset: float = 0.0
-    target: TargetPrior = field(default_factory=TargetPrior)
+    target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0
+    carried: Carried | None = None
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return all unknowns of the known side; those that are exact are left out."""
+    """Return all unknowns of the known side; those that are exact are left out, those only read come last."""
     none = [0.0] * kernel.model.joints
     placements = (uncertainty.zeros or none, uncertainty.origins or none, uncertainty.axes or none)
     every = (

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,3 +32,16 @@ class KnownSide:
     def nominal(kernel: MomentumKernel) -> KnownSide:
         """Return the robot as its URDF has it."""
         return KnownSide(kernel, np.zeros(kernel.model.joints), np.zeros(6), 0.0)
+
+    def corrected(self, samples: Samples) -> Samples:
+        """Return samples of the base's own frame: q + zeros, p + R mu_p and R Exp(mu_R); delayed as they are."""
+        if not (np.any(self.zeros) or np.any(self.mount)):
+            return samples
+        away = samples.base_rotation @ self.mount[3:]
+        return replace(
+            samples,
+            joint_position=samples.joint_position + self.zeros,
+            base_position=samples.base_position + away,
+            base_rotation=samples.base_rotation @ exp(self.mount[:3]),
+            base_linear_velocity=samples.base_linear_velocity + cross(samples.base_angular_velocity, away),
+        )

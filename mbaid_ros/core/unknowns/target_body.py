@@ -41,3 +41,26 @@ class TargetPrior:
             factor[1:4] = 0.0
             factor[1:4, 1:4] = self.mass * self.com_std * np.eye(3)
             factor[1:4, 0] = centre * self.mass_std
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTarget:
+    """All of the target link known beforehand, as it is before a capture.
+
+    Attributes
+    ----------
+    parameters : (10,) standard parameters (m, h, I_o)
+    factor : (10, 10) of their covariance
+    """
+
+    parameters: Array
+    factor: Array
+
+    @property
+    def given(self) -> bool:
+        """Whether anything is."""
+        return True
+
+    def apply(self, mean: Array, factor: Array) -> None:
+        """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o)."""
+        mean[:], factor[:] = self.parameters, self.factor

@@ -8,7 +8,8 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.calibration.result import LinkResult
 from mbaid_ros.core.calibration.words import base_parameter, formula
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
-from mbaid_ros.replay.calibrated import HEAD, Calibrated, headline, rows, told
+from mbaid_ros.replay.calibrated import Calibrated
+from mbaid_ros.replay.calibrated_text import HEAD, JOINTS_HEAD, headline, joint_rows, rows, told
 from mbaid_ros.replay.report.markup import STYLE, listed, number, paragraph, table, text
 
 
@@ -23,6 +24,9 @@ def html(result: Calibrated) -> str:
         '<h2>Bodies</h2>',
         table(HEAD, rows(result)),
         *(_body(link) for link in result.calibration.links),
+        '<h2>Joints</h2>',
+        paragraph('Beside the robot description, in the axes of each joint; the axis tilts about two normals of it.'),
+        table(JOINTS_HEAD, joint_rows(result)),
         '<h2>What momentum can tell</h2>',
         paragraph('Each of these combinations has a value of its own; a body alone does not show.'),
         _combinations(result),

@@ -28,10 +28,9 @@ from mbaid_ros.core.trajectory.averaging import KnotAveraging
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.filter import advance, update
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window, stacked
-from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
@@ -73,10 +72,7 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     own = own.doubted(declared_errors(own, config.known_links))
     uncertainty = declared_uncertainty(config, own.model)
     windows, origin, detector = _windows(robot, truth, errors, config.window)
-    unknowns = catalogue(own, uncertainty)
-    if detector.planar:
-        unknowns = tuple(unknown.in_plane(detector) for unknown in unknowns)
-    layout = Layout.of(own, unknowns)
+    layout = layout_of(own, uncertainty, detector)
     own_variables = variables(layout, detector, uncertainty)
     state = np.zeros(layout.size)
     momentum = momentum_of(robot, truth, errors)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from scipy.stats import chi2
 
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import calibrated
@@ -51,7 +52,8 @@ def test_the_intervals_of_the_target_cover(servicers: list[MomentumKernel], afte
     assert chi2.ppf(1e-3, 20) < sum(squares) < 1.25 * chi2.isf(1e-3, 20)
 
 
-def test_without_it_they_are_too_narrow(servicers: list[MomentumKernel], afterwards: Truth) -> None:
-    robot = MomentumKernel(servicers[0].model, 'link7')
-    last = estimator(robot, MID, method='trajectory').update(windows(observe(afterwards, MID, 1000)), 0)[-1]
+def test_cad_values_taken_as_exact_make_them_too_narrow(afterwards: Truth) -> None:
+    robot = MomentumKernel(perturbed(free_servicer(), PRIORS, 0), 'link7')
+    exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
+    last = estimator(robot, MID, method='difference', **exact).update(windows(observe(afterwards, MID, 1000)), 0)[-1]
     assert nees(last, true_body(kernel('servicer7'))) > 3.0 * chi2.isf(1e-3, 10)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.calibration.result import Calibration
@@ -135,13 +136,16 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
 
 def test_one_unknown_link_is_the_single_link_method(spatial: Truth) -> None:
     unknown = kernel('servicer7')
-    alone = identify(unknown, spatial, MID, 4, method='difference', difference__kept_windows=100)[-1]
+    exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
+    given = {**exact, 'time_offset__estimate': False}
+    alone = identify(unknown, spatial, MID, 4, method='trajectory', trajectory__adapt=False, **given)[-1]
     found = calibrate(unknown, [windows(observe(spatial, MID, 4))], CalibrationSettings(MID, (NOTHING,)))
     link = found.links[0]
-    # The single-link method stops at a thousandth of a standard deviation.
-    assert link.parameters == pytest.approx(alone.parameters, abs=2e-3 * float(alone.std.min()), rel=1e-5)
-    assert link.std == pytest.approx(alone.std, rel=1e-4)
-    assert found.momentum[0] == pytest.approx(alone.momentum, abs=1e-5)
+    # Either stops when a pass moves it by less than a tenth of a standard deviation; the estimator takes off what the
+    # rows' noise does, and widens its intervals by the residual.
+    assert np.all(np.abs(link.parameters - alone.parameters) < 0.3 * alone.std)
+    assert link.std == pytest.approx(alone.std, rel=0.1)
+    assert np.all(np.abs(found.momentum[0] - alone.momentum) < 0.3 * np.sqrt(np.diag(alone.momentum_covariance)))
 
 
 def test_base_mass_and_target_at_once(spatial_minute: Truth) -> None:

@@ -16,6 +16,7 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors, declared
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
@@ -134,6 +135,53 @@ def test_several_unknowns_stand_beside_each_other(spatial: Truth) -> None:
     assert both.shares(spread)[:, 1:] == pytest.approx(spread[:, 10:] ** 2)
     # Independent parts add up to all of it.
     assert both.shares(spread).sum(axis=1) == pytest.approx(np.sum(spread**2, axis=1))
+
+
+def test_what_is_known_of_unknowns_together_has_their_correlations(spatial: Truth) -> None:
+    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
+    rng = np.random.default_rng(6)
+    first, last = rng.normal(size=(6, 2)), rng.normal(size=(6, 3))
+    unknowns = [
+        Stated(np.diag([0.5, 2.0]), ('first',) * 2, first),
+        time_offset(0.02),  # not in the equations
+        Stated(np.diag([1.0, 3.0, 0.1]), ('last',) * 3, last),
+    ]
+    factor = rng.normal(size=(6, 8))  # wider than high, as a planar calibration leaves it
+    known = Carried(rng.normal(size=6), factor)
+    both = ConsiderParameters(servicer, unknowns, known)
+    assert both.count == 5
+    columns = both.columns(parts, np.zeros(10))[1]
+    spread = np.concatenate((first * [0.5, 2.0], last * [1.0, 3.0, 0.1]), axis=1) @ factor[[0, 1, 3, 4, 5]]
+    assert columns @ columns.T == pytest.approx(spread @ spread.T)
+
+
+def test_the_robot_is_taken_at_the_mean_of_what_is_known(spatial: Truth) -> None:
+    """Joint zeros, placements and mount that are off by the mean lead to what the true robot leads to."""
+    servicer = kernel('servicer7')
+    joints = servicer.model.joints
+    unknowns = [
+        joint_placements(servicer, *([size] * joints for size in (2e-3, 1e-3, 1e-3))),
+        odometry_mount(2e-3, 2e-3),
+    ]
+    count = sum(unknown.count for unknown in unknowns)
+    known = Carried(np.random.default_rng(7).normal(size=count), np.eye(count))
+    side = known.expected(servicer, unknowns)
+    placements, mount = (
+        unknown.factor @ mean for unknown, mean in zip(unknowns, np.split(known.mean, [-6]), strict=True)
+    )
+    assert side.zeros == pytest.approx(placements[::6])
+    assert side.mount == pytest.approx(mount)
+    samples = observe(spatial, MID)
+    found = side.corrected(samples)
+    assert found.joint_position == pytest.approx(samples.joint_position + placements[::6])
+    assert found.base_rotation == pytest.approx(samples.base_rotation @ exp(mount[:3]))
+    assert found.base_position == pytest.approx(samples.base_position + samples.base_rotation @ mount[3:])
+    # The velocity goes with the position: no other motion than that of a fixed point of the base.
+    step = np.diff(found.time)[:, None]
+    means = 0.5 * (found.base_linear_velocity[1:] + found.base_linear_velocity[:-1])
+    before = 0.5 * (samples.base_linear_velocity[1:] + samples.base_linear_velocity[:-1])
+    moved = np.diff(found.base_position - samples.base_position, axis=0) / step
+    assert means - before == pytest.approx(moved, abs=1e-3 * np.abs(moved).max())
 
 
 def test_nothing_uncertain_costs_nothing(spatial: Truth) -> None:

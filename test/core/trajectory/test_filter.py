@@ -19,6 +19,7 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.innovations import Innovations
 
 UNKNOWNS = 3  # of the known side
+NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on
 STATE = BODY.stop + UNKNOWNS
 STILL = Hypothesis('nothing drifts')
 
@@ -29,7 +30,7 @@ def variables(rng: np.random.Generator) -> Variables:
     mean = rng.normal(size=STATE)
     mean[BODY.stop :] = 0.0
     force = np.diag(rng.uniform(0.5, 2.0, 6))
-    return Variables(np.eye(STATE), scale, np.eye(6), force, mean, np.diag(deviation), np.ones(6))
+    return Variables(np.eye(STATE), scale, np.eye(6), force, mean, np.diag(deviation), np.eye(UNKNOWNS), np.ones(6))
 
 
 def covariance_of(belief: Belief, space: Variables) -> Array:
@@ -53,7 +54,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         drift=rng.normal(size=6),
         process=np.sqrt(process) * rng.normal(size=(6, 8)),
         joints=rng.normal(size=(6, 3)),
-        joints_by_body=rng.normal(size=(6, 10, 3)),
+        joints_by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
         rotation=np.eye(3),
@@ -83,7 +84,7 @@ def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, fl
             # E[(d rows)^T covariance^-1 (d value)] of an error e of the joints, with unit covariance: d value is
             # joints e, d rows is the same of their derivative.
             weighed = np.linalg.solve(covariance, model.joints)
-            score[BODY] += size * np.einsum('aun,an->u', model.joints_by_body, weighed)
+            score[BODY.start : BODY.start + NUMBERS] += size * np.einsum('aun,an->u', model.joints_by_unknowns, weighed)
         step = np.eye(STATE)
         step[:6] = model.transition
         whole, constant = step @ whole, step @ constant
@@ -222,7 +223,9 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
     unit = np.ones(STATE)
-    space = Variables(np.eye(STATE), unit, np.eye(6), np.eye(6), 0.0 * unit, np.eye(STATE), np.ones(6))
+    space = Variables(
+        np.eye(STATE), unit, np.eye(6), np.eye(6), 0.0 * unit, np.eye(STATE), np.eye(UNKNOWNS), np.ones(6)
+    )
     model = window(rng)
     sharp = 1e-18
     model = replace(

@@ -15,7 +15,7 @@ from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.interpolation import Midpoints
-from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_body, joint_gains, predict
+from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from observed import LOW, drifting, kernel, observe
@@ -160,17 +160,17 @@ def test_derivatives_by_joints(seed: int) -> None:
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_what_joint_rates_make_depends_on_the_body(seed: int) -> None:
+def test_what_joint_rates_make_depends_on_the_bodies(seed: int) -> None:
     case = Case(seed)
 
-    def by_rate(body: Array) -> Array:
-        point = case.point.copy()
-        point[TARGET] = body
+    def by_rate(bodies: Array) -> Array:
+        point = np.concatenate((case.point[: TARGET.start], bodies))
         return joint_gains(case.kernel, case.predicted(point)[1])[0]
 
-    body = case.point[TARGET]
-    found = gains_by_body(case.kernel, case.predicted(case.point)[1], by_rate(body))
-    expected = central_difference(by_rate, body, STEP)  # (N, 6, n, 10)
+    bodies = case.point[TARGET.start :]
+    predicted_bodies = case.predicted(case.point)[1]
+    found = gains_by_unknowns(case.layout, case.kernel, predicted_bodies, by_rate(bodies))
+    expected = central_difference(by_rate, bodies, STEP)  # (N, 6, n, 10 + e)
     close(found, np.swapaxes(expected, -1, -2))
 
 

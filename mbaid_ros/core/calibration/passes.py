@@ -1,0 +1,235 @@
+"""The trajectory filter with the target link known: passes over all motions until the point that they stand on stays.
+
+The motions come one after the other. Pose error and momentum are new in each; the target link, whose prior is that of a
+known body, and all other unknowns carry over with all their correlations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.averaging import KnotAveraging
+from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.filter import advance, new_motion, pose_reset, update
+from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
+from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
+from mbaid_ros.core.trajectory.windows import Window, stacked
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+_PASSES = 12
+_SETTLED = 0.1  # standard deviations
+_TOGETHER = 30  # windows linearised in one call
+_FEW = 60  # windows of the first passes
+_HALVINGS = 20
+_STILL = Hypothesis('nothing drifts')
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion, its momentum constant.
+
+    Attributes
+    ----------
+    layout : of the state
+    windows : of knots, in order
+    origin : (3,) m, which positions and angular momentum are relative to
+    variables : of the filter
+    """
+
+    layout: Layout
+    windows: list[Window]
+    origin: Array
+    variables: Variables
+
+    @staticmethod
+    def of(
+        run: list[Samples],
+        kernel: MomentumKernel,
+        detector: PlaneDetector,
+        uncertainty: Uncertainty,
+        sensing: tuple[SensorNoise, float],
+    ) -> Motion:
+        """Return the motion in some windows of samples.
+
+        Parameters
+        ----------
+        run : windows
+        kernel : of the robot, the errors of its known bodies included
+        detector : decides whether the motion is planar, and in which plane
+        uncertainty : of the known side, the target link included
+        sensing : noise of the joint sensors, length of a window in s
+        """
+        layout = layout_of(kernel, uncertainty, detector)
+        averaging = KnotAveraging(kernel.model.joints, *sensing)
+        taken = averaging.take(run)
+        windows = [each.ready for each in taken if each.ready is not None]
+        if taken[-1].still_open is not None:
+            windows.append(taken[-1].still_open)
+        return Motion(layout, windows, averaging.origin, variables(layout, detector, uncertainty))
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """What a pass over all motions has come to.
+
+    Attributes
+    ----------
+    belief : at the end of the last motion
+    mean, factor : (v - h,), (v - h, v - h) of what all motions share: target link and unknowns
+    momenta : (R, 6) of each motion, about its origin
+    momentum_factors : R factors of their covariances, (6, w) each
+    """
+
+    belief: Belief
+    mean: Array
+    factor: Array
+    momenta: Array
+    momentum_factors: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The last pass, whether it has left the point that it was linearised at where it was, and the next point.
+
+    Attributes
+    ----------
+    passed : Passed
+    stays : whether the pass moved nothing by more than a tenth of its standard deviation
+    common, momenta : (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
+    """
+
+    passed: Passed
+    stays: bool
+    common: Array
+    momenta: Array
+
+
+def settle(motions: Sequence[Motion], start: Array) -> Settled:
+    """Pass over all motions until what they lead to is where they were linearised.
+
+    Parameters
+    ----------
+    motions : Motion
+    start : (10,) standard parameters of the target link to begin at
+
+    Raises
+    ------
+    LinAlgError
+        The windows cannot be weighed at the start.
+    """
+    first = motions[0]
+    common = np.concatenate((start, first.layout.known.mean))
+    momenta: Array = np.zeros((len(motions), 6))
+    if sum(len(motion.windows) for motion in motions) > 2 * _FEW:
+        # A part of the windows takes most of the way, for a part of the work.
+        near = _repeat([replace(first, windows=first.windows[:_FEW])], common, momenta[:1])
+        if near.stays:
+            common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
+    return _repeat(motions, common, momenta)
+
+
+def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled:
+    layout = motions[0].layout
+    deviation: Array = np.zeros(len(common))
+    result: Settled | None = None
+    for _ in range(_PASSES):
+        points = [_point(layout, common, momentum, deviation) for momentum in momenta]
+        try:
+            passed = _pass(motions, points)
+        except np.linalg.LinAlgError:
+            if result is None:
+                raise
+            return result  # its step has led to where nothing can be linearised
+        step, deviation = _step(motions[0].variables, passed, common)
+        part = _massive(layout, common, step)
+        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
+        still = np.all(np.abs(step) <= _SETTLED * deviation)
+        still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
+        common, momenta = common + part * step, passed.momenta
+        result = Settled(passed, bool(still) and part == 1.0, common, momenta)
+        if result.stays:
+            break
+    assert result is not None, 'there was a pass'
+    return result
+
+
+def _step(shared: Variables, passed: Passed, common: Array) -> tuple[Array, Array]:
+    """Return where a pass leads to from its point, and the standard deviations there."""
+    spread = shared.spread[BODY.start :, shared.head :]
+    # What the variables leave out of a planar target link stays where it was.
+    step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
+    return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
+
+
+def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
+    state, deviations = np.zeros((2, layout.size))
+    state[MOMENTUM], state[BODY.start :], deviations[BODY.start :] = momentum, common, deviation
+    return layout.point(state, deviations)
+
+
+def _massive(layout: Layout, common: Array, step: Array) -> float:
+    """Return what part of a step leaves each moving body a mass."""
+    part = 1.0
+    body = layout.kernel.target.body
+    for _ in range(_HALVINGS):
+        there = common + part * step
+        masses = _point(layout, there, np.zeros(6), np.zeros(len(there))).side.kernel.known[:, 0].copy()
+        masses[body] += there[0]
+        before = layout.kernel.known[:, 0].copy()
+        before[body] += common[0]
+        if np.all((masses > 0.0) | (before <= 0.0)):
+            break
+        part *= 0.5
+    return part
+
+
+def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> Passed:
+    belief: Belief | None = None
+    heads = []
+    for motion, point in zip(motions, points, strict=True):
+        own = motion.variables
+        belief = Belief.prior(own) if belief is None else new_motion(belief, own)
+        for window, white in _linearised(motion, point):
+            belief = update(pose_reset(belief, own) if window.fresh else belief, white)
+            if window is not motion.windows[-1]:
+                belief = advance(belief, white, own, _STILL)
+        heads.append(belief.root[own.poses : own.head])
+    assert belief is not None, 'there is a motion'
+    head = motions[0].variables.head
+    mean, _, factor = belief.with_root(belief.root[head:, head:]).moments()
+    found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
+    momenta = np.array([momentum for momentum, _ in found])
+    return Passed(belief, mean, factor, momenta, [each for _, each in found])
+
+
+def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
+    """Yield windows, each as it is and linearised, some at a time: those of a long motion would fill the memory."""
+    linearised = LinearisationCache(motion.layout, motion.variables)
+    for begin in range(0, len(motion.windows), _TOGETHER):
+        yield from linearised.all_whitened(stacked(motion.windows[begin : begin + _TOGETHER]), point)
+
+
+def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[Array, Array]:
+    """Return the momentum of a motion, (6,), and a covariance factor (6, w), from what is known of all else at last.
+
+    Parameters
+    ----------
+    rows : (p, v + 2) of the triangle at the motion's end: what is known of the momentum, given all else
+    own : variables of the motion
+    mean, factor : (v - h,), (v - h, v - h) of all else
+    """
+    back = np.linalg.inv(rows[:, own.poses : own.head])
+    others = rows[:, own.head : -2]
+    value = back @ (rows[:, -2:].sum(axis=1) - others @ mean)
+    spread = own.spread[MOMENTUM, own.poses : own.head]
+    return spread @ value, spread @ np.concatenate((back, -back @ others @ factor), axis=1)

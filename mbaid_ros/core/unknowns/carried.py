@@ -1,0 +1,69 @@
+"""What is known of all unknowns together beforehand, correlations and all: what a calibration has left open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+_NOTHING = 1e-8  # part of the largest standard deviation (all numbers in units of their own) from which one is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A Gaussian of the catalogue's independent numbers, which are so no more.
+
+    Attributes
+    ----------
+    mean : (e,)
+    factor : (e, w) of their covariance
+    """
+
+    mean: Array
+    factor: Array
+
+    @staticmethod
+    def nothing(numbers: int) -> Carried:
+        """Return what is known of so many numbers before anything is measured."""
+        return Carried(np.zeros(numbers), np.eye(numbers))
+
+    @cached_property
+    def whitening(self) -> Array:
+        """The (e, e) matrix W that makes W (numbers - mean) independent, of unit variance, each near its own number."""
+        size = np.sqrt(np.sum(self.factor**2, axis=1))
+        left, values, _ = np.linalg.svd(self.factor / size[:, None], full_matrices=False)
+        values = np.maximum(values, _NOTHING * values.max(initial=0.0))
+        return np.asarray((left / values) @ left.T / size)
+
+    @cached_property
+    def triangle(self) -> Array:
+        """The (e, e) upper triangular square root of the information."""
+        return np.asarray(np.linalg.qr(self.whitening, mode='r'))
+
+    def of(self, maps: Sequence[Array]) -> Carried:
+        """Return the same of the numbers that maps, one for each unknown, make of these."""
+        together = block_diag(*maps)
+        return Carried(together @ self.mean, together @ self.factor)
+
+    def expected(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> KnownSide:
+        """Return the known side at the mean of the unknowns' numbers."""
+        side, place = KnownSide.nominal(kernel), 0
+        for unknown in unknowns:
+            side = unknown.moved(side, unknown.factor @ self.mean[place : place + unknown.count])
+            place += unknown.count
+        return side
+
+
+def in_plane_map(unknown: Unknown, in_plane: Unknown) -> Array:
+    """Return how the independent numbers of an unknown as a planar motion depends on it follow from its own, (p, e)."""
+    if in_plane is unknown:
+        return np.eye(unknown.count)
+    return np.asarray(np.linalg.pinv(in_plane.factor, rcond=1e-12) @ unknown.factor)

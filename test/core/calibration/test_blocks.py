@@ -1,0 +1,151 @@
+"""Robots that are not their URDF in any block: all of it is found within one covariance, and goes on from there."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.core.calibration.prior import LinkPrior
+from mbaid_ros.core.calibration.result import Calibration
+from mbaid_ros.core.calibration.structure import planar_basis
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.true_robot import true_robot
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
+from mbaid_ros.core.simulation.motion import random_sinusoids
+from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from observed import MID, configured_motion, observe, windows
+from servicing import PRIORS, WEIGHED, all_unknown, free_servicer, perturbed, standard_parameters
+from simulated import robot, state
+
+SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, 1e-3)
+TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
+
+
+def errors_of(seed: int) -> ModelErrors:
+    return draw(free_servicer(), 'link7', SIZES, generator(seed))
+
+
+@cache
+def moved(robot_seed: int, seed: int, seconds: float) -> Truth:
+    """Return a motion of the free arm of a robot that is not its URDF."""
+    model = true_robot(free_servicer(), errors_of(robot_seed), ('link7',))
+    motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
+    start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
+    return Simulation(model, motion, start, 0.05).advance(np.arange(round(seconds * 20.0)) / 20.0)
+
+
+def data(robot_seed: int, seed: int, seconds: float = 40.0) -> list[Samples]:
+    return windows(observe(moved(robot_seed, seed, seconds), MID, seed, errors_of(robot_seed)))
+
+
+def wrong(model: RobotModel, errors: ModelErrors) -> Array:
+    """Return the true values of joints and mount, as a calibration has them, (6 n + 6,)."""
+    across = Kinematics(model).axial[1:, :, :2]
+    tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
+    return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
+
+
+def found_of(seed: int) -> tuple[Calibration, Array]:
+    """Return the calibration of a drawn robot, and the errors of all its values."""
+    cad = perturbed(free_servicer(), PRIORS, seed)
+    found = calibrate(all_unknown(cad), [data(seed, 10 + seed)], CalibrationSettings(MID, PRIORS, SERVICER))
+    true = np.concatenate((standard_parameters(free_servicer()), wrong(cad, errors_of(seed))))
+    return found, found.values - true
+
+
+def test_links_joints_and_mount_are_found_within_their_covariance() -> None:
+    squares, deviations = 0.0, []
+    for seed in range(3):
+        found, error = found_of(seed)
+        assert found.settled
+        assert found.residual == pytest.approx(1.0, abs=0.1)
+        squares += float(error @ np.linalg.solve(found.block_covariance, error))
+        deviations.append(error / found.stds)
+    numbers = 3 * len(error)
+    assert chi2.ppf(1e-4, numbers) < squares < chi2.isf(1e-4, numbers)
+    assert np.abs(deviations).max() < 4.7  # one of 384 once in 1000
+    # Of every block the data tell something: of one number at least, a quarter of the prior's variance.
+    before = np.sqrt(np.diag(found.prior.covariance))
+    ratios = found.stds / np.concatenate((before, np.tile([1e-3] * 6, 7), [2e-3] * 6))
+    placed = ratios[80:-6].reshape(7, 6)
+    assert max(ratios[:80].min(), placed[:, 0].min(), placed[:, 1:4].min(), ratios[-6:].min()) < 0.87
+
+
+def test_joints_taken_for_exact_make_links_wrong() -> None:
+    cad = perturbed(free_servicer(), PRIORS, 0)
+    found = calibrate(all_unknown(cad), [data(0, 10)], CalibrationSettings(MID, PRIORS))
+    error = found.theta - standard_parameters(free_servicer())
+    assert float(error @ np.linalg.solve(found.covariance, error)) > 3.0 * chi2.isf(1e-4, 80)
+
+
+def test_the_order_of_motions_makes_no_difference_and_two_tell_more_than_one() -> None:
+    unknown = all_unknown(perturbed(free_servicer(), PRIORS, 1))
+    runs, settings = [data(1, 21, 20.0), data(1, 22, 20.0)], CalibrationSettings(MID, PRIORS, SERVICER)
+    both, other, one = (calibrate(unknown, each, settings) for each in (runs, runs[::-1], runs[:1]))
+    assert np.all(np.abs(both.values - other.values) < 0.05 * both.stds)
+    assert both.stds == pytest.approx(other.stds, rel=2e-2)
+    assert both.momentum == pytest.approx(other.momentum[::-1], abs=0.05 * both.momentum_covariance.max() ** 0.5)
+    size = np.sqrt(np.diagonal(both.momentum_covariance, axis1=1, axis2=2))
+    again = np.sqrt(np.diagonal(other.momentum_covariance[::-1], axis1=1, axis2=2))
+    assert size == pytest.approx(again, rel=2e-2)
+    assert np.all(both.stds < 1.02 * one.stds)
+    assert np.mean(both.stds[:80] / one.stds[:80]) < 0.95
+
+
+@pytest.mark.parametrize('seed', [3, 4])
+def test_a_planar_robot(seed: int) -> None:
+    """CAD has its bodies' centres of mass off across the plane, too, which its motion knows nothing of."""
+    model = robot('table1')
+    rng = np.random.default_rng(seed)
+    none = ModelErrors.none(4)
+    origins, mount = 1e-3 * rng.normal(size=(4, 3)), 2e-3 * rng.normal(size=6)
+    origins[:, 2] = mount[[0, 1, 5]] = 0.0
+    errors = ModelErrors(none.bodies, 1e-3 * rng.normal(size=4), origins, none.tilts, mount)
+    priors = (WEIGHED, *(LinkPrior(0.05, 0.05, 0.05),) * 4)
+    run = windows(observe(configured_motion('table1', 30.0, 50.0, 0.02, errors), MID, seed, errors))
+    found = calibrate(all_unknown(perturbed(model, priors, seed)), [run], CalibrationSettings(MID, priors, TABLE))
+    assert found.planar
+    assert found.residual == pytest.approx(1.0, abs=0.1)
+    bases = [planar_basis(found.mechanism, link) for link in found.mechanism.kernel.unknown]
+    rows = np.zeros((20, len(found.values)))
+    for index, basis in enumerate(bases):
+        rows[4 * index : 4 * index + 4, 10 * index : 10 * index + 10] = basis.T
+    seen = np.concatenate(([50 + 6 * joint + each for joint in range(4) for each in (0, 1, 2)], [76, 77, 78]))
+    rows = np.concatenate((rows, np.eye(len(found.values))[seen]))
+    error = rows @ (found.values - np.concatenate((standard_parameters(model), wrong(model, errors))))
+    squares = float(error @ np.linalg.solve(rows @ found.block_covariance @ rows.T, error))
+    assert chi2.ppf(1e-4, len(rows)) < squares < chi2.isf(1e-4, len(rows))
+    # What lies across the plane is as well known as before: origins' heights and the mount's tilt.
+    assert found.stds[[53, 59]] == pytest.approx(1e-3, rel=1e-6)
+    assert found.stds[-6:-4] == pytest.approx(2e-3, rel=1e-6)
+
+
+def test_what_goes_on_is_what_was_found() -> None:
+    """The unknowns that the filter goes on with, put together, are the other links, joints and mount."""
+    cad = perturbed(free_servicer(), PRIORS, 2)
+    kernel = MomentumKernel(cad, 'link7', *(link.name for link in cad.links if link.name != 'link7'))
+    priors = (PRIORS[-1], *PRIORS[:-1])
+    found = calibrate(kernel, [data(2, 12, 20.0)], CalibrationSettings(MID, priors, SERVICER))
+    carried = found.carried
+    assert carried.mean.shape == (70 + 42 + 6 + 1,)
+    covariance = carried.factor @ carried.factor.T
+    roots = found.prior.roots[1:]
+    spread = np.zeros((118, 118))
+    for index, root in enumerate(roots):
+        spread[10 * index : 10 * index + 10, 10 * index : 10 * index + 10] = root
+    spread[70:, 70:] = np.diag([1e-3] * 42 + [2e-3] * 6)
+    wanted, size = found.block_covariance[10:, 10:], found.stds[10:]
+    assert spread @ covariance[:118, :118] @ spread.T / np.outer(size, size) == pytest.approx(
+        wanted / np.outer(size, size), abs=1e-9
+    )
