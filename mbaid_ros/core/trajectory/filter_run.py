@@ -156,7 +156,12 @@ class FilterRun:
         """Do a part of what the search has to do before the next window, if anything."""
         done = 0
         while self._search is not None and done < min(self._owed, _PART):
-            work = next(self._search)
+            try:
+                work = next(self._search)
+            except np.linalg.LinAlgError:
+                # What it was linearised at is no robot that can be: later windows may tell more.
+                self._search, self._next_pass = None, self._searched + _RETRY
+                break
             if isinstance(work, Found):
                 self._take_over(work)
             else:

@@ -151,13 +151,16 @@ class MultiStart:
         results: list[_Result] = []
         sound = other_leads = False
         if point is not None and not _massless(point.parameters):
-            result = yield from self._repeat(stacks, point, self._fresh(self.hypotheses[0]))
-            results, sound = [result], result.sound
-            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
+            found = yield from self._repeat(stacks, point, self._fresh(self.hypotheses[0]))
+            if found is not None:
+                results, sound = [found], found.sound
+                passed, bank, other_leads = yield from self._hypotheses(stacks, found)
         if not (sound or other_leads):
             results += yield from self._from_guesses(stacks)
-            result = max(results, key=lambda each: each.merit)
-            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
+            if not results:
+                raise np.linalg.LinAlgError('no start leads to a robot that can be')
+            passed, bank, other_leads = yield from self._hypotheses(stacks, max(results, key=lambda each: each.merit))
+        result = max(results, key=lambda each: each.merit)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
         while count < len(windows):
             more = windows[count : count + _PART]
@@ -176,13 +179,13 @@ class MultiStart:
         for guess in self._guesses():
             fresh = self._fresh(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[_MASS]))
             result = yield from self._repeat(stacks, guess, fresh, held=True)
-            held.append(result)
+            held += [] if result is None else [result]
         free: list[_Result] = []
         for start in sorted(held, key=lambda each: each.merit, reverse=True):
             fresh = self._fresh(self.hypotheses[0], LONGEST_AT_A_GUESS)
             result = yield from self._repeat(stacks, start.point, fresh)
-            free.append(result)
-            if result.certain:
+            free += [] if result is None else [result]
+            if result is not None and result.certain:
                 break
         return free + held
 
@@ -203,6 +206,8 @@ class MultiStart:
         if leading is first:
             return passed, bank, False
         other = yield from self._repeat(stacks, result.point, self._fresh(leading, longest))
+        if other is None:
+            return passed, clamped(bank), False
         needed = not result.sound or self._plain(other)
         if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
             return passed, clamped(bank), False
@@ -211,8 +216,8 @@ class MultiStart:
 
     def _repeat(
         self, stacks: list[list[Stack]], point: Point, fresh: Track, *, held: bool = False
-    ) -> Generator[int, None, _Result]:
-        """Pass over the windows until they move the point no more, at most a dozen times.
+    ) -> Generator[int, None, _Result | None]:
+        """Pass over the windows until they move the point no more, at most a dozen times; None where none can be made.
 
         Parameters
         ----------
@@ -226,14 +231,11 @@ class MultiStart:
             try:
                 result = yield from self._solve(stacks, point, fresh, held=held)
             except np.linalg.LinAlgError:
-                if result is None:
-                    raise
                 # It has led away to a robot that cannot be: nothing follows from it.
-                return replace(result, point=result.passed.point, settled=False)
+                return None if result is None else replace(result, point=result.passed.point, settled=False)
             point = result.point
             if result.settled:
                 break
-        assert result is not None, 'there is a pass'
         return result
 
     def _solve(
