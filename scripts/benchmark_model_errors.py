@@ -38,7 +38,8 @@ def main() -> int:
     if arguments.output:
         wheel = {std: flywheel.rows(range(_WHEELS), std) for std in (0.0, _MASS_STD)}
         example = budget(next(monte_carlo(EXAMPLE)), 0)
-        command = f'scripts/{Path(__file__).name} {" ".join(sys.argv[1:])}'.strip()
+        # Where finished runs are kept is nobody's business.
+        command = f'scripts/{Path(__file__).name} --seeds {arguments.seeds} --others {arguments.others} --output docs'
         arguments.output.mkdir(parents=True, exist_ok=True)
         text = page(found, wheel, example, provenance(command))
         (arguments.output / 'model-errors.md').write_text(text, encoding='utf-8')

@@ -146,8 +146,8 @@ default parameters, told the noise and how large the errors may be; a robot and 
 - *all*: everything is off, and said to be; then one block alone, the others exact and said to be; then everything,
   with priors that are wrong by a factor of two.
 - *coverage*: of the 95 % intervals, the mean over the parameters, and the parameters with the fewest and the most. The
-  parameters of one run are hardly independent (one wrong mass scales most of them): over ten robots the mean itself
-  is good to 5 % or so.
+  parameters of one run are hardly independent (one wrong mass scales most of them): over twenty robots the mean
+  itself is good to 5 % or so.
 - *largest error*: in reported standard deviations. *NEES*, *NIS*: 1 is right; that band takes parameters for
   independent in the metric of their covariance, as they are.
 - *RMSE / bound*: over the root mean square of what is attainable, median over the parameters (worst). The bound is the
@@ -163,7 +163,7 @@ _LADDER = """
 ## One defect at a time, that nobody has told of
 
 `{robot}`, one defect, drawn with the standard deviation at the head of the column in the unit of the row; everything
-else is exact. Default parameters. Largest error of {seeds} runs or more in standard deviations, coverage, status at
+else is exact. Default parameters. Largest error of {seeds} runs in standard deviations, coverage, status at
 the end.
 """
 
@@ -171,8 +171,9 @@ _WHEEL = """
 ## What has to be given
 
 A base of {mass:g} kg with one flywheel, which turns about its own centre and moves no mass: no motion tells how heavy
-the base is. The robot is drawn as above, the wheel included; a mass that is given is off by as much as is said of it.
-How well the CoM can be known is where the odometry is mounted (2 mm), the inertia how well the wheel's is known (1 %).
+the base is. The robot is drawn as above, so that the wheel may be a little out of balance, which tells a little. A mass
+that is given is off by as much as is said of it. How well the CoM can be known is where the odometry is mounted (2 mm),
+the inertia how well the wheel's is known (1 %).
 """
 
 _BUDGET = """
