@@ -7,7 +7,7 @@ units of its prior: first those that the predicted motion depends on, then those
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.core.unknowns.target_body import KnownTarget
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
@@ -51,12 +52,14 @@ class Layout:
     unknowns : of the known side, those that are only read last
     known : what is known of their numbers beforehand
     plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
+    corrects_unknowns : whether noise that rows and values share is taken off the unknowns, too, not the target alone
     """
 
     kernel: MomentumKernel
     unknowns: tuple[Unknown, ...]
     known: Carried
     plane: Array | None = None
+    corrects_unknowns: bool = True
 
     @staticmethod
     def of(
@@ -138,4 +141,6 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
-    return Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
+    layout = Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
+    # With an open target whose motion tells little, the correction of the others overshoots: it is of first order.
+    return replace(layout, corrects_unknowns=isinstance(uncertainty.target, KnownTarget))

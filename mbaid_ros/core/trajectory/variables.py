@@ -12,7 +12,6 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.target_body import KnownTarget
 
 _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors
 # Standard deviations of the first pose's error, and of momentum and body in typical sizes: no prior, in effect.
@@ -36,7 +35,6 @@ class Variables:
     mean, factor : (s,), (s, s) of the state when nothing has been measured, of the unknowns as if they were independent
     known : (e, e) square-root information of the unknowns then
     typical_momentum : (6,) typical sizes, whatever is known of it
-    corrected : of how many numbers, target body first, shared noise is taken account of; None is all
     """
 
     basis: Array
@@ -47,7 +45,6 @@ class Variables:
     factor: Array
     known: Array
     typical_momentum: Array
-    corrected: int | None = None
 
     @property
     def poses(self) -> int:
@@ -132,9 +129,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
-    # With an open target whose motion tells little, the correction of the others overshoots: it is of first order.
-    corrected = None if isinstance(uncertainty.target, KnownTarget) else BODY.stop - BODY.start
-    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16], corrected)
+    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16])
 
 
 def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:

@@ -124,7 +124,6 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     slope : (B, 6, 10 + e, n) the same noise in the rows, of the target body and the unknowns
     variables : of the filter
     """
-    slope = slope[:, :, : variables.corrected]
     windows, _, numbers, _ = slope.shape
     by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
     score = np.zeros((windows, 1, len(variables.basis)))
