@@ -33,6 +33,7 @@ from simulated import CONFIG, table1
 MODEL = str(CONFIG / 'table1.urdf')
 DURATION = 20.0
 RATE = 20.0
+QUICK = ('--method', 'difference')  # where it is not the estimate that is tested
 DATE = re.compile(r'\d{4}-\d\d-\d\dT[\d:]{8}\+00:00')
 SHAPE = {'mass', 'com', 'inertia'}
 INERTIA = ['ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz']
@@ -119,7 +120,7 @@ def test_the_papers_case_leads_to_the_last_link(capsys: pytest.CaptureFixture[st
 
 def test_several_bags_are_a_list_and_the_paths_are_as_given(capsys: pytest.CaptureFixture[str], bag: str) -> None:
     bare = f'{bag}/papers_case.mcap'
-    results = result_of(capsys, bag, bare)
+    results = result_of(capsys, bag, bare, *QUICK)
     assert [result['bag'] for result in results] == [bag, bare]
     assert results[0]['estimate'] == results[1]['estimate']
 
@@ -153,7 +154,7 @@ def test_other_topic_names(capsys: pytest.CaptureFixture[str], bag: str, tmp_pat
         for name, data, time in source.raw():
             target.write_raw(f'/arm{name}', data, time)
     assert "no topic '/joint_states'; topics: /arm/joint_states" in refused(capsys, renamed, '--model', MODEL)
-    result = result_of(capsys, renamed, '--joint-states', '/arm/joint_states', '--odom', '/arm/odom')
+    result = result_of(capsys, renamed, '--joint-states', '/arm/joint_states', '--odom', '/arm/odom', *QUICK)
     assert result['status'] != 'waiting'
 
 
@@ -177,7 +178,7 @@ def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], bag: str, tm
 
 def test_the_report_needs_nothing_else(capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path) -> None:
     report = tmp_path / 'report.html'
-    assert main([bag, '--model', MODEL, '--report', str(report)]) == 0
+    assert main([bag, '--model', MODEL, '--report', str(report), *QUICK]) == 0
     text = report.read_text()
     assert 'link4' in capsys.readouterr().out
     svg = ET.fromstring(text[text.index('<svg') : text.index('</svg>') + 6])
@@ -190,7 +191,7 @@ def test_the_report_needs_nothing_else(capsys: pytest.CaptureFixture[str], bag: 
 def test_two_reports_of_the_same_data_are_the_same_but_for_the_date(bag: str, tmp_path: Path) -> None:
     pages = []
     for _ in range(2):
-        assert main([bag, '--model', MODEL, '--report', str(tmp_path / 'page')]) == 0
+        assert main([bag, '--model', MODEL, '--report', str(tmp_path / 'page'), *QUICK]) == 0
         pages.append((tmp_path / 'page').read_text())
         assert pages[-1].count(DATE.search(pages[-1])[0]) == 1  # type: ignore[index]
     assert DATE.sub('', pages[0]) == DATE.sub('', pages[1])
@@ -236,7 +237,8 @@ def test_names_of_files_that_are_no_text_read_back_the_same(bag: str, tmp_path: 
     odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff')
     Path(f'{odd}.urdf').symlink_to(MODEL)
     Path(odd).symlink_to(bag)
-    main([odd, '--model', f'{odd}.urdf', '--json', str(tmp_path / 'out.json'), '--report', str(tmp_path / 'out.html')])
+    outputs = ['--json', str(tmp_path / 'out.json'), '--report', str(tmp_path / 'out.html')]
+    main([odd, '--model', f'{odd}.urdf', *outputs, *QUICK])
     result = json.loads((tmp_path / 'out.json').read_text(encoding='utf-8'))
     assert (result['bag'], result['made_by']['robot']['file']) == (odd, f'{odd}.urdf')
     assert 'udcff' in (tmp_path / 'out.html').read_text(encoding='utf-8')

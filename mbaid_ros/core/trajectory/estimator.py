@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -130,7 +131,7 @@ class TrajectoryEstimator:
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._run is not None:
-            self._run.offer(self._point_of(estimate))
+            self._run.offer(partial(self._point_of, estimate))
 
     def restart(self) -> None:
         """Give up the solution and look for a start again."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class FilterRun:
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
-        self._offered: Point | None = None  # a start that another method has found
+        self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._point: Point | None = None  # at which windows are linearised at present
         self.planar = len(variables.measured) < 6
         self.settled = False
@@ -140,8 +140,8 @@ class FilterRun:
                 latest = met(latest, still_open, white, self._variables)
         self._latest = latest
 
-    def offer(self, point: Point) -> None:
-        """Take a point that the next search may begin at."""
+    def offer(self, point: Callable[[], Point]) -> None:
+        """Take what makes a point that the next search may begin at."""
         self._offered = point
 
     def restart(self) -> None:
@@ -172,7 +172,8 @@ class FilterRun:
         """Begin to linearise all of the young run again if it is time to."""
         if moved and len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(young, self._found() if self.settled else self._offered)
+            begin = self._found if self.settled else self._offered
+            self._search = self._start.search(young, None if begin is None else begin())
         elif len(young) > self._kept:
             self._young = young[len(young) // 2 :]
 
