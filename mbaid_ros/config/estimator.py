@@ -146,7 +146,7 @@ class TrajectoryConfig:
         maximum=1_000,
     )
     kept_windows: int = parameter(
-        40,
+        120,
         'Number of windows that are linearised again while the run is young; from then on each is taken once.',
         minimum=2,
         maximum=10_000,
