@@ -166,6 +166,13 @@ def shifted(seconds: float) -> Callable[[Any], None]:
     return change
 
 
+def stamped(message: Any, stamp: int) -> Any:
+    """Return a message with another stamp."""
+    result = copy(message)
+    result.header = header(stamp, message.header.frame_id)
+    return result
+
+
 def no_rates(message: Any) -> None:
     message.velocity = np.zeros(0)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.intake.reorder import LATE
+from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
@@ -28,6 +29,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or it stayed away',
+        REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
         RATE_MISSING: 'a window needs two samples',
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
         FAR_THRUST: 'more than 10 s: both need the same time source',

@@ -18,6 +18,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.intake.reorder import LATE, REPEATED
+from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
@@ -86,6 +87,32 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
         assert np.array_equal(first_columns(pieces), first_columns(whole))
         assert [estimate.warnings for estimate in pieces] == [estimate.warnings for estimate in whole]
         assert other.dropped == session.dropped
+
+
+@pytest.mark.parametrize('at_once', [1_000_000, 7])
+def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
+    told, poses = 0, []
+    for arrival in clean():
+        if arrival.topic == ODOMETRY:
+            if told % 5 == 0:
+                poses.append(arrival)
+            told += 1
+    without = defects.in_order([*poses, *(arrival for arrival in clean() if arrival.topic == JOINTS)])
+    again = defects.in_order(
+        [
+            *without,
+            *(
+                Arrival(ODOMETRY, pose.time + later, defects.stamped(pose.message, pose.time + later))
+                for pose in poses[:-1]
+                for later in range(10_000_000, 50_000_000, 10_000_000)
+            ),
+        ]
+    )
+    expected, _ = estimates(ROBOT, without)
+    found, session = estimates(ROBOT, again, at_once=at_once)
+    assert np.array_equal(first_columns(found), first_columns(expected))
+    assert session.dropped[REPEATED_POSE] == 4 * (len(poses) - 1)
+    assert any('pose repeated: odometry that says again' in warning for warning in intake_warnings(session))
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

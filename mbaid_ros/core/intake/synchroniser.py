@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
+from mbaid_ros.core.intake.repeats import Repeats
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other
@@ -37,7 +38,13 @@ class Synchroniser:
         self._origin: int | None = None
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
-        self.dropped: Counter[str] = Counter()
+        self._repeats = Repeats()
+        self._dropped: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Measurements that were not used, by cause."""
+        return self._dropped + self._repeats.dropped
 
     @property
     def origin(self) -> int:
@@ -47,16 +54,16 @@ class Synchroniser:
     def push(self, joints: JointStream | None, base: BaseStream | None) -> Samples | None:
         """Take measurements and return the samples that they complete, None if there are none.
 
-        A stamp that is not after its predecessor in the same stream is dropped and counted.
+        A stamp that is not after its predecessor in the same stream is dropped and counted, and so is a repeated pose.
         """
-        self._joints = self._append(self._joints, joints)
-        self._base = self._append(self._base, base)
+        self._joints = self._append(self._joints, self._later(joints))
+        self._base = self._append(self._base, self._repeats.push(self._later(base)))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
         ready = int(np.searchsorted(waiting, known[-1], side='right'))
         early = int(np.searchsorted(waiting, known[0], side='left'))
-        self.dropped[NO_ODOMETRY] += early
+        self._dropped[NO_ODOMETRY] += early
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
         # The last odometry before the next joints is one end of their interval, the one before tells its length.
@@ -65,21 +72,27 @@ class Synchroniser:
         self._base = self._base[first:]
         return samples
 
-    def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
+    def _later(self, new: Stream | None) -> Stream | None:
+        """Return the measurements whose stamps are after all earlier ones of their stream."""
         if new is None or not len(new.stamp):
-            return buffer
+            return None
         newest = self._newest.get(type(new), _BEFORE_ALL)
         before = np.maximum.accumulate(np.concatenate(([newest], new.stamp[:-1])))
         fresh = new.stamp > before
         self._newest[type(new)] = max(int(before[-1]), int(new.stamp[-1]))
         if not np.all(fresh):
-            self.dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
+            self._dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
             new = new[fresh]
+        return new
+
+    def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
+        if new is None:
+            return buffer
         if buffer is not None:
             new = new.concatenate((buffer, new))
         excess = len(new.stamp) - LARGEST_BACKLOG
         if excess > 0:
-            self.dropped[NO_ODOMETRY] += excess
+            self._dropped[NO_ODOMETRY] += excess
             new = new[excess:]
         return new
 
@@ -90,7 +103,7 @@ class Synchroniser:
         spacing = np.diff(joints.stamp, prepend=joints.stamp[0] if self._previous is None else self._previous)
         self._previous = int(joints.stamp[-1])
         usable = base.stamp[right] - base.stamp[left] <= self._maximum_gap
-        self.dropped[ODOMETRY_GAP] += int(np.sum(~usable))
+        self._dropped[ODOMETRY_GAP] += int(np.sum(~usable))
         if not np.any(usable):
             return None
         # Samples that share one odometry interval share its noise, which averages out that much less.
