@@ -21,9 +21,10 @@ from mbaid_ros.core.intake.reorder import LATE, REPEATED
 from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
 from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
-from simulated import CONFIG
+from simulated import CONFIG, robot
 
 ROBOT, SECONDS = 'servicer7', 12.0
 QUATERNION = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
@@ -113,6 +114,18 @@ def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
     assert np.array_equal(first_columns(found), first_columns(expected))
     assert session.dropped[REPEATED_POSE] == 4 * (len(poses) - 1)
     assert any('pose repeated: odometry that says again' in warning for warning in intake_warnings(session))
+
+
+def test_slow_poses_beside_fast_joints_are_as_uncertain_as_told() -> None:
+    model, squares = robot(ROBOT), []
+    truth = physical(model.link(model.last_link).parameters)
+    for seed in range(8):
+        messages = arrivals(ROBOT, 30.0, seed, odometry_times=np.arange(0.0, 30.0, 0.1))
+        last = estimates(ROBOT, changed(ODOMETRY, defects.no_twist)(messages))[0][-1]
+        error = last.parameters - truth
+        squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
+    # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
+    assert 0.36 < np.mean(squares) < 1.64
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:
