@@ -208,6 +208,28 @@ def odd_quaternion(message: Any) -> None:
     message.pose = SimpleNamespace(pose=place, covariance=message.pose.covariance)
 
 
+def thrown(share: float, seed: int) -> Defect:
+    """Return the defect that throws a share of the poses off by 0.2 m and 5 degrees."""
+
+    def apply(messages: list[Arrival]) -> list[Arrival]:
+        generator = np.random.default_rng(seed)
+
+        def change(message: Any) -> None:
+            way = generator.normal(size=(2, 3)) * (generator.random() < share)
+            way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+            place, turn = message.pose.pose.position, message.pose.pose.orientation
+            position = np.array([place.x, place.y, place.z]) + 0.2 * way[0]
+            orientation = quaternions.product(
+                quaternions.exp(np.deg2rad(5.0) * way[1]), np.array([turn.x, turn.y, turn.z, turn.w])
+            )
+            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
+            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
+
+        return changed(ODOMETRY, change)(messages)
+
+    return apply
+
+
 def in_halves(messages: list[Arrival]) -> list[Arrival]:
     """Let two publishers give half of the joints each: the second at the odd samples' stamps, the first at the even."""
     result, odd = [], False

@@ -17,6 +17,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
+from mbaid_ros.core.intake.outliers import OUTLIER
 from mbaid_ros.core.intake.reorder import LATE, REPEATED
 from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
@@ -41,6 +42,7 @@ HARMLESS: dict[str, tuple[Callable[[list[Arrival]], list[Arrival]], dict[str, ob
     'repeated messages': (defects.repeated, {}),
     '30 % lost': (defects.lost(3, 0.3), {}),
     'gaps in the odometry': (defects.with_gaps, {}),
+    '5 % of the poses thrown off': (defects.thrown(0.05, 3), {}),
     'bursts of joint states': (defects.in_bursts, {}),
     'another frame on the base': (defects.of_marker(PLACE, QUATERNION, 'tracking_marker'), MARKER),
     'no joint velocities': (changed(JOINTS, defects.no_rates), {}),
@@ -126,6 +128,18 @@ def test_slow_poses_beside_fast_joints_are_as_uncertain_as_told() -> None:
         squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
     # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
     assert 0.36 < np.mean(squares) < 1.64
+
+
+@pytest.mark.parametrize('share', [0.01, 0.05])
+def test_outliers_cost_little_and_are_told(share: float) -> None:
+    found, session = estimates(ROBOT, defects.thrown(share, 1)(clean()))
+    last, count = found[-1], session.dropped[OUTLIER]
+    assert last.status == undisturbed().status
+    assert np.all(last.std < 1.2 * undisturbed().std)
+    assert np.all(np.abs(last.parameters - undisturbed().parameters) < 1.2 * undisturbed().std)
+    assert count == pytest.approx(1200 * share, abs=3.0 * np.sqrt(1200 * share))
+    many = f'pose far from those before and after: {100.0 * count / 1200:.2g} % of the odometry are outliers'
+    assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

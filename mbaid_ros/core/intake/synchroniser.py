@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
+from mbaid_ros.core.intake.outliers import Outliers
 from mbaid_ros.core.intake.repeats import Repeats
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 
@@ -39,12 +40,13 @@ class Synchroniser:
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
         self._repeats = Repeats()
+        self._outliers = Outliers(self._maximum_gap)
         self._dropped: Counter[str] = Counter()
 
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        return self._dropped + self._repeats.dropped
+        return self._dropped + self._repeats.dropped + self._outliers.dropped
 
     @property
     def origin(self) -> int:
@@ -54,10 +56,11 @@ class Synchroniser:
     def push(self, joints: JointStream | None, base: BaseStream | None) -> Samples | None:
         """Take measurements and return the samples that they complete, None if there are none.
 
-        A stamp that is not after its predecessor in the same stream is dropped and counted, and so is a repeated pose.
+        A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
+        outliers.
         """
         self._joints = self._append(self._joints, self._later(joints))
-        self._base = self._append(self._base, self._repeats.push(self._later(base)))
+        self._base = self._append(self._base, self._outliers.push(self._repeats.push(self._later(base))))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
