@@ -21,6 +21,7 @@ OUTLIER = 'pose far from those before and after'
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
 _AROUND = 4.0  # times the largest misfit of what is around: a motion that begins or ends is no outlier
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
+_NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
 _BLOCK = 64  # misfits that tell the scale of the next as many
 _FEW = 6  # of them, that tell none yet: noise may be so many times as large as declared
@@ -53,8 +54,8 @@ class Outliers:
     """
 
     def __init__(self, maximum_gap: int) -> None:
-        self._maximum_gap = maximum_gap
-        self._reach = _BEFORE * maximum_gap
+        self._near = min(maximum_gap, _NEAR)
+        self._reach = _BEFORE * self._near
         self._scale = _Scale()
         self._last: BaseStream | None = None  # the latest two
         self._passed: _Looked | None = None  # the latest that have passed
@@ -85,7 +86,7 @@ class Outliers:
         first, second = step[:-1], step[1:]
         ratio = (second / first)[:, None]
         noise = np.sqrt(1.0 + (1.0 + ratio[:, 0]) ** 2 + ratio[:, 0] ** 2)
-        near = np.maximum(first, second) <= self._maximum_gap
+        near = np.maximum(first, second) <= self._near
         # A turn's length is that of the change of the matrix over the square root of two.
         for column, values, size in ((0, joined.position, 1.0), (1, joined.rotation.reshape(-1, 9), np.sqrt(2.0))):
             change = np.diff(values, axis=0)
