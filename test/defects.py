@@ -230,6 +230,30 @@ def thrown(share: float, seed: int) -> Defect:
     return apply
 
 
+def correlated(name: str, seconds: float, constant: float, seed: int) -> Defect:
+    """Return the defect that gives the poses of a robot's run noise as large as before, with a time constant (s)."""
+    truth, generator = fine_motion(name, seconds), np.random.default_rng(seed)
+
+    def apply(messages: list[Arrival]) -> list[Arrival]:
+        keep = np.exp(-0.01 / constant)  # from one pose to the next, every 10 ms
+        error = generator.normal(size=6)
+
+        def change(message: Any) -> None:
+            nonlocal error
+            error = keep * error + np.sqrt(1.0 - keep**2) * generator.normal(size=6)
+            stamp = message.header.stamp
+            place = round((int(stamp.sec) - EPOCH // 1_000_000_000 + stamp.nanosec * 1e-9) * FINE)
+            position = truth.base_position[place] + MID.base_position * error[:3]
+            turn = quaternions.exp(MID.base_orientation * error[3:])
+            orientation = quaternions.product(turn, truth.base_orientation[place])
+            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
+            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
+
+        return changed(ODOMETRY, change)(messages)
+
+    return apply
+
+
 def in_halves(messages: list[Arrival]) -> list[Arrival]:
     """Let two publishers give half of the joints each: the second at the odd samples' stamps, the first at the even."""
     result, odd = [], False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from copy import copy
 from functools import cache
@@ -140,6 +141,32 @@ def test_outliers_cost_little_and_are_told(share: float) -> None:
     assert count == pytest.approx(1200 * share, abs=3.0 * np.sqrt(1200 * share))
     many = f'pose far from those before and after: {100.0 * count / 1200:.2g} % of the odometry are outliers'
     assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
+
+
+def test_correlated_odometry_is_as_uncertain_as_told_where_the_time_is_given() -> None:
+    model, squares = robot(ROBOT), []
+    truth = physical(model.link(model.last_link).parameters)
+    for seed in range(8):
+        messages = defects.correlated(ROBOT, 30.0, 0.3, seed)(arrivals(ROBOT, 30.0, seed))
+        last = estimates(ROBOT, messages, {'noise.base_correlation_time': 0.3})[0][-1]
+        assert last.status in {'estimating', 'converged'}
+        error = last.parameters - truth
+        squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
+    # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
+    assert 0.36 < np.mean(squares) < 1.64
+
+
+@pytest.mark.parametrize('constant', [0.1, 0.5])
+def test_correlated_odometry_is_told_with_its_time(constant: float) -> None:
+    messages = defects.correlated(ROBOT, 40.0, constant, 1)(arrivals(ROBOT, 40.0, 1))
+    last = estimates(ROBOT, messages)[0][-1]
+    assert last.status == 'inconsistent'
+    told = re.fullmatch(
+        r'the noise of the odometry is correlated over about (.*) s: set noise.base_correlation_time to (.*)',
+        last.causes[0][0],
+    )
+    assert told is not None
+    assert float(told[1]) == float(told[2]) == pytest.approx(constant, rel=0.4)
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

@@ -30,9 +30,12 @@ class Synchroniser:
     ----------
     maximum_gap : float
         Longest time between two odometry stamps that is interpolated, s.
+    correlation_time : float
+        Time over which the errors of the poses are correlated, s.
     """
 
-    def __init__(self, maximum_gap: float) -> None:
+    def __init__(self, maximum_gap: float, correlation_time: float = 0.0) -> None:
+        self._correlation_time = correlation_time
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
         self._base: BaseStream | None = None
@@ -113,18 +116,34 @@ class Synchroniser:
         shared = np.asarray(
             np.where(spacing > 0, np.maximum(interval / np.maximum(spacing, 1), 1.0), 1.0)[usable], dtype=float
         )
+        weights = self._correlated(np.maximum(interval, spacing)[usable]) * shared, shared
         joints, left, right = joints[usable], left[usable], right[usable]
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         if np.array_equal(left, right):
-            return _at_once(joints, base[left], time, shared)
-        return _hermite(joints, base, (left, right), self._maximum_gap, time, shared)
+            return _at_once(joints, base[left], time, weights)
+        return _hermite(joints, base, (left, right), self._maximum_gap, time, weights)
+
+    def _correlated(self, apart: Stamps) -> Array:
+        """Return how many times as large slow means of poses are as those of independent ones, as a variance.
+
+        Of an autoregression of first order with correlation c from one to the next that is (1 + c) / (1 - c). How much
+        less a mean over a time that is short beside the correlation varies is left out: it comes again with the next.
+
+        Parameters
+        ----------
+        apart : (N,) ns, between them; 0 where not known
+        """
+        if self._correlation_time <= 0.0:
+            return np.ones(len(apart))
+        half = 0.5e-9 * apart / self._correlation_time
+        return np.where(apart > 0, 1.0 / np.tanh(np.where(apart > 0, half, 1.0)), 1.0)
 
 
-def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) -> Samples:
+def _at_once(joints: JointStream, base: BaseStream, time: Array, weights: tuple[Array, Array]) -> Samples:
     """Return the samples of joints and base that were measured at the same stamps."""
-    weight = shared[:, None, None]
+    pose, twist = (weight[:, None, None] for weight in weights)
     return Samples(
         time=time,
         joint_position=joints.position,
@@ -133,13 +152,18 @@ def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) 
         base_rotation=base.rotation,
         base_linear_velocity=base.linear_velocity,
         base_angular_velocity=base.angular_velocity,
-        pose_covariance=weight * base.pose_covariance,
-        twist_covariance=weight * base.twist_covariance,
+        pose_covariance=pose * base.pose_covariance,
+        twist_covariance=twist * base.twist_covariance,
     )
 
 
 def _hermite(
-    joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps], maximum_gap: int, time: Array, shared: Array
+    joints: JointStream,
+    base: BaseStream,
+    ends: tuple[Stamps, Stamps],
+    maximum_gap: int,
+    time: Array,
+    weights: tuple[Array, Array],
 ) -> Samples:
     """Interpolate pose by cubics that use the velocities at both ends, and velocities linearly.
 
@@ -171,8 +195,8 @@ def _hermite(
         base_rotation=np.where(length[:, None, None] == 0.0, rotation, turned),
         base_linear_velocity=linear,
         base_angular_velocity=angular,
-        pose_covariance=_blended(base.pose_covariance, ends, s, shared),
-        twist_covariance=_blended(base.twist_covariance, ends, s, shared),
+        pose_covariance=_blended(base.pose_covariance, ends, s, weights[0]),
+        twist_covariance=_blended(base.twist_covariance, ends, s, weights[1]),
     )
 
 
