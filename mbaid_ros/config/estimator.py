@@ -66,6 +66,13 @@ class NoiseConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+    base_correlation_time: float = parameter(
+        0.0,
+        'Time over which the errors of the base pose are correlated, as those of a filter or of visual odometry are: '
+        'their correlation falls to 1/e; 0 means that each pose has an error of its own.',
+        unit='s',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True)

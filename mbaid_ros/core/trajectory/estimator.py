@@ -158,7 +158,7 @@ class TrajectoryEstimator:
         run.take(taken.ready, taken.still_open, moved=taken.moved)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
-        return self._waiting(run, taken, instant) or self._solved(run, instant)
+        return self._waiting(run, taken, instant) or self._solved(run, instant, window)
 
     def _running(self) -> FilterRun:
         """Return the filter; a new one where the motion has turned out spatial."""
@@ -186,11 +186,11 @@ class TrajectoryEstimator:
             return None
         return Estimate(self.method, status, now.time, now.stamp, samples=now.samples, warnings=(warning,))
 
-    def _solved(self, run: FilterRun, now: Instant) -> _Solved:
+    def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> _Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._evidence(run, moments))
+        judgement = judge(self._evidence(run, moments, latest))
         covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
@@ -205,7 +205,7 @@ class TrajectoryEstimator:
         budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
         return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
 
-    def _evidence(self, run: FilterRun, moments: Moments) -> Evidence:
+    def _evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
         """Return what the run says of its model."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis
@@ -224,7 +224,11 @@ class TrajectoryEstimator:
             jumps=len(track.jumps),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
+            odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
+            latest=latest,
+            window=self._settings.window,
+            correlation_time=self._settings.noise.base_correlation_time,
         )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:
