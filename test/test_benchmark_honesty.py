@@ -16,6 +16,7 @@ from benchmarks.honesty.floating import World, float_freely
 from benchmarks.honesty.paths import moves, servicer, sinusoids
 from benchmarks.honesty.runs import Outcome, run, run_file
 from benchmarks.honesty.springs import swing
+from benchmarks.honesty.true_causes import TRUE_CAUSES, rank
 from benchmarks.honesty.verdicts import judged
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
 from mbaid_ros.core.robot.inertia import physical
@@ -26,7 +27,8 @@ from mbaid_ros.core.simulation.run import total_momentum
 def outcome(status: list[str], error: Array) -> Outcome:
     """Return runs with errors (R, 10) in standard deviations of 1."""
     none = np.zeros(len(status))
-    return Outcome(np.array(status), error, np.ones_like(error), np.array(['a cause'] * len(status)), none, none, none)
+    causes = np.array(['a cause'] * len(status))
+    return Outcome(np.array(status), error, np.ones_like(error), causes, causes, none, none, none)
 
 
 def test_the_base_floats_as_the_simulator_has_it() -> None:
@@ -123,3 +125,10 @@ def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
     assert told.error.shape == told.std.shape == (10,)
     assert told.status in {'estimating', 'not_identifiable'}
     assert 0.0 <= told.worst < 5.0
+
+
+def test_the_true_cause_is_found_at_its_rank() -> None:
+    assert set(TRUE_CAUSES) <= set(CATALOGUE)
+    told = ['noise.base_position is 2 times too small', 'the zero of joint4 is off by 8.0 mrad']
+    assert rank("a joint's zero 30 mrad off", told) == 2
+    assert rank("a joint's axis 30 mrad off", told) == 0

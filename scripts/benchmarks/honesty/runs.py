@@ -48,6 +48,7 @@ class Told:
     status : at its end; `refused` where it took neither robot nor parameters
     error, std : (10,) at its end; NaN where not published
     named : the first cause or warning that it named
+    causes : all causes that it named, the likeliest first, a line each
     first : s, of the first estimate with a number; infinite where there is none
     worst : largest error of any parameter over its standard deviation in any estimate published during the run
     worst_at : s, when that was
@@ -57,6 +58,7 @@ class Told:
     error: Array
     std: Array
     named: str
+    causes: str
     first: float
     worst: float
     worst_at: float
@@ -70,6 +72,7 @@ class Outcome(Runs):
     error: Array
     std: Array
     named: Array
+    causes: Array
     first: Array
     worst: Array
     worst_at: Array
@@ -98,7 +101,7 @@ def run(work: tuple[str, str, int]) -> Told:
         return _told(_history(session, _messages(session, readings, _read_joints(world, robot), noise)), sought)
     except MbaidError as error:
         nothing = np.full(10, np.nan)
-        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], np.inf, 0.0, np.nan)
+        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan)
 
 
 def _read(world: World, condition: Condition, truth: Truth, robot: RobotModel, seed: int) -> Readings:
@@ -143,7 +146,7 @@ def _messages(
 def _told(history: list[Estimate], sought: Array) -> Told:
     if not history:
         nothing = np.full(10, np.nan)
-        return Told('waiting', nothing, nothing, '', np.inf, 0.0, np.nan)
+        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan)
     last = history[-1]
     error, std = (np.array([getattr(each, name) for each in history]) for name in ('parameters', 'std'))
     error = error - sought
@@ -155,6 +158,7 @@ def _told(history: list[Estimate], sought: Array) -> Told:
         error=error[-1],
         std=std[-1],
         named=_named(last),
+        causes='\n'.join(cause for cause, _ in last.causes) or '\n'.join(event.cause for event in last.events),
         first=float(np.min(time[np.any(given, axis=1)], initial=np.inf)),
         worst=float(np.max(deviation)),
         worst_at=float(time[np.argmax(deviation)]),
