@@ -110,6 +110,7 @@ class TwoStageEstimator:
             stage=first.method,
             time_offset=late.time_offset,
             time_offset_std=late.time_offset_std,
+            causes=late.causes,
         )
         if not self._second.settled:
             return early

@@ -82,8 +82,7 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or track.jumped == track.longest:
         return replace(track, belief=after, jumped=0)
-    # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
-    likelihood = after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
+    likelihood = _as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     belief = update(loose, white)
     if belief.last_nis > _limit(belief.last_measured):
@@ -100,6 +99,16 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
         jumped=track.jumped + 1,
         inflations=track.inflations + 1,
     )
+
+
+def as_usual(belief: Belief, white: WhitenedWindow) -> float:
+    """Return the log-likelihood after a window that something rare explains as well as usual."""
+    return _as_usual(update(belief, white))
+
+
+def _as_usual(after: Belief) -> float:
+    # A jump counts against a hypothesis as much as it is rare, and explains its window as well as usual.
+    return after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
 
 
 def far_better(other: Track, first: Track) -> bool:

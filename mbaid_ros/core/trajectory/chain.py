@@ -115,7 +115,7 @@ def _models(
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
-    pose, twist = _readings(layout, predicted, around, inside, slope)
+    pose, twist = _readings(layout, stack, predicted, motion, slope)
     return WindowModel(
         *_pose_measurement(errors, pose, point.readings),
         stack.pose_covariance / stack.samples + of_joints,
@@ -134,23 +134,26 @@ def _models(
 
 
 def _readings(
-    layout: Layout, predicted: Prediction, around: Midpoints, inside: slice, slope: Array
+    layout: Layout, stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array
 ) -> tuple[Array, Array]:
     """Return how a stack's mean poses and twists, (B, 6, r) each, depend on the unknowns that are only read."""
+    around, inside = motion
     windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
     twist = _at_knots(predicted.twist, inside)
     own = predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
     rotation = _at_knots(around.base_rotation, inside)
-    motion = Reading(
+    seen = Reading(
         twist=_total(twist)[..., ANGULAR_FIRST] / len(twist),
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
         rotation=_total(rotation) / len(rotation),
         turning=_total(weight[..., None] * (skew(own[..., 3:]) @ around.base_rotation[inside])),
         sliding=_total(weight[..., None] * (skew(own[..., :3]) @ around.base_rotation[inside])),
+        time=stack.middles,
+        position=_total(_at_knots(around.base_position, inside)) / len(twist),
     )
-    parts = [unknown.reading(motion) for unknown in layout.read]
+    parts = [unknown.reading(seen) for unknown in layout.read]
     columns = [
         [part[index] @ unknown.factor for part, unknown in zip(parts, layout.read, strict=True) if part is not None]
         for index in range(2)

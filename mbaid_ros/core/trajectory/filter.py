@@ -116,9 +116,13 @@ def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variab
     # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
     change[POSE, :6] = 0.5 * window.moved * sizes
     change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
-    noise = variables.gather[: variables.head, :12] @ change
-    still = np.eye(variables.head, belief.size)
-    return belief.with_root(_propagated(belief.root, still, noise, np.zeros((variables.head, 2))))
+    return inflated(belief, variables.gather[: variables.head, :12] @ change)
+
+
+def inflated(belief: Belief, noise: Array) -> Belief:
+    """Return the belief with more noise in its first h variables: (h, w), of independent numbers of unit variance."""
+    head = len(noise)
+    return belief.with_root(_propagated(belief.root, np.eye(head, belief.size), noise, np.zeros((head, 2))))
 
 
 def _propagated(root: Array, transition: Array, noise: Array, drift: Array) -> Array:

@@ -111,6 +111,20 @@ class FilterRun:
         assert self._bank is not None, 'there is a start'
         return Moments.of(self._bank[0].belief, self._variables)
 
+    @property
+    def unexplained(self) -> bool:
+        """Whether there is no start, or it leaves much of the windows unexplained."""
+        if self._latest is None:
+            return True
+        belief = self._latest.belief
+        return belief.nis > LARGEST_NIS * belief.measured or len(self._latest.jumps) > 0
+
+    @property
+    def point(self) -> Point:
+        """The point that the run has come to, if nothing drifts."""
+        moments = self.moments_of_first()
+        return self._layout.point(moments.mean, moments.deviation)
+
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in the order of their turn."""
         self._linearised.expect(windows)

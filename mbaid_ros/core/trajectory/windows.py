@@ -62,6 +62,11 @@ class Window:
         """What windows of one stack have in common: the number of knots, and which intervals are their own."""
         return len(self.knots), self.inside.start, self.inside.stop
 
+    @property
+    def length(self) -> float:
+        """Of its own intervals, s."""
+        return (self.inside.stop - self.inside.start) * self.spacing
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -106,6 +111,11 @@ class Stack:
     def samples(self) -> Array:
         """Number of samples in each window, (B, 1, 1)."""
         return np.array([float(window.noise.samples) for window in self.windows])[:, None, None]
+
+    @cached_property
+    def middles(self) -> Array:
+        """Time in the middle of each window, (B,) s."""
+        return np.array([window.start + 0.5 * window.length for window in self.windows])
 
     @cached_property
     def joint_variance(self) -> Array:

@@ -28,6 +28,8 @@ class Reading:
     slope : (B, 6) weighted mean of (w', v' - w x v)
     rotation : (B, 3, 3) mean orientation of the base at the nodes
     turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
+    time : (B,) s, of the windows' middles
+    position : (B, 3) m, mean position of the base at the nodes, from the run's origin
     """
 
     twist: Array
@@ -35,6 +37,8 @@ class Reading:
     rotation: Array
     turning: Array
     sliding: Array
+    time: Array
+    position: Array
 
 
 @dataclass(frozen=True, eq=False)

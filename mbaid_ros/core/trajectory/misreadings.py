@@ -1,0 +1,135 @@
+"""Robots that differ from the described one in more than a little: joints or units mistaken.
+
+None of these is near enough to be found from where the run is. Momentum is linear in body and momentum, so windows are
+fitted by least squares under each of them: that tells the likeliest, and where to linearise these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import inertia_matrix
+from mbaid_ros.core.trajectory.knots import Integers
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
+from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
+
+_MOST_PAIRS = 12  # joints, of which all pairs are tried
+_UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
+_RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
+
+
+@dataclass(frozen=True, eq=False)
+class Misreading:
+    """Another robot.
+
+    Attributes
+    ----------
+    text : in words
+    order, sign : (n,) the joints' positions are sign times those of the joints in this order
+    change : (n + 1, 10) that is added to the known bodies
+    """
+
+    text: str
+    order: Integers
+    sign: Array
+    change: Array
+
+    def windows(self, windows: Sequence[Window]) -> list[Window]:
+        """Return windows as that robot has them."""
+        return [
+            replace(
+                each, knots=replace(each.knots, joint_position=self.sign * each.knots.joint_position[:, self.order])
+            )
+            for each in windows
+        ]
+
+
+def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
+    """Yield the robot as it is described, and those that are tried beside it."""
+    names, count = kernel.model.joint_names, kernel.model.joints
+    order, sign, same = np.arange(count, dtype=np.int64), np.ones(count), np.zeros_like(kernel.known)
+    yield Misreading('', order, sign, same)
+    for joint, name in enumerate(names):
+        flipped = np.where(order == joint, -1.0, 1.0)
+        yield Misreading(f'the sign of {name} is wrong: turn it round in the driver or the URDF', order, flipped, same)
+    for one, other in combinations(range(count), 2) if count <= _MOST_PAIRS else ():
+        swapped = order.copy()
+        swapped[[one, other]] = other, one
+        text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
+        yield Misreading(text, swapped, sign, same)
+    for link in kernel.model.links:
+        if link.parameters[0] > 0.0 and link.name not in {each.name for each in kernel.unknown}:
+            for unit in _UNITS:
+                change = same.copy()
+                change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
+                text = f'link {link.name} is {unit:g} times as heavy as it is: grams for kilograms in the URDF?'
+                yield Misreading(text, order, sign, change)
+    for unit in _UNITS:
+        change = (1.0 / unit - 1.0) * kernel.known
+        change[0] = 0.0
+        moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
+        yield Misreading(f'the moving links ({moving}) are {unit:g} times as heavy as they are', order, sign, change)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What windows say under a misreading.
+
+    Attributes
+    ----------
+    misreading : Misreading
+    parameters : (16,) (P, L, phi), L about the run's origin
+    misfit : mean squared velocity of the base that is not explained, angular ones times the robot's size
+    """
+
+    misreading: Misreading
+    parameters: Array
+    misfit: float
+
+    def point(self, layout: Layout) -> Point:
+        """Return where windows are linearised."""
+        state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
+        state[MOMENTUM.start : BODY.stop] = self.parameters
+        return layout.point(state)
+
+
+def fitted(kernel: MomentumKernel, windows: Sequence[Window], misreading: Misreading) -> Fit:
+    """Return the body and momentum that explain windows best under a misreading."""
+    rows, values = [], []
+    robot = kernel.corrected(misreading.change)
+    for stack in stacked(misreading.windows(windows)):
+        own, value = _equations(robot, stack)
+        rows.append(own)
+        values.append(value)
+    matrix, right = np.concatenate(rows), np.concatenate(values)
+    size = np.sqrt(np.sum(matrix**2, axis=0))
+    size[size == 0.0] = 1.0
+    scaled = matrix / size
+    normal = scaled.T @ scaled + _RIDGE * np.eye(len(size))
+    parameters = np.linalg.solve(normal, scaled.T @ right) / size
+    return Fit(misreading, parameters, float(np.mean((matrix @ parameters - right) ** 2)))
+
+
+def _equations(kernel: MomentumKernel, stack: Stack) -> tuple[Array, Array]:
+    """Return T h - Y phi = momentum of the known bodies, means over each window, in velocities of the base."""
+    middle, inside = stack.middle, stack.windows[0].inside
+    motion, spacing = middle[inside], stack.windows[0].spacing
+    shape, flat = motion.turn.shape[:2], motion.flat
+    twist = np.concatenate((flat.step, flat.turn), axis=1) / spacing
+    states = kernel.states_of(flat.base_rotation, flat.joint_position, flat.joint_velocity, twist)
+    total = np.zeros((len(twist), 6, 16))
+    total[:, :, :6] = np.eye(6)
+    total[:, 3:, :3] = -skew(flat.base_position)
+    total[:, :, 6:] = -states.regressor
+    value = states.known_momentum - (total[:, :, :6] @ flat.impulse[..., None])[..., 0]
+    back = np.linalg.inv(np.mean(np.sum(inertia_matrix(states.known), axis=1), axis=0))
+    size = np.sqrt(back[0, 0] / max(back[3, 3], 1e-30))  # m: turns as displacements
+    weigh = back * np.repeat((1.0, size), 3)[:, None]
+    rows = np.mean((weigh @ total).reshape(*shape, 6, 16), axis=0)
+    return rows.reshape(-1, 16), np.mean((value @ weigh.T).reshape(*shape, 6), axis=0).ravel()

@@ -1,0 +1,189 @@
+"""What may be wrong where a run contradicts its model: what the latest windows would gain by one thing at a time.
+
+The windows are passed through the filter once without any jump of the momentum, at the point that the run has come to,
+with more unknowns than the run has (`unknowns/suspects.py`). What is known of the robot is then made less certain, one
+thing at a time: what the data would gain by that follows from this one pass. The likeliest are passed once more, ever
+nearer to what they say. What acts from outside, jumps of the momentum and a body that has moved in the grasp are passes
+of their own. All gains are log-likelihoods over the same pass: they tell the causes apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.results.causes import PULSE
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.trajectory.bank import LONGEST, Track
+from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
+from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.wide_pass import WidePass, Windows
+from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.suspects import line, suspects
+from mbaid_ros.core.verdict.innovations import Innovations
+from mbaid_ros.core.verdict.judgement import LARGEST_NIS
+from mbaid_ros.core.verdict.spectrum import lines
+from mbaid_ros.core.verdict.words import DRIFTING, MOVING, of_change, of_line, of_suspect
+
+_FITTED = 20  # work of fitting them
+# Part of the misfit that another robot may leave to be tried, and how many are.
+_LIKELY, _TRIED = 0.8, 2
+_WORTH = 10.0  # gain of what is named
+_REFINED = 4  # of how many the gain is found by passes of their own
+_MOST_JUMPS = 3  # that can be what is wrong; more of them are what something else looks like
+_PARTS = 3  # of the first windows that are unlikely: where the body may have moved in the grasp
+
+
+@dataclass(frozen=True)
+class Suspected:
+    """What may be wrong, how much likelier that makes the data (log-likelihood), and whether that says what it is."""
+
+    text: str
+    gain: float
+    physical: bool = True
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an inquiry has come to.
+
+    Attributes
+    ----------
+    causes : the likeliest first
+    innovations : of the pass without jumps
+    misfit : half of the sum of its normalised innovations squared, beyond what there should be
+    """
+
+    causes: tuple[Suspected, ...]
+    innovations: Innovations
+    misfit: float
+
+
+Inquiry = Iterator['int | Found']
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Asks what may be wrong with a run.
+
+    Attributes
+    ----------
+    layout : of the run's state
+    plane : whether the motion is planar
+    uncertainty : of the known side
+    hypotheses : that the run is followed under
+    """
+
+    layout: Layout
+    plane: PlaneDetector
+    uncertainty: Uncertainty
+    hypotheses: tuple[Hypothesis, ...]
+
+    def inquire(self, windows: Sequence[Window], point: Point | None) -> Inquiry:
+        """Yield how much work each bit was, in steps of the filter, and at last what has been found.
+
+        Parameters
+        ----------
+        windows : in order
+        point : of the run's layout, at which they are linearised; None where it has come to none
+        """
+        wide, quiet = self.extended(*suspects()), self.hypotheses[0]
+        fits = yield from self._fits(windows)
+        points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
+        at, passed, tracks = yield from self._base(wide, windows, points)
+        base = tracks[-1].belief
+        found = yield from self._widened(wide, windows, at, base)
+        found += yield from self._misread(windows, fits, base)
+        series = [track.belief.innovations.previous for track in tracks]
+        for frequency in lines(series, windows[0].length):
+            track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
+            found.append(Suspected(of_line(frequency), track.belief.log_likelihood - base.log_likelihood))
+        found += yield from self._from_outside(wide, at, passed, base)
+        found.sort(key=lambda each: -each.gain)
+        worth = tuple(each for each in found if each.gain > _WORTH)
+        yield Found(worth, base.innovations, 0.5 * (base.nis - base.measured))
+
+    def _from_outside(
+        self, wide: WidePass, at: Point, passed: Windows, base: Belief
+    ) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by what acts or drifts, by jumps, and by a body that has moved in the grasp."""
+        quiet, *others = self.hypotheses
+        found: list[Suspected] = []
+        for hypothesis in others:
+            track = yield from wide.passed(passed, hypothesis, 0)
+            walk = DRIFTING if hypothesis.position > 0.0 else MOVING
+            told = hypothesis.name if hypothesis.physical else walk
+            found.append(Suspected(told, track.belief.log_likelihood - base.log_likelihood, hypothesis.physical))
+        track = yield from wide.passed(passed, quiet, LONGEST)
+        jumps = track.jumps
+        if 0 < len(jumps) <= _MOST_JUMPS and track.belief.nis < LARGEST_NIS * track.belief.measured:
+            times = ', '.join(f'{jump.time:.1f}' for jump in jumps)
+            found.append(Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood))
+        for jump in jumps[:_PARTS]:
+            track = yield from wide.changed([window for window, _ in passed], at, quiet, jump.time)
+            found.append(Suspected(of_change(jump.time), track.belief.log_likelihood - base.log_likelihood))
+        return found
+
+    def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
+        """Return what windows say of the robot as it is described, and of those that it may be taken for."""
+        found = []
+        for misreading in misreadings(self.layout.kernel):
+            found.append(fitted(self.layout.kernel, windows, misreading))
+            yield _FITTED
+        return found
+
+    def _base(
+        self, wide: WidePass, windows: Sequence[Window], points: Sequence[Point]
+    ) -> Generator[int, None, tuple[Point, Windows, list[Track]]]:
+        """Return the point that explains windows best if nothing is wrong, and the pass there."""
+        results: list[tuple[Point, Windows, list[Track]]] = []
+        for point in points:
+            passed = yield from wide.linearised(windows, point)
+            tracks: list[Track] = []
+            yield from wide.passed(passed, self.hypotheses[0], 0, tracks)
+            results.append((point, passed, tracks))
+        return max(results, key=lambda each: each[2][-1].belief.log_likelihood)
+
+    def _misread(
+        self, windows: Sequence[Window], fits: Sequence[Fit], base: Belief
+    ) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by another robot; of those that the fits make likely."""
+        likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
+        found = []
+        for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
+            other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
+            trial = replace(self, layout=other).extended(*suspects())
+            track = yield from trial.repeated(fit.misreading.windows(windows), fit.point(other), self.hypotheses[0])
+            gained = track.belief.log_likelihood - base.log_likelihood
+            found.append(Suspected(fit.misreading.text, gained))
+        return found
+
+    def extended(self, *more: Unknown) -> WidePass:
+        """Return what passes windows, with more unknowns."""
+        layout, count = self.layout, sum(each.count for each in more)
+        known = Carried(
+            np.concatenate((layout.known.mean, np.zeros(count))), block_diag(layout.known.factor, np.eye(count))
+        )
+        return WidePass(replace(layout, unknowns=(*layout.unknowns, *more), known=known), self.plane, self.uncertainty)
+
+    def _widened(
+        self, wide: WidePass, windows: Sequence[Window], point: Point, base: Belief
+    ) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
+        gains = wide.gains(base)
+        found = []
+        for cause, (value, factor) in sorted(gains.items(), key=lambda each: -each[1][0])[:_REFINED]:
+            if value > _WORTH:
+                using = wide.widened(cause, factor)
+                track = yield from using.repeated(windows, point, self.hypotheses[0])
+                gained = track.belief.log_likelihood - base.log_likelihood
+                found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))
+        return found

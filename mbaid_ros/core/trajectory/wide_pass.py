@@ -1,0 +1,149 @@
+"""Passes of the filter over windows with more unknowns than the run has, one hypothesis at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.trajectory.bank import Track, follow
+from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.grasp import moved_in_grasp
+from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.state import BODY, Layout, Point
+from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
+from mbaid_ros.core.trajectory.windows import Window, stacked
+from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.suspects import SUSPECTS
+from mbaid_ros.core.verdict.widening import gain
+
+_PART = 20  # windows whose linearisation counts as one piece of work
+_LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
+_REFINEMENTS = 3  # passes, ever nearer to what the windows say
+_MOST = (100.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
+_SLIPPING = 2  # windows that a slip may take
+
+Passed = Generator[int, None, Track]
+Windows = list[tuple[Window, WhitenedWindow]]
+
+
+@dataclass(frozen=True)
+class WidePass:
+    """Passes windows through the filter, with the unknowns of a layout."""
+
+    layout: Layout
+    plane: PlaneDetector
+    uncertainty: Uncertainty
+
+    @cached_property
+    def variables(self) -> Variables:
+        """Of the filter."""
+        return variables(self.layout, self.plane, self.uncertainty)
+
+    def fresh(self, hypothesis: Hypothesis) -> Belief:
+        """Return what is believed before the first window."""
+        own = self.variables
+        return Belief.prior(own, own.force.shape[1] if hypothesis.force != 'none' else 0)
+
+    def linearised(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Windows]:
+        """Return windows linearised at a point of this layout, or of one with fewer readings."""
+        missing = self.layout.size - self.layout.readings.start - len(point.readings)
+        at = replace(point, readings=np.concatenate((point.readings, np.zeros(missing))))
+        cache = LinearisationCache(self.layout, self.variables)
+        passed: Windows = []
+        for begin in range(0, len(windows), _PART):
+            passed += cache.all_whitened(stacked(windows[begin : begin + _PART]), at)
+            yield _LINEARISED * _PART
+        return passed
+
+    def passed(
+        self,
+        passed: Windows,
+        hypothesis: Hypothesis,
+        longest: int,
+        tracks: list[Track] | None = None,
+        begin: Track | None = None,
+    ) -> Passed:
+        """Return a hypothesis after windows, whose jumps may take some of them; `tracks` gets it after each."""
+        track = begin or Track(hypothesis, self.fresh(hypothesis), longest=longest)
+        own = self.variables
+        for window, white in passed:
+            (track,) = follow((track,), window, white, own)
+            if tracks is not None:
+                tracks.append(track)
+            yield 1
+        return track
+
+    def changed(self, windows: Sequence[Window], at: Point, hypothesis: Hypothesis, changes: float) -> Passed:
+        """Return a hypothesis after windows, from one of which on (s) the body has moved in the grasp: the best pass."""
+        place = next(index for index, window in enumerate(windows) if window.start >= changes)
+        end, before, after = place + _SLIPPING, at, at
+        best: Track | None = None
+        for _ in range(_REFINEMENTS):
+            passed = yield from self.linearised(windows[:end], before)
+            track = yield from self.passed(passed[:place], hypothesis, 0)
+            before = self._point(track.belief)
+            track = moved_in_grasp(track, [white for _, white in passed[place:]], self.variables)
+            passed = yield from self.linearised(windows[end:], after)
+            track = yield from self.passed(passed, hypothesis, 0, begin=track)
+            if best is None or track.belief.log_likelihood > best.belief.log_likelihood:
+                best = track
+            after = self._point(track.belief)
+        assert best is not None, 'there is a first pass'
+        return best
+
+    def _point(self, belief: Belief) -> Point:
+        moments = Moments.of(belief, self.variables)
+        return self.layout.point(moments.mean, moments.deviation)
+
+    def repeated(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Passed:
+        """Return a hypothesis linearised at points that are ever nearer to what it says: the best of these."""
+        best: Track | None = None
+        for _ in range(_REFINEMENTS):
+            try:
+                passed = yield from self.linearised(windows, point)
+                track = yield from self.passed(passed, hypothesis, 0)
+                point = self._point(track.belief)
+            except np.linalg.LinAlgError:
+                break  # it has led to a robot that cannot be
+            if best is None or track.belief.log_likelihood > best.belief.log_likelihood:
+                best = track
+        assert best is not None, 'the first pass is at the point of the run'
+        return best
+
+    def gains(self, base: Belief) -> dict[str, tuple[float, float]]:
+        """Return what each cause would gain by less certainty, and by how much less."""
+        values, factor = self._whitened(base)
+        found = {}
+        for place, cause in enumerate(self.layout.causes):
+            own = np.flatnonzero(self.layout.belongs[:, place])
+            found[cause] = gain(values[own], factor[own] @ factor[own].T, _MOST[cause in SUSPECTS])
+        return found
+
+    def _whitened(self, belief: Belief) -> tuple[Array, Array]:
+        """Return the unknowns' numbers as if of unit variance beforehand, and a factor of their covariance."""
+        moments, known = Moments.of(belief, self.variables), self.layout.known
+        whitening = known.whitening
+        return whitening @ (moments.mean[BODY.stop :] - known.mean), whitening @ moments.factor[BODY.stop :]
+
+    def widened(self, cause: str, factor: float) -> WidePass:
+        """Return the same with one cause less certain."""
+        known, place = self.layout.known, self.layout.causes.index(cause)
+        wider = np.where(self.layout.belongs[:, place] > 0.0, factor, 1.0)
+        return replace(self, layout=replace(self.layout, known=Carried(known.mean, wider[:, None] * known.factor)))
+
+    def value(self, track: Track, cause: str) -> Array:
+        """Return the numbers of a cause as they are estimated, SI units."""
+        mean = Moments.of(track.belief, self.variables).mean
+        found: list[Array] = []
+        for unknown, place in zip(self.layout.unknowns, self.layout.places, strict=True):
+            numbers = unknown.factor @ mean[place]
+            found += [numbers[row : row + 1] for row, label in enumerate(unknown.labels) if label == cause]
+        return np.concatenate(found) if found else np.zeros(0)

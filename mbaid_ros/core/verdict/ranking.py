@@ -1,0 +1,61 @@
+"""The causes of an inquiry with those that the samples themselves show, the likeliest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
+from mbaid_ros.core.verdict.judgement import Cause
+from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
+
+_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong
+_OUTLIERS = 0.002  # share of the poses
+_CATCH_ALL = 0.5  # what explains anything counts so much of what it gains
+
+
+def ranked(
+    inquired: Sequence[tuple[str, float, bool]],
+    innovations: Innovations,
+    misfit: float,
+    rough: Roughness,
+    correlated: tuple[float, float],
+) -> tuple[Cause, ...]:
+    """Return what may be wrong.
+
+    Parameters
+    ----------
+    inquired : texts, gains, and whether each says what happens
+    innovations : of a pass in which nothing explains anything
+    misfit : log-likelihood that is missing there
+    rough : what the samples say of the noise
+    correlated : s, over which they say that the odometry's errors are correlated beyond what is declared, and the
+        log-likelihood that tells it; 0 where they are not
+    """
+    causes = [Cause(text, gain if physical else _CATCH_ALL * gain) for text, gain, physical in inquired]
+    causes += _noise(innovations, rough)
+    time, told = correlated
+    if time > 0.0:
+        text = f'the noise of the odometry is correlated over about {time:.2g} s: set noise.base_correlation_time to '
+        causes.append(Cause(f'{text}{time:.2g}', misfit + told))
+    if rough.outliers > _OUTLIERS:
+        share = f'{1e2 * rough.outliers:.1g}'
+        causes.append(Cause(f'{share} % of the poses are outliers: look at what the odometry loses', misfit))
+    return tuple(sorted(causes, key=lambda cause: -cause.gain))
+
+
+def _noise(innovations: Innovations, rough: Roughness) -> list[Cause]:
+    """Return that noise values are too small, if the samples are as noisy as that."""
+    large = [place for place, factor in enumerate(rough.factor) if factor > _TOO_SMALL]
+    if not large:
+        return []
+    told = ', '.join(f'noise.{CHANNELS[place]} {rough.factor[place]:.1f} times' for place in large)
+    ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
+    explained = ratio - 1.0 - np.log(ratio)
+    of_base = [place for place in large if place < len(SENSORS)]
+    own = (
+        explained if len(of_base) < len(large) else np.where(np.isin(np.arange(len(SENSORS)), of_base), explained, 0.0)
+    )
+    gain = 0.5 * float(innovations.by_sensor(innovations.count) @ own)
+    return [Cause(f'the noise values are too small: {told}; set them to what the sensors do at rest', gain)]

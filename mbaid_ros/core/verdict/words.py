@@ -1,0 +1,56 @@
+"""What may be wrong in words: the thing, the value, what to do; one line each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.unknowns import suspects
+
+MOVING = 'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts'
+DRIFTING = 'the odometry position drifts: check the sensor, or give noise.base_correlation_time'
+
+
+def of_change(time: float) -> str:
+    """Return that the body moved in the grasp at a time, s."""
+    return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'
+
+
+def of_line(frequency: float) -> str:
+    """Return that something swings at a frequency, Hz."""
+    return f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
+
+
+def of_suspect(cause: str, value: Array) -> str:
+    """Return what an unknown would have to be.
+
+    Parameters
+    ----------
+    cause : label of it
+    value : its numbers, SI units
+    """
+    size = float(np.linalg.norm(value))
+    kind, _, name = cause.partition(':')
+    if kind == 'link':
+        return (
+            f'link {name} is not as described (its mass {value[0]:+.3g} kg, its first moment '
+            f'{np.linalg.norm(value[1:4]):.2g} kg m off): check its inertial, or raise known_links.relative_std'
+        )
+    told = {
+        'zero': f'the zero of {name} is off by {1e3 * float(np.sum(value)):+.3g} mrad (mm): measure it',
+        'origin': f'the origin of {name} is off by {1e3 * size:.3g} mm: check the URDF',
+        'axis': f'the axis of {name} is off by {1e3 * size:.3g} mrad: check the URDF',
+        'time offset': f'the joints are stamped {1e3 * float(np.sum(value)):+.3g} ms late: check the stamps',
+        suspects.SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long',
+        suspects.TURNING: f"the odometry's frame turns by {size:.3g} rad/s: an orbit's frame is not inertial",
+        suspects.CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them',
+        suspects.LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',
+        suspects.BIAS: f'the twist has a bias of {np.linalg.norm(value[:3]):.2g} rad/s, '
+        f'{np.linalg.norm(value[3:]):.2g} m/s: leave it out',
+    }
+    if kind == 'mount':
+        return (
+            f'the odometry is mounted {1e3 * np.linalg.norm(value[3:]):.3g} mm and '
+            f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad off: measure the mount'
+        )
+    return told.get(cause) or told.get(kind) or f'{cause} is off by {size:.3g}'
