@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 PULSE = 'thrust pulse or contact'
+SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:

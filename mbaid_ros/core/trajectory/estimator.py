@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.causes import PULSE, constant_force
+from mbaid_ros.core.results.causes import PULSE, SYMPTOM, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
@@ -29,10 +29,11 @@ from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
+from mbaid_ros.core.unknowns.hypotheses import Axes, Hypothesis, hypotheses
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.core.unknowns.words import of_hypothesis
 from mbaid_ros.core.verdict.correlated import seen_in
-from mbaid_ros.core.verdict.judgement import Cause, Evidence, Judgement, judge
+from mbaid_ros.core.verdict.judgement import MOST_JUMPS, Cause, Evidence, Judgement, judge
 from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
@@ -198,17 +199,27 @@ class TrajectoryEstimator:
             return None
         if taken.moved:
             self._inquiries.follow(run.point if run.started else None, suspicious=run.unexplained)
-        causes = tuple((cause.text, cause.gain) for cause in self._causes())
+        causes = tuple(
+            (cause.text, cause.gain) for cause in self._causes(run.best.hypothesis if run.started else None, run.lead)
+        )
         return Estimate(
             self.method, status, now.time, now.stamp, samples=now.samples, causes=causes, warnings=(warning,)
         )
 
-    def _causes(self) -> tuple[Cause, ...]:
-        """Return what an inquiry has found to be wrong, if there was one."""
+    def _causes(self, leading: Hypothesis | None, lead: float) -> tuple[Cause, ...]:
+        """Return what an inquiry has found to be wrong, if there was one.
+
+        Parameters
+        ----------
+        leading : the hypothesis that the run is explained by, if there is one
+        lead : its log-likelihood over that of the first
+        """
         found = self._inquiries.found
         if found is None:
             return ()
-        inquired = [(cause.text, cause.gain, cause.physical) for cause in found.causes]
+        inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        if leading is not None and leading.disturbed:  # the run may know more by now
+            inquired.setdefault(of_hypothesis(leading), (lead, leading.physical))
         noise = self._settings.noise
         rough = roughness(self._latest, noise.joint_position)
         told = (0.0, 0.0) if noise.base_correlation_time > 0.0 else seen_in(self._latest[-1])
@@ -218,9 +229,10 @@ class TrajectoryEstimator:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._evidence(run, moments, latest))
+        evidence = self._evidence(run, moments, latest)
+        judgement = judge(evidence)
         self._inquiries.follow(run.point, suspicious=not judgement.adequate or bool(judgement.causes))
-        if not judgement.adequate and (causes := self._causes()):
+        if not judgement.adequate and (causes := self._causes(track.hypothesis, run.lead)):
             judgement = replace(judgement, causes=causes)
         covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(
@@ -325,9 +337,9 @@ def jumps(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
     origin : (3,) m, of the run, in the odometry frame
     """
     levels = [*(jump.before for jump in track.jumps), momentum]
-    found = []
+    found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
     for jump, after in zip(track.jumps, levels[1:], strict=True):
         linear = after[:3] - jump.before[:3]
         angular = after[3:] - jump.before[3:] + cross(origin, linear)
-        found.append(Event(jump.time, 'step', linear, angular, PULSE))
+        found.append(Event(jump.time, 'step', linear, angular, cause))
     return tuple(found)

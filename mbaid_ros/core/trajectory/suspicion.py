@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.bank import LONGEST, Track
+from mbaid_ros.core.trajectory.bank import LONGEST
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.state import Layout, Point
@@ -28,17 +28,17 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.suspects import line, suspects
+from mbaid_ros.core.unknowns.words import of_change, of_hypothesis, of_line, of_suspect
 from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
-from mbaid_ros.core.verdict.words import DRIFTING, MOVING, of_change, of_line, of_suspect
 
 _FITTED = 20  # work of fitting them
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
 _REFINED = 4  # of how many the gain is found by passes of their own
-_MOST_JUMPS = 3  # that can be what is wrong; more of them are what something else looks like
+_MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
 _PARTS = 3  # of the first windows that are unlikely: where the body may have moved in the grasp
 
 
@@ -98,12 +98,10 @@ class Suspicion:
         wide, quiet = self.extended(*suspects()), self.hypotheses[0]
         fits = yield from self._fits(windows)
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
-        at, passed, tracks = yield from self._base(wide, windows, points)
-        base = tracks[-1].belief
+        at, passed, base = yield from self._base(wide, windows, points)
         found = yield from self._widened(wide, windows, at, base)
         found += yield from self._misread(windows, fits, base)
-        series = [track.belief.innovations.previous for track in tracks]
-        for frequency in lines(series, windows[0].length):
+        for frequency in lines(wide.unpredicted(passed, base), windows[0].length):
             track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
             found.append(Suspected(of_line(frequency), track.belief.log_likelihood - base.log_likelihood))
         found += yield from self._from_outside(wide, at, passed, base)
@@ -119,18 +117,21 @@ class Suspicion:
         found: list[Suspected] = []
         for hypothesis in others:
             track = yield from wide.passed(passed, hypothesis, 0)
-            walk = DRIFTING if hypothesis.position > 0.0 else MOVING
-            told = hypothesis.name if hypothesis.physical else walk
-            found.append(Suspected(told, track.belief.log_likelihood - base.log_likelihood, hypothesis.physical))
+            found.append(
+                Suspected(
+                    of_hypothesis(hypothesis), track.belief.log_likelihood - base.log_likelihood, hypothesis.physical
+                )
+            )
         track = yield from wide.passed(passed, quiet, LONGEST)
         jumps = track.jumps
-        if 0 < len(jumps) <= _MOST_JUMPS and track.belief.nis < LARGEST_NIS * track.belief.measured:
+        if 0 < len(jumps) <= _MOST_PULSES and track.belief.nis < LARGEST_NIS * track.belief.measured:
             times = ', '.join(f'{jump.time:.1f}' for jump in jumps)
             found.append(Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood))
+        changes: list[Suspected] = []
         for jump in jumps[:_PARTS]:
             track = yield from wide.changed([window for window, _ in passed], at, quiet, jump.time)
-            found.append(Suspected(of_change(jump.time), track.belief.log_likelihood - base.log_likelihood))
-        return found
+            changes.append(Suspected(of_change(jump.time), track.belief.log_likelihood - base.log_likelihood))
+        return found + sorted(changes, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
@@ -142,15 +143,14 @@ class Suspicion:
 
     def _base(
         self, wide: WidePass, windows: Sequence[Window], points: Sequence[Point]
-    ) -> Generator[int, None, tuple[Point, Windows, list[Track]]]:
+    ) -> Generator[int, None, tuple[Point, Windows, Belief]]:
         """Return the point that explains windows best if nothing is wrong, and the pass there."""
-        results: list[tuple[Point, Windows, list[Track]]] = []
+        results: list[tuple[Point, Windows, Belief]] = []
         for point in points:
             passed = yield from wide.linearised(windows, point)
-            tracks: list[Track] = []
-            yield from wide.passed(passed, self.hypotheses[0], 0, tracks)
-            results.append((point, passed, tracks))
-        return max(results, key=lambda each: each[2][-1].belief.log_likelihood)
+            track = yield from wide.passed(passed, self.hypotheses[0], 0)
+            results.append((point, passed, track.belief))
+        return max(results, key=lambda each: each[2].log_likelihood)
 
     def _misread(
         self, windows: Sequence[Window], fits: Sequence[Fit], base: Belief

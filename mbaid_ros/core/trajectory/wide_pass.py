@@ -27,7 +27,7 @@ from mbaid_ros.core.verdict.widening import gain
 _PART = 20  # windows whose linearisation counts as one piece of work
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
-_MOST = (100.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
+_MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
 _SLIPPING = 2  # windows that a slip may take
 
 Passed = Generator[int, None, Track]
@@ -68,21 +68,18 @@ class WidePass:
         passed: Windows,
         hypothesis: Hypothesis,
         longest: int,
-        tracks: list[Track] | None = None,
         begin: Track | None = None,
     ) -> Passed:
-        """Return a hypothesis after windows, whose jumps may take some of them; `tracks` gets it after each."""
+        """Return a hypothesis after windows; its jumps may take some of them."""
         track = begin or Track(hypothesis, self.fresh(hypothesis), longest=longest)
         own = self.variables
         for window, white in passed:
             (track,) = follow((track,), window, white, own)
-            if tracks is not None:
-                tracks.append(track)
             yield 1
         return track
 
     def changed(self, windows: Sequence[Window], at: Point, hypothesis: Hypothesis, changes: float) -> Passed:
-        """Return a hypothesis after windows, from one of which on (s) the body has moved in the grasp: the best pass."""
+        """Return a hypothesis after windows, from one of which on (s) the body has moved in the grasp: the best."""
         place = next(index for index, window in enumerate(windows) if window.start >= changes)
         end, before, after = place + _SLIPPING, at, at
         best: Track | None = None
@@ -117,6 +114,12 @@ class WidePass:
                 best = track
         assert best is not None, 'the first pass is at the point of the run'
         return best
+
+    def unpredicted(self, passed: Windows, belief: Belief) -> Array:
+        """Return by how much each window's way is not as predicted, (W, p), in units of pose errors."""
+        mean = belief.least_squares
+        mean[: self.variables.poses] = 0.0
+        return np.array([white.drift + white.transition @ mean for _, white in passed])
 
     def gains(self, base: Belief) -> dict[str, tuple[float, float]]:
         """Return what each cause would gain by less certainty, and by how much less."""

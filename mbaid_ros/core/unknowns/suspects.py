@@ -22,6 +22,8 @@ SUSPECTS = SCALE, TURNING, CLOCK, LATE, BIAS = (
     'twist bias',
 )
 
+_MINUTE = 60.0  # s
+
 
 @dataclass(frozen=True, eq=False)
 class Suspect(Unknown):
@@ -97,7 +99,7 @@ class TwistBias(Suspect):
 
 @dataclass(frozen=True, eq=False)
 class Line(Suspect):
-    """A swing of the pose at one frequency: amplitudes (12,) rad and m of sine and cosine.
+    """A swing of the pose at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
 
     Attributes
     ----------
@@ -107,10 +109,14 @@ class Line(Suspect):
     frequency: float = 0.0
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return both, and how fast they change."""
-        rate = 2.0 * np.pi * self.frequency
-        sine, cosine = (shape(rate * motion.time)[:, None, None] * np.eye(6) for shape in (np.sin, np.cos))
-        return np.concatenate((sine, cosine), axis=2), rate * np.concatenate((cosine, -sine), axis=2)
+        """Return each, and how fast it changes."""
+        rate, time = 2.0 * np.pi * self.frequency, motion.time[:, None, None]
+        axes = np.eye(6)
+        sine, cosine = np.sin(rate * time) * axes, np.cos(rate * time) * axes
+        late = time / _MINUTE
+        pose = np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        growing = (rate * late * cosine + sine / _MINUTE, cosine / _MINUTE - rate * late * sine)
+        return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
 
 
 def suspects() -> tuple[Suspect, ...]:
@@ -127,5 +133,5 @@ def suspects() -> tuple[Suspect, ...]:
 
 def line(frequency: float) -> Line:
     """Return a swing at a frequency, Hz."""
-    size = np.tile(np.repeat((1e-3, 1e-2), 3), 2)
-    return Line(np.diag(size), ('line',) * 12, frequency)
+    size = np.tile(np.repeat((1e-3, 1e-2), 3), 4)
+    return Line(np.diag(size), ('line',) * 24, frequency)

@@ -20,7 +20,8 @@ _SIGNIFICANT = 6.0
 _LARGEST_CORRELATION = 0.25
 # Prior standard deviations from which what is known of the robot has to be wrong.
 _FAR = 5.0
-_MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
+
+MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Judgement:
 def judge(evidence: Evidence) -> Judgement:
     """Return the verdict on a run."""
     innovations, reasons = evidence.innovations, []
-    if evidence.nis > LARGEST_NIS or evidence.jumps > _MOST_JUMPS:
+    if evidence.nis > LARGEST_NIS or evidence.jumps > MOST_JUMPS:
         reasons.append(
             f'the model does not explain the data: innovations {np.sqrt(evidence.nis):.1f} times the noise, '
             f'{evidence.jumps} jumps of the momentum'
@@ -150,7 +151,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
 
 def _correlated(evidence: Evidence) -> list[Cause]:
     """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump."""
-    if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > _MOST_JUMPS):
+    if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
         return []
     time, gain = seen_in(evidence.latest)
     if time == 0.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -12,11 +12,11 @@ from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
 
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong
 _OUTLIERS = 0.002  # share of the poses
-_CATCH_ALL = 0.5  # what explains anything counts so much of what it gains
+_CATCH_ALL = 0.95  # what explains anything counts so much of what it gains
 
 
 def ranked(
-    inquired: Sequence[tuple[str, float, bool]],
+    inquired: Mapping[str, tuple[float, bool]],
     innovations: Innovations,
     misfit: float,
     rough: Roughness,
@@ -26,14 +26,14 @@ def ranked(
 
     Parameters
     ----------
-    inquired : texts, gains, and whether each says what happens
+    inquired : by text what each would gain, and whether it says what happens
     innovations : of a pass in which nothing explains anything
     misfit : log-likelihood that is missing there
     rough : what the samples say of the noise
     correlated : s, over which they say that the odometry's errors are correlated beyond what is declared, and the
         log-likelihood that tells it; 0 where they are not
     """
-    causes = [Cause(text, gain if physical else _CATCH_ALL * gain) for text, gain, physical in inquired]
+    causes = [Cause(text, gain if physical else _CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
     causes += _noise(innovations, rough)
     time, told = correlated
     if time > 0.0:

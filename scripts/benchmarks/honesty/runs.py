@@ -167,7 +167,7 @@ def _told(history: list[Estimate], sought: Array) -> Told:
 
 def _named(last: Estimate) -> str:
     """Return the first cause that an estimate names, or else its first warning."""
-    told = [event.cause for event in last.events] + list(last.warnings)
+    told = [*(cause for cause, _ in last.causes), *(event.cause for event in last.events), *last.warnings]
     return told[0][:_WORDS] if told else ''
 
 

@@ -6,9 +6,21 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.unknowns import suspects
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-MOVING = 'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts'
-DRIFTING = 'the odometry position drifts: check the sensor, or give noise.base_correlation_time'
+_MOVING = 'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts'
+_DRIFTING = 'the odometry position drifts: check the sensor, or give noise.base_correlation_time'
+_CONSTANT = {
+    'inertial': 'a tilted table, drag or a leak; set disturbance.constant to inertial',
+    'body': 'a leak or thrust, or wheels that nobody reads spin up; set disturbance.constant to body',
+}
+
+
+def of_hypothesis(hypothesis: Hypothesis) -> str:
+    """Return what acts or drifts."""
+    if hypothesis.force != 'none':
+        return f'{hypothesis.name}: {_CONSTANT[hypothesis.force]}'
+    return _DRIFTING if hypothesis.position > 0.0 else _MOVING
 
 
 def of_change(time: float) -> str:
