@@ -12,7 +12,7 @@ _SWINGS = 2.5  # in the series at least: fewer are a drift
 _LARGEST = 4.0  # of what there is in the middle
 _TREND = 5  # numbers of a polynomial that is no swing
 _PEAKS = 2
-_CLEAR = 8.0  # times the median of the spectrum
+_CLEAR = 12.0  # times the median of the spectrum
 
 
 def lines(values: Array, spacing: float) -> list[float]:

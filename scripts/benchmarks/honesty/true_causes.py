@@ -46,7 +46,7 @@ TRUE_CAUSES = {
     'the body slips in the grasp by 30 deg': r'grasp',
     'wheels that nobody reads spin up': _UNREAD,
     'a flexible panel of 0.3 Hz': r'\bHz\b',
-    'fuel that sloshes at 0.1 Hz': r'\bHz\b',
+    'fuel that sloshes at 0.1 Hz': r'\bHz\b|fuel',
     'a flexible joint of 2 Hz': r'joint4.*flexible',
     'odometry in an orbit-fixed frame': r'odometry.*turn',
 }
