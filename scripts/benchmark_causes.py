@@ -9,6 +9,7 @@ import sys
 
 from benchmarks.honesty.catalogue import CATALOGUE
 from benchmarks.honesty.command import outcomes, parsed
+from benchmarks.honesty.runs import PUBLISHED
 from benchmarks.honesty.true_causes import TRUE_CAUSES, rank
 
 _SHOWN = 3
@@ -20,7 +21,12 @@ def main() -> int:
     places: list[int] = []
     for condition, outcome in outcomes(arguments):
         found = [rank(condition.name, told.split('\n')) for told in outcome.causes]
-        places += found
+        # Where the run is right and names nothing, nothing is to be named.
+        places += [
+            place
+            for place, status, told in zip(found, outcome.status, outcome.causes, strict=True)
+            if told or status not in PUBLISHED
+        ]
         print(f'{condition.name}: {", ".join(str(place or "-") for place in found)}')
         for status, told in zip(outcome.status[:1], outcome.causes[:1], strict=True):
             print(f'    {status}: ' + '\n        '.join(told.split('\n')[:_SHOWN]), flush=True)

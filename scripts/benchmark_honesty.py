@@ -74,7 +74,9 @@ the standard deviations of the noise are given, as they are where the condition 
 - *last status*: of how many runs; `refused` is a robot or parameter that is not accepted.
 - *covered*: the share of the 95 % intervals that hold the truth, and *largest error*: of any parameter, in reported
   standard deviations. Both of the runs that end `converged` or `estimating`; a dash where none does.
-- *named first*: the first cause or, without any, the first warning of the last estimate, as most of the runs have it.
+- *named first*: the first cause or, without any, the first event or warning of the last estimate, as most of the runs
+  have it. `scripts/benchmark_causes.py` tells at which place the true cause stands, and
+  [trajectory.md](trajectory.md#verdict-coreverdict) how causes are found.
 - *silently wrong*: some parameter of a run that ends `converged` or `estimating` is beyond 5 standard deviations, or
   fewer than 60 % are covered.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -29,15 +28,10 @@ from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Axes, Hypothesis, hypotheses
+from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
-from mbaid_ros.core.unknowns.words import of_hypothesis
-from mbaid_ros.core.verdict.correlated import seen_in
-from mbaid_ros.core.verdict.judgement import MOST_JUMPS, Cause, Evidence, Judgement, judge
-from mbaid_ros.core.verdict.ranking import ranked
-from mbaid_ros.core.verdict.roughness import roughness
+from mbaid_ros.core.verdict.judgement import MOST_JUMPS, Evidence, Judgement, judge
 
-_LATEST = 8  # windows whose samples tell how noisy the sensors are
 _NOTHING = 1e-6  # chance of a force that is none to be told of
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
@@ -99,7 +93,6 @@ class TrajectoryEstimator:
         self._layout: Layout
         self._variables: Variables
         self._inquiries: Inquiries
-        self._latest: deque[Samples] = deque(maxlen=_LATEST)
         self._samples = 0
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -163,11 +156,10 @@ class TrajectoryEstimator:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
         self._plane.update(window)
         self._samples += len(window)
-        self._latest.append(window)
         run = self._running()
         run.expect(coming)
         run.take(taken.ready, taken.still_open, moved=taken.moved)
-        self._inquiries.take(taken.ready)
+        self._inquiries.take(taken.ready, window)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         return self._waiting(run, taken, instant) or self._solved(run, instant, window)
@@ -181,7 +173,8 @@ class TrajectoryEstimator:
             known_mass = float(np.sum(kernel.known[:, 0]))
             bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=settings.adapt)
             self._run = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
-            self._inquiries = Inquiries(Suspicion(self._layout, self._plane, settings.uncertainty, bank))
+            suspicion = Suspicion(self._layout, self._plane, settings.uncertainty, bank)
+            self._inquiries = Inquiries(suspicion, settings.noise)
         return self._run
 
     def _waiting(self, run: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
@@ -198,41 +191,19 @@ class TrajectoryEstimator:
         else:
             return None
         if taken.moved:
-            self._inquiries.follow(run.point if run.started else None, suspicious=run.unexplained)
-        causes = tuple(
-            (cause.text, cause.gain) for cause in self._causes(run.best.hypothesis if run.started else None, run.lead)
-        )
+            self._inquiries.follow(run, suspicious=run.unexplained)
+        causes = tuple((cause.text, cause.gain) for cause in self._inquiries.causes(run))
         return Estimate(
             self.method, status, now.time, now.stamp, samples=now.samples, causes=causes, warnings=(warning,)
         )
-
-    def _causes(self, leading: Hypothesis | None, lead: float) -> tuple[Cause, ...]:
-        """Return what an inquiry has found to be wrong, if there was one.
-
-        Parameters
-        ----------
-        leading : the hypothesis that the run is explained by, if there is one
-        lead : its log-likelihood over that of the first
-        """
-        found = self._inquiries.found
-        if found is None:
-            return ()
-        inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
-        if leading is not None and leading.disturbed:  # the run may know more by now
-            inquired.setdefault(of_hypothesis(leading), (lead, leading.physical))
-        noise = self._settings.noise
-        rough = roughness(self._latest, noise.joint_position)
-        told = (0.0, 0.0) if noise.base_correlation_time > 0.0 else seen_in(self._latest[-1])
-        return ranked(inquired, found.innovations, found.misfit, rough, told)
 
     def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> _Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        evidence = self._evidence(run, moments, latest)
-        judgement = judge(evidence)
-        self._inquiries.follow(run.point, suspicious=not judgement.adequate or bool(judgement.causes))
-        if not judgement.adequate and (causes := self._causes(track.hypothesis, run.lead)):
+        judgement = judge(self._evidence(run, moments, latest))
+        self._inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
+        if not judgement.adequate and (causes := self._inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
         covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(

@@ -6,48 +6,53 @@ from collections import deque
 
 import numpy as np
 
-from mbaid_ros.core.trajectory.state import Point
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.suspicion import Found, Inquiry, Suspicion
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.words import of_hypothesis
+from mbaid_ros.core.verdict.correlated import seen_in
+from mbaid_ros.core.verdict.judgement import Cause
+from mbaid_ros.core.verdict.ranking import ranked
+from mbaid_ros.core.verdict.roughness import roughness
 
 _FIRST, _GROWTH = 24, 1.5  # windows before the first inquiry, and of each next one
 _KEPT = 80  # windows that one is over
+_LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHARE = 300  # steps of the filter, more or less, that it may take between two windows
 
 
 class Inquiries:
     """Asks a run again and again what may be wrong with it, over its latest windows.
 
-    Attributes
+    Parameters
     ----------
-    found : by the latest inquiry; None before
+    suspicion : what is asked
+    noise : that is declared
     """
 
-    def __init__(self, suspicion: Suspicion) -> None:
+    def __init__(self, suspicion: Suspicion, noise: SensorNoise) -> None:
         self._suspicion = suspicion
+        self._noise = noise
+        self._samples: deque[Samples] = deque(maxlen=_LATEST)
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
         self._next = _FIRST
         self._inquiry: Inquiry | None = None
-        self.found: Found | None = None
+        self._found: Found | None = None
 
-    def take(self, window: Window | None) -> None:
-        """Take the next window into those that an inquiry is over."""
+    def take(self, window: Window | None, samples: Samples) -> None:
+        """Take the next window into those that an inquiry is over, and the samples of the one after it."""
+        self._samples.append(samples)
         if window is not None:
             self._windows.append(window)
             self._seen += 1
 
-    def follow(self, point: Point | None, *, suspicious: bool) -> None:
-        """Do a part of an inquiry, if one is under way or due.
-
-        Parameters
-        ----------
-        point : that the run has come to, if any
-        suspicious : whether anything is to be asked
-        """
+    def follow(self, run: FilterRun, *, suspicious: bool) -> None:
+        """Do a part of an inquiry into a run, if one is under way, or due where the run is suspicious."""
         if self._inquiry is None and suspicious and self._seen >= self._next:
             self._next = int(np.ceil(_GROWTH * self._seen))
-            self._inquiry = self._suspicion.inquire(list(self._windows), point)
+            self._inquiry = self._suspicion.inquire(list(self._windows), run.point if run.started else None)
         done = 0
         while self._inquiry is not None and done < _SHARE:
             try:
@@ -56,6 +61,19 @@ class Inquiries:
                 self._inquiry = None  # the point is of no robot that can be: a later one may be
                 return
             if isinstance(work, Found):
-                self._inquiry, self.found = None, work
+                self._inquiry, self._found = None, work
             else:
                 done += work
+
+    def causes(self, run: FilterRun) -> tuple[Cause, ...]:
+        """Return what the latest inquiry has found to be wrong with a run, the likeliest first; nothing before one."""
+        found = self._found
+        if found is None:
+            return ()
+        inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        leading = run.best.hypothesis if run.started else None
+        if leading is not None and leading.disturbed:  # the run may know more by now
+            inquired.setdefault(of_hypothesis(leading), (run.lead, leading.physical))
+        rough = roughness(self._samples, self._noise.joint_position)
+        told = (0.0, 0.0) if self._noise.base_correlation_time > 0.0 else seen_in(self._samples[-1])
+        return ranked(inquired, found.innovations, found.misfit, rough, told)
