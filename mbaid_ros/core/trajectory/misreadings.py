@@ -63,18 +63,23 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
         yield Misreading(text, swapped, sign, same)
-    for link in kernel.model.links:
-        if link.parameters[0] > 0.0 and link.name not in {each.name for each in kernel.unknown}:
-            for unit in _UNITS:
+    links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
+    heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}  # of what is fixed
+    for link in heaviest.values():
+        if link.name not in {each.name for each in kernel.unknown}:
+            # A base in tonnes is an arm in grams: momentum and all masses may grow together.
+            for unit in _UNITS[: 1 if link.body == 0 else None]:
                 change = same.copy()
                 change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
-                text = f'link {link.name} is {unit:g} times as heavy as it is: grams for kilograms in the URDF?'
+                text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
                 yield Misreading(text, order, sign, change)
     for unit in _UNITS:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
         moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
-        yield Misreading(f'the moving links ({moving}) are {unit:g} times as heavy as they are', order, sign, change)
+        yield Misreading(
+            f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?', order, sign, change
+        )
 
 
 @dataclass(frozen=True)
