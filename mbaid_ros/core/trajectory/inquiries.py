@@ -19,6 +19,7 @@ from mbaid_ros.core.verdict.roughness import roughness
 _FIRST, _GROWTH = 24, 1.5  # windows before the first inquiry, and of each next one
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
+_SHORT = 0.12  # of a window, below which a time of correlation is none
 _SHARE = 300  # steps of the filter, more or less, that it may take between two windows
 
 
@@ -75,5 +76,7 @@ class Inquiries:
         if leading is not None and leading.disturbed:  # the run may know more by now
             inquired.setdefault(of_hypothesis(leading), (run.lead, leading.physical))
         rough = roughness(self._samples, self._noise.joint_position)
-        told = (0.0, 0.0) if self._noise.base_correlation_time > 0.0 else seen_in(self._samples[-1])
-        return ranked(inquired, found.innovations, found.misfit, rough, told)
+        correlated = (0.0, 0.0) if self._noise.base_correlation_time > 0.0 else seen_in(self._samples[-1])
+        if correlated[0] < _SHORT * self._windows[-1].length:  # poses between two others look like that, too
+            correlated = (0.0, 0.0)
+        return ranked(inquired, found.innovations, found.misfit, rough, correlated)
