@@ -20,7 +20,7 @@ _FIRST, _GROWTH = 24, 1.5  # windows before the first inquiry, and of each next 
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHORT = 0.12  # of a window, below which a time of correlation is none
-_SHARE = 300  # steps of the filter, more or less, that it may take between two windows
+_SHARE = 700  # steps of the filter, more or less, that it may take between two windows
 
 
 class Inquiries:
