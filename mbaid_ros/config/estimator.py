@@ -228,6 +228,9 @@ class EstimatorConfig:
     robot_description_file: str = parameter(
         '', 'URDF file of the robot; empty means the topic robot_description instead.'
     )
+    base_link: str = parameter(
+        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
+    )
     target_link: str = parameter('', 'Link whose inertia is identified; empty means the last link of the robot.')
     method: str = parameter('trajectory', 'Identification method.', choices=METHODS)
     window: float = parameter(

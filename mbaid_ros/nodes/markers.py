@@ -110,8 +110,10 @@ class LinkFrames:
         self._model = model
         self._kinematics = Kinematics(model)
         joints = ET.fromstring(model.urdf).findall('joint')
-        self._parents = {_end(joint, 'child'): _end(joint, 'parent') for joint in joints}
-        self._positions = dict.fromkeys(model.joint_names, math.nan)
+        kept = {link.name for link in model.links}
+        ends = ((_end(joint, 'child'), _end(joint, 'parent')) for joint in joints)
+        self._parents = {child: parent for child, parent in ends if child in kept and parent in kept}
+        self._positions = dict.fromkeys(model.independent_joints, math.nan)
         self._sent = -_TF_PERIOD
 
     def transforms(self, message: Any) -> list[TransformStamped]:
@@ -119,7 +121,7 @@ class LinkFrames:
         for name, value in positions_of(message).items():
             if name in self._positions:
                 self._positions[name] = value
-        positions = np.array([self._positions[name] for name in self._model.joint_names])
+        positions = self._model.positions_from(self._positions)
         stamp = stamp_of(message)
         if not np.all(np.isfinite(positions)) or 0 <= stamp - self._sent < _TF_PERIOD:
             return []

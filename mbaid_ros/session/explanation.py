@@ -62,7 +62,7 @@ def obstacles(session: Session) -> list[str]:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
-            names = listing(session.robot.model.joint_names[joint] for joint in slowest)
+            names = listing(session.robot.model.independent_joints[joint] for joint in slowest)
             found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
     return found
 
@@ -76,7 +76,7 @@ def missing_joints(session: Session) -> tuple[str, ...]:
 def _never_held(session: Session) -> tuple[str, ...]:
     """Return the joints that no message has held, where the joints come in parts."""
     merge = session.merge
-    return tuple(session.robot.model.joint_names[joint] for joint in merge.missing) if merge.partial else ()
+    return tuple(session.robot.model.independent_joints[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:

@@ -18,7 +18,7 @@ from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, SensorNoise
+from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator
@@ -88,7 +88,7 @@ class Session:
         noise = SensorNoise(**vars(self.config.noise))
         names = frozenset(link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
-        return JointReader(self.robot.model.joint_names), odometry
+        return JointReader(self.robot.model.independent_joints), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -186,7 +186,7 @@ class Session:
         config = self.config
         self.joint_reader, self.odometry_reader = self.readers()
         model, described = self.robot.model, self.robot.described
-        turning = ~np.array(model.prismatic, dtype=bool)
+        turning = ~np.array(model.prismatic, dtype=bool)[model.transmission.independent]
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
@@ -269,10 +269,17 @@ class Session:
         self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
         try:
-            return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+            return self._identifier.push(self._all_joints(self.merge.push(joints)), self._reorder.push(base))
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
+
+    def _all_joints(self, measured: JointStream | None) -> JointStream | None:
+        """Return measurements of all joints from those of the joints that follow no other."""
+        moved = self.robot.model.transmission
+        if measured is None or moved.direct:
+            return measured
+        return JointStream(measured.stamp, moved.positions(measured.position), moved.rates(measured.velocity))
 
     def _unsolved(self, error: Exception) -> None:
         self._start_again(f'the equations could not be solved ({error})')
