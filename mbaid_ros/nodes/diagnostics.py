@@ -120,6 +120,17 @@ class Diagnostics:
             wanted += state.session.restarts[-1:]
         return tuple(wanted)
 
+    def awaited(self, state: State) -> list[str]:
+        """Return what has to come before there can be an estimate, by topic and type, and what would help."""
+        wanted = []
+        if state.session is None:
+            wanted.append(
+                f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
+                'the parameter robot_description_file'
+            )
+        silent = [inlet for inlet in self._inlets.values() if not inlet.received]
+        return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
+
     def _absence(self, inlet: Inlet) -> str:
         """Return that nothing has come, for how long, and what would help; it changes but a few times."""
         waited = monotonic() - self._start
@@ -172,15 +183,23 @@ class Diagnostics:
             text = state.problem or f'no robot description on {self._description_topic} yet'
             return ERROR if state.problem else WARN, text, []
         robot = state.session.robot
+        found = state.session.survey()
         values: Values = [
             ('robot', robot.model.name),
             ('target link', robot.target_link),
+            ('target link chosen', found.chosen),
             ('base link', robot.model.base_link),
+            ('known mass (kg)', f'{found.mass:.6g}'),
             ('joints', listing(robot.model.joint_names)),
+            ('joints of the messages alone', listing(found.foreign)),
+            ('joints of the robot description alone', listing(found.unheard)),
+            ('links without inertia', listing(found.without_inertia)),
+            *((f'warning {index + 1}', warning) for index, warning in enumerate(found.warnings)),
         ]
         if state.problem:
             return ERROR, state.problem, values
-        return OK, f"robot '{robot.model.name}', target link '{robot.target_link}'", values
+        text = f"robot '{robot.model.name}', target link '{robot.target_link}'"
+        return (WARN, '; '.join([text, *found.warnings]), values) if found.warnings else (OK, text, values)
 
     def _samples(self, state: State) -> Report:
         session = state.session

@@ -32,6 +32,7 @@ from mbaid_ros.nodes.description import DescriptionInlet
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
+from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos, quiet_publisher
@@ -62,6 +63,7 @@ class EstimatorNode(Node):
     def __init__(self) -> None:
         super().__init__(NAME)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._narrator = Narrator(self._log)
         self._config = declare_parameters(self, EstimatorConfig)
         self._state = State()
         self._restarted = 0  # how often the session had started again when that was last told
@@ -94,6 +96,7 @@ class EstimatorNode(Node):
         path = self._config.robot_description_file
         if path:
             self._state.session = Session(self._config, read_robot_description(path))
+            self._narrator.robot(self._state.session.survey(), self._config.method)
             return ''
         # What is about links can only be checked with the robot.
         config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
@@ -115,8 +118,7 @@ class EstimatorNode(Node):
             return
         restarted = state.session is not None
         state.session, state.problem = session, ''
-        robot = session.robot
-        self._log.info(f"robot '{robot.model.name}', target link '{robot.target_link}', method {self._config.method}")
+        self._narrator.robot(session.survey(), self._config.method)
         if restarted:
             self._start_again()
 
@@ -161,6 +163,7 @@ class EstimatorNode(Node):
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._follow_restart(session)
             self._state.estimate = estimate
+            self._narrator.estimate(estimate)
             frames = self._frames(session)
             self._outlets.publish(estimate, frames, session.robot.urdf)
             self._tell_of_calibration(session)
@@ -183,6 +186,7 @@ class EstimatorNode(Node):
         for restart in session.restarts:
             self._warn_once(restart)
         self._state.estimate, self._waiting = None, None
+        self._narrator.begin()
         self._outlets.clear()
         self._display.clear()
         self._say_what_is_missing()
@@ -201,6 +205,7 @@ class EstimatorNode(Node):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._start_again()
         response.success, response.message = True, 'everything forgotten, started again'
+        self._narrator.event(response.message)
         return response
 
     def _on_capture(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -213,13 +218,14 @@ class EstimatorNode(Node):
             response.message = str(error)
             return response
         response.success = True
-        self._log.info(response.message)
+        self._narrator.event(response.message)
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._state.paused = bool(request.data)
         response.success = True
         response.message = 'paused: no samples are taken' if request.data else 'taking samples'
+        self._narrator.event(response.message)
         self._say_what_is_missing()
         return response
 
@@ -230,6 +236,7 @@ class EstimatorNode(Node):
         state.estimate, state.ignored, self._restarted = None, Counter(), 0
         self._waiting = None
         self._logged.clear()
+        self._narrator.begin()
         self._outlets.clear()
         self._display.clear()
         self._say_what_is_missing()
@@ -255,6 +262,9 @@ class EstimatorNode(Node):
         if state.session is not None:
             for complaint in complaints(state.session):
                 self._warn_once(complaint)
+            if state.session.used:
+                self._narrator.joints(state.session.survey())
+        self._narrator.waiting(self._diagnostics.awaited(state))
         self._say_what_is_missing()
         clocks = self._clock_problems()
         for problem in clocks:

@@ -88,7 +88,14 @@ HEAD = ('body', 'mass ± std, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD
 
 def summary(result: Calibrated) -> str:
     """Return the result as a table for a terminal."""
-    lines = [headline(result), *(f'  {each}' for each in told(result)), '', *_columns([HEAD, *rows(result)])]
+    lines = [
+        *map(one_line, result.survey.lines),
+        '',
+        headline(result),
+        *(f'  {each}' for each in told(result)),
+        '',
+        *_columns([HEAD, *rows(result)]),
+    ]
     joints = [JOINTS_HEAD, *joint_rows(result)]
     if len(joints) > 1 and np.any(result.calibration.stds[len(result.calibration.theta) : -6]):
         lines += ['', *_columns(joints)]

@@ -23,7 +23,7 @@ from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
 from mbaid_ros.replay.provenance import hashes, made_by
-from mbaid_ros.replay.results import Run, as_json, summary
+from mbaid_ros.replay.results import Run, as_json, texts
 from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 
@@ -129,4 +129,4 @@ def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: S
     if arguments.json == STDOUT:
         sys.stdout.write(text)
     else:
-        print('\n\n'.join(summary(result) for result in runs))
+        print(texts(runs))

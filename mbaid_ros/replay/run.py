@@ -83,7 +83,8 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _take(session.process(), session, history, writer)
-        warnings = (*bag.warnings, *intake_warnings(session))
+        survey = session.survey()
+        warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
     return Run(
         bag=path,
         target_link=session.robot.target_link,
@@ -93,6 +94,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
+        survey=survey,
         warnings=warnings,
         urdf=session.robot.urdf,
         pose=intake.pose(),

@@ -24,6 +24,7 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
+from mbaid_ros.session.survey import Survey, survey
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[..., Estimator]
@@ -132,6 +133,11 @@ class Session:
         if self.problem and not estimates:
             raise DataError(self.problem)
         return estimates
+
+    def survey(self) -> Survey:
+        """Return what the run takes the robot for, with the joints that messages have named so far."""
+        chosen = bool(self.config.target_link)
+        return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=self.joint_reader.heard)
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off: best when the estimates of a window have been told."""

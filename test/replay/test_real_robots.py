@@ -81,7 +81,9 @@ def test_most_of_them_are() -> None:
     assert sum(path.name not in REFUSED for path in ROBOTS) >= FEWEST
 
 
-def test_a_hand_whose_fingers_follow_each_other_is_identified(tmp_path: Path) -> None:
+def test_a_hand_whose_fingers_follow_each_other_is_identified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """On the ground in its file, with a frame that has mass 0: the estimate is that of what moved."""
     slide = {'kind': 'prismatic', 'parent': 'hand', 'axis': '0 1 0', 'lower': 0.0, 'upper': 0.3}
     turn = {'kind': 'revolute', 'lower': -2.0, 'upper': 2.0, 'mimic': ''}
@@ -120,5 +122,10 @@ def test_a_hand_whose_fingers_follow_each_other_is_identified(tmp_path: Path) ->
     params.write_text(f'estimator: {{ros__parameters: {{target_link: hand, {exact}}}}}')
     assert replay([str(bag), '--model', str(urdf), '--params', str(params), '--json', str(result)]) == 0
     found = json.loads(result.read_text())
+    assert found['model']['without_inertia'] == ['camera']
+    assert (found['model']['foreign'], found['model']['unheard'], found['model']['chosen']) == ([], [], True)
+    assert 'world' in found['model']['dropped'][0]
+    text = capsys.readouterr().out
+    assert text.index("'base' floats") < text.index('the inertia of hand is identified')
     assert found['estimate']['mass'] == pytest.approx(8.0, rel=1e-3)
     assert np.array(found['estimate']['com']) == pytest.approx([0.1, 0.02, 0.1], abs=1e-3)

@@ -56,6 +56,7 @@ class RobotModel:
     limits : (n,) how far and how fast each joint may go
     transmission : which joints follow others
     links : every link of the URDF that the floating one carries
+    described_joints : every joint of the URDF, fixed ones among them
     dropped : what of the URDF is left out, and why, a line each
     """
 
@@ -71,6 +72,7 @@ class RobotModel:
     limits: tuple[Limit, ...]
     transmission: Transmission
     links: tuple[Link, ...]
+    described_joints: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
 
     @property
@@ -197,6 +199,7 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
         limits=tuple(description.limits[name] for name in names),
         transmission=transmission(names, description.mimics),
         links=_links(model, description.inertials),
+        described_joints=description.joints,
         dropped=description.dropped,
     )
 

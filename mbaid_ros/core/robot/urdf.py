@@ -50,6 +50,7 @@ class Description:
         where there is nothing of both
     base_link : the link that floats
     inertials : by link; links without mass are not in it
+    joints : names of all joints of the document, fixed ones and those left out among them
     mimics, limits : by joint; those that have none are not in it
     dropped : what is left out, and why, a line each
     """
@@ -57,6 +58,7 @@ class Description:
     text: str
     base_link: str
     inertials: dict[str, Inertial]
+    joints: tuple[str, ...]
     mimics: dict[str, Mimic]
     limits: dict[str, Limit]
     dropped: tuple[str, ...]
@@ -84,7 +86,7 @@ def read_description(text: str, base_link: str = '') -> Description:
         refuse('the robot description has no <link>')
     if len(links) > limits.LINKS:
         refuse(f'the robot description has {len(links)} links; at most {limits.LINKS} are accepted')
-    names_of(robot, 'joint')
+    joints = names_of(robot, 'joint')
     branches, problems = read_tree(robot, links)
     _refuse_all(problems)
     massive = {link.get('name', '') for link in robot.findall('link') if _claims_mass(link)}
@@ -95,7 +97,13 @@ def read_description(text: str, base_link: str = '') -> Description:
     _refuse_all(problems)
     changed = bool(dropped) or massless
     return Description(
-        ET.tostring(robot, encoding='unicode') if changed else text, base, inertials, mimics, bounds, dropped
+        text=ET.tostring(robot, encoding='unicode') if changed else text,
+        base_link=base,
+        inertials=inertials,
+        joints=tuple(joints),
+        mimics=mimics,
+        limits=bounds,
+        dropped=dropped,
     )
 
 
