@@ -50,6 +50,7 @@ class State:
     problem : why the last robot description or the last data could not be used; empty: they could
     estimate : the last one
     paused : True while no samples are taken
+    stale : why the last estimate is not followed by another one; empty: it is
     ignored : messages not handed to a session, by reason
     """
 
@@ -57,6 +58,7 @@ class State:
     problem: str = ''
     estimate: Estimate | None = None
     paused: bool = False
+    stale: str = ''
     ignored: Counter[str] = field(default_factory=Counter)
 
 
@@ -119,6 +121,17 @@ class Diagnostics:
         elif state.session is not None:
             wanted += state.session.restarts[-1:]
         return tuple(wanted)
+
+    def silence(self, state: State) -> str:
+        """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
+        if state.paused:
+            return 'paused: no samples are taken'
+        silent = [
+            inlet.topic
+            for key, inlet in self._inlets.items()
+            if inlet.received and self._time - self._arrival[key] > STALE_AFTER
+        ]
+        return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s' if silent else ''
 
     def awaited(self, state: State) -> list[str]:
         """Return what has to come before there can be an estimate, by topic and type, and what would help."""
@@ -245,6 +258,7 @@ def _estimate(state: State) -> Report:
     if estimate is None:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     values: Values = [
+        ('stale', bool(state.stale)),
         ('method', estimate.method),
         ('stage', estimate.stage),
         ('phase', state.session.robot.phase if state.session else ''),
@@ -264,14 +278,16 @@ def _estimate(state: State) -> Report:
     if estimate.warnings:
         text = f'{text}: {estimate.warnings[0]}'
         level = max(level, WARN)
+    if state.stale:
+        return STALE, f'{text}; stale: {state.stale}', values
     return level, text, values
 
 
 def _parameters(estimate: Estimate) -> Values:
     rows: Values = []
     for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
-        spread = f' +- {std:.2g}' if np.isfinite(std) else ''
-        shown, _ = rounded(value, std)
+        shown, band = rounded(value, std)
+        spread = f' +- {band} (95 %)' if band else ''
         rows.append((f'{name} ({unit})', f'{shown}{spread}' if shown else 'not determined'))
     return rows
 

@@ -162,7 +162,7 @@ class EstimatorNode(Node):
         for estimate in last_of_each_window(estimates, self._config.window):
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._follow_restart(session)
-            self._state.estimate = estimate
+            self._state.estimate, self._state.stale = estimate, ''
             self._narrator.estimate(estimate)
             frames = self._frames(session)
             self._outlets.publish(estimate, frames, session.robot.urdf)
@@ -185,7 +185,7 @@ class EstimatorNode(Node):
         self._restarted = session.restarted
         for restart in session.restarts:
             self._warn_once(restart)
-        self._state.estimate, self._waiting = None, None
+        self._state.estimate, self._state.stale, self._waiting = None, '', None
         self._narrator.begin()
         self._outlets.clear()
         self._display.clear()
@@ -213,7 +213,7 @@ class EstimatorNode(Node):
         try:
             if session is None:
                 raise DataError('there is no robot description yet; accepted: a capture after the first sample')
-            response.message = f'captured {session.capture():.3f} s after the first sample'
+            response.message = session.capture()
         except DataError as error:
             response.message = str(error)
             return response
@@ -233,7 +233,7 @@ class EstimatorNode(Node):
         state = self._state
         if state.session is not None:
             state.session.reset()
-        state.estimate, state.ignored, self._restarted = None, Counter(), 0
+        state.estimate, state.stale, state.ignored, self._restarted = None, '', Counter(), 0
         self._waiting = None
         self._logged.clear()
         self._narrator.begin()
@@ -273,6 +273,17 @@ class EstimatorNode(Node):
         array = DiagnosticArray(status=statuses)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
+        self._tell_if_stale()
+
+    def _tell_if_stale(self) -> None:
+        """Publish the last estimate once more, as one that nothing follows, when data stop or it is paused."""
+        state = self._state
+        reason = self._diagnostics.silence(state)
+        if state.session is None or state.estimate is None or not reason or state.stale:
+            return
+        state.stale = reason
+        self._narrator.event(f'the estimate is stale: {reason}')
+        self._outlets.tell_stale(state.estimate, self._frames(state.session), reason)
 
     def _clock_problems(self) -> list[str]:
         readings = {inlet.topic: inlet.timed for inlet in self._inlets.values() if inlet.timed is not None}

@@ -88,6 +88,8 @@ def headline(estimate: Estimate) -> str:
         value, band = rounded(float(estimate.parameters[index]), float(estimate.std[index]))
         if value:
             parts.append(f'{PARAMETERS[index]} {value}{f" ± {band}" if band else ""} {UNITS[index]}')
+    if any('±' in part for part in parts):
+        parts.append('± 95 %')
     parts.append(f'residual {estimate.residual:.2g}')
     parts.append(_method(estimate))
     if estimate.status == 'inconsistent' and estimate.causes:

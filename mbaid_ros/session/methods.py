@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -55,6 +56,7 @@ def capture_of(
         config.convergence.largest_residual,
         detect=config.capture.detect,
         calibrate=calibrate,
+        again=partial(make, kernel),
     )
     capture.time = config.capture.time or None
     return capture

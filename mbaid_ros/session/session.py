@@ -162,8 +162,10 @@ class Session:
         """Messages that were not used, by cause."""
         return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
 
-    def capture(self) -> float:
-        """Take it that the body has just been captured, and return when: s since the first sample.
+    def capture(self) -> str:
+        """Take it that the body has just been captured, and return when that was, in a sentence.
+
+        A second call moves a capture that was told too early: what has been learnt since then is forgotten.
 
         Raises
         ------
@@ -178,14 +180,18 @@ class Session:
             )
         self._ready += self._work()
         newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
-        if capture.time is not None:
-            raise DataError(
-                f'the capture was told before, at {capture.time:.6g} s; accepted: one in a run; reset begins another'
-            )
         if newest is None or not self._identifier.used:
             raise DataError('there are no samples yet; accepted: a capture after the first')
-        capture.time = (newest - self._identifier.origin) * 1e-9
-        return capture.time
+        time, before = (newest - self._identifier.origin) * 1e-9, capture.time
+        if before is None:
+            capture.time = time
+            return f'captured {time:.3f} s after the first sample'
+        if not time > before:
+            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
+        capture.move(time)
+        return (
+            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
+        )
 
     def _begin(self) -> None:
         """Make anew what a run works with."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped
@@ -185,3 +186,31 @@ def test_one_estimate_a_window_however_many_come_at_once(at_once: int) -> None:
     calls = offline(build(EstimatorConfig, {'method': 'paper_difference'}), 'table1', run('table1', 3.0), at_once)
     published = [estimate for call in calls for estimate in last_of_each_window(call, WINDOW)]
     assert [estimate.samples for estimate in published] == [50, 100, 150, 200, 250]
+
+
+def test_an_estimate_that_nothing_follows_is_told_as_stale(graph: Graph) -> None:
+    node = start(graph)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    messages = run('table1', 6.0)
+    publish(graph, messages)
+    graph.wait(lambda: estimates and estimates[-1].stale, 'the stale estimate')
+    fresh, stale = estimates[-2:]
+    assert not fresh.stale
+    assert stale.warnings[-1] == 'no messages on /joint_states, /odom for more than 2 s'
+    assert (stale.header, stale.status, stale.samples) == (fresh.header, fresh.status, fresh.samples)
+    np.testing.assert_array_equal(stale.covariance, fresh.covariance)
+    assert 'the estimate is stale: no messages' in node.stderr
+    graph.call('/estimator/reset', Trigger, Trigger.Request())
+    graph.wait(lambda: estimates[-1].status == 'waiting', 'the reset')
+    assert not estimates[-1].stale
+
+
+def test_an_estimate_is_stale_at_once_when_paused(graph: Graph) -> None:
+    start(graph)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    messages = run('table1', 4.0)
+    publish(graph, messages)
+    graph.wait(lambda: made(estimates), 'an estimate')
+    graph.call('/estimator/pause', SetBool, SetBool.Request(data=True))
+    graph.wait(lambda: estimates[-1].stale, 'the stale estimate')
+    assert 'paused: no samples are taken' in estimates[-1].warnings

@@ -55,6 +55,7 @@ def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
         'estimating after 5.0 s',
     ]
     assert 'mass 162.000 ± 0.059 kg, com_x 0.33000 ± 0.00020 m' in told[1]
+    assert ', ± 95 %, ' in told[1]
     assert len(log.at('debug')) == len(course)
     narrator.begin()
     narrator.estimate(estimate(status='estimating'))

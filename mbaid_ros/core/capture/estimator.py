@@ -35,6 +35,7 @@ class Handover:
     ----------
     kernel : with the calibrated bodies, and how far they may still be off
     after : the method
+    again : makes that method anew
     chaser : the robot before the capture
     link_covariance : (10, 10) of the target link's own standard parameters, None where it counts as exact
     told : the calibration in a line
@@ -42,6 +43,7 @@ class Handover:
 
     kernel: MomentumKernel
     after: Estimator
+    again: Callable[[], Estimator]
     chaser: Chaser
     link_covariance: Array | None
     told: str
@@ -85,6 +87,7 @@ class CaptureEstimator:
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
     calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
+    again : makes the method anew, where the capture may turn out to have been told too early
 
     Attributes
     ----------
@@ -103,6 +106,7 @@ class CaptureEstimator:
         *,
         detect: bool = False,
         calibrate: Calibrate | None = None,
+        again: Callable[[], Estimator] | None = None,
     ) -> None:
         self.method = after.method
         # A calibration takes poses and velocities for independent: it gets none that are derived from the poses.
@@ -114,6 +118,7 @@ class CaptureEstimator:
         self._kept: deque[Samples] = deque(maxlen=_CALIBRATED)
         self._refused = ''  # why there is no calibration
         self._after = after
+        self._again = again
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
@@ -159,6 +164,19 @@ class CaptureEstimator:
         self._found.extend(found)
         return [*made, *map(self._with_doubts, found)]
 
+    def move(self, time: float) -> None:
+        """Take it that the capture, told too early, is at a later time (s): what was learnt since then is forgotten.
+
+        Raises
+        ------
+        ValueError
+            Nothing can make the method anew.
+        """
+        if self._again is None:
+            raise ValueError('a capture without a method to begin again with')
+        self.time, self._after, self._place = time, self._again(), None
+        self._found.clear()
+
     def work_off(self) -> None:
         """Let the method do a part of what it has put off, if it puts anything off."""
         if isinstance(self._after, Deferring):
@@ -194,6 +212,7 @@ class CaptureEstimator:
         estimate = Estimate(
             method=self.method,
             status='waiting',
+            phase='pre_capture',
             time=time,
             stamp=origin + round(time * 1e9),
             warnings=(BEFORE,),
@@ -240,6 +259,7 @@ class CaptureEstimator:
             self._refused = f'not calibrated before the capture: {error}'
         else:
             self.kernel, self._after = self.handover.kernel, self.handover.after
+            self._again = self.handover.again
         self._kept.clear()
 
     @property
