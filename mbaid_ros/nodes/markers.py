@@ -11,6 +11,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -21,7 +22,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.principal import ellipsoid_radii, principal
 from mbaid_ros.messages import positions_of, stamp_of
-from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
@@ -155,10 +156,32 @@ class Display:
     """
 
     def __init__(self, node: Node, *, with_frames: bool) -> None:
-        self._markers = node.create_publisher(MarkerArray, '~/markers', LATCHED)
-        self._message: Any = _tf_message() if with_frames else None
-        self._tf = node.create_publisher(self._message, '/tf', qos(100)) if with_frames else None
+        self._node = node
+        self._message: Any = None
+        self._tf: Publisher | None = None
         self._frames: tuple[RobotModel, LinkFrames] | None = None
+        self.send_frames(wanted=with_frames)
+        self._markers = quiet_publisher(node, MarkerArray, '~/markers', LATCHED)
+
+    def send_frames(self, *, wanted: bool) -> None:
+        """Begin or end to send the links' frames.
+
+        Raises
+        ------
+        ParameterError
+            Frames are asked for, but the message package for them is not installed.
+        """
+        if wanted and self._tf is None:
+            self._message = _tf_message()
+            self._tf = self._node.create_publisher(self._message, '/tf', qos(100))
+        elif not wanted and self._tf is not None:
+            self._node.destroy_publisher(self._tf)
+            self._tf = None
+
+    def close(self) -> None:
+        """Publish no more."""
+        self._node.destroy_publisher(self._markers)
+        self.send_frames(wanted=False)
 
     def show(self, estimate: Estimate, frame: str) -> None:
         """Show an estimate in the frame of the target link."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from time import monotonic
 from typing import Any
@@ -13,6 +14,7 @@ from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.session import Survey
 
 PATIENCE = 5.0  # s without what is needed, after which it is said what that is
+_NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
 _ALARMING = {'inconsistent', 'not_identifiable'}
 
 
@@ -26,11 +28,13 @@ class Narrator:
 
     def __init__(self, log: Any) -> None:
         self._log = log
-        self._survey: Survey | None = None
+        self._warned: set[str] = set()
         self.begin()
 
-    def begin(self) -> None:
-        """Begin anew: everything that depends on data may be told again."""
+    def begin(self, *, warned: bool = False) -> None:
+        """Begin anew: what depends on data may be told again, warnings only if these are to be forgotten."""
+        if not warned:
+            self._warned.clear()
         self._since = monotonic()
         self._told_of_waiting = False
         self._status = ''
@@ -75,6 +79,13 @@ class Narrator:
             self._log.warning(text)
         else:
             self._log.info(text)
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning, unless it differs from an earlier one in its numbers alone."""
+        key = _NUMBER.sub('#', text)
+        if key not in self._warned:
+            self._warned.add(key)
+            self._log.warning(text)
 
     def event(self, text: str) -> None:
         """Tell what somebody has asked for: a reset, a pause, a capture."""

@@ -53,12 +53,17 @@ class Outlets:
 
     def clear(self) -> None:
         """Forget what has been published: whoever subscribes from now on gets nothing of it."""
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
+        self.close()
         self._publishers = {
             topic: quiet_publisher(self._node, message_type, topic, LATCHED)
             for topic, message_type in self._topics.items()
         }
+
+    def close(self) -> None:
+        """Publish no more."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers = {}
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in the forms it is good for.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
@@ -18,10 +19,12 @@ from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
 from mbaid_ros.session.at_once import let_through
-from mbaid_ros.session.methods import capture_of, make_estimator
+from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.survey import Survey, survey
@@ -60,9 +63,10 @@ class Session:
         The robot, the target link or a combination of parameters cannot be used.
     """
 
-    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator = make_estimator) -> None:
+    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
         self.config = config
-        self._make = make
+        self._make = make or partial(make_estimator, judge=self._judge)
+        self._judged: list[Reporting] = []
         self.robot = Robot(config, urdf)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
@@ -162,6 +166,12 @@ class Session:
         """Messages that were not used, by cause."""
         return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
 
+    def judge_by(self, convergence: ConvergenceConfig) -> None:
+        """Judge estimates by other thresholds, from the next window on."""
+        self.config = replace(self.config, convergence=convergence)
+        for reporting in self._judged:
+            set_thresholds(reporting, convergence)
+
     def capture(self) -> str:
         """Take it that the body has just been captured, and return when that was, in a sentence.
 
@@ -203,6 +213,7 @@ class Session:
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
+        self._judged = []
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
@@ -211,6 +222,11 @@ class Session:
         self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
+
+    def _judge(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
+        # By what counts now: a capture makes its method from the parameters of the run's begin.
+        self._judged.append(make_reporting(self.config, kernel))
+        return self._judged[-1]
 
     def _add(self, name: str, other: str, message: Any) -> bool:
         stamp = stamp_of(message)
