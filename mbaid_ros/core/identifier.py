@@ -73,6 +73,7 @@ class Identifier:
     maximum_gap : s, longest odometry interval that is interpolated
     twist_frame : 'child' or 'inertial', as the base's twist was read
     thrust : what is commanded; None where nothing ever is
+    correlation_time : s, over which the errors of the base's poses are correlated
     """
 
     def __init__(
@@ -82,9 +83,10 @@ class Identifier:
         maximum_gap: float,
         twist_frame: str = 'child',
         thrust: Thrust | None = None,
+        correlation_time: float = 0.0,
     ) -> None:
         self._estimator = estimator
-        self._synchroniser = Synchroniser(maximum_gap)
+        self._synchroniser = Synchroniser(maximum_gap, correlation_time)
         self._windows = Windows(window)
         self._twist_frame = TwistFrame(twist_frame)
         self._thrust = thrust

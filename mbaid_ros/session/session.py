@@ -219,7 +219,14 @@ class Session:
         self.robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
         method = self._capture or make(described)
-        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
+        self._identifier = Identifier(
+            method,
+            config.window,
+            config.maximum_gap,
+            config.twist_frame,
+            self.thrust,
+            config.noise.base_correlation_time,
+        )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.difference.run import Run
-from mbaid_ros.core.difference.solutions import DifferenceSolution, Posterior, solutions
+from mbaid_ros.core.difference.solutions import Posterior, solutions
 from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
 from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.reporting import Instant, Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
@@ -84,7 +84,6 @@ class DifferenceEstimator:
         self._plane = PlaneDetector(kernel.model)
         self._run: Run | None = None
         self._samples = 0
-        self._latest: tuple[Solution, Array, Estimate] | None = None
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -111,33 +110,10 @@ class DifferenceEstimator:
             verdicts.append((run.event, run.contradictions))
         solved, shares = solutions(posteriors)
         estimates = self._reporting.estimates(self.method, solved, instants)
-        self._latest = solved[-1], shares[-1], estimates[-1]
         return [
             _judged(estimate.after_thrust(window.impulse[-1]), *verdict, self._told(share))
             for window, estimate, verdict, share in zip(windows, estimates, verdicts, shares, strict=True)
         ]
-
-    @property
-    def solution(self) -> DifferenceSolution | None:
-        """What is known after the latest window; None before the first."""
-        if self._run is None or self._latest is None:
-            return None
-        solved, _, estimate = self._latest
-        told = estimate.identifiable
-        return DifferenceSolution(
-            x=solved.x,
-            covariance=solved.covariance,
-            origin=solved.origin,
-            space=self._run.space,
-            determined=self._run.window.certain and bool(told.any() if self._run.space.planar else told.all()),
-        )
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Which share of the body's variance each part of the unknowns would take away if it were known exactly."""
-        if self._latest is None:
-            return {}
-        return dict(zip(self._considered.labels, map(float, self._latest[1][1:]), strict=True))
 
     def _running(self, start: Array) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
