@@ -38,12 +38,14 @@ class Frames:
 
     Attributes
     ----------
-    target_link : frame of mass properties
+    target_link : frame of mass properties, without the prefix
     odometry : frame of the momenta
+    prefix : what stands before the name of the first one in messages
     """
 
     target_link: str
     odometry: str
+    prefix: str = ''
 
 
 def estimate_message(
@@ -141,7 +143,9 @@ def _time(stamp: int, types: MessageTypes) -> Any:
 
 
 def _header(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    return types.find('std_msgs/msg/Header')(stamp=_time(estimate.stamp, types), frame_id=frames.target_link)
+    return types.find('std_msgs/msg/Header')(
+        stamp=_time(estimate.stamp, types), frame_id=f'{frames.prefix}{frames.target_link}'
+    )
 
 
 def _inertia(parameters: Array, types: MessageTypes) -> Any:

@@ -284,6 +284,11 @@ class EstimatorConfig:
         description='Send the frames of the links on /tf, where no robot_state_publisher does.',
         read_only=False,
     )
+    frame_prefix: str = parameter(
+        '',
+        'What stands before the names of links where these are frames, in what comes in and goes out, as that of '
+        'robot_state_publisher: servicer/.',
+    )
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)

@@ -64,7 +64,7 @@ class Estimating:
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         # What can be refused comes first: nothing of this is on the graph then.
         self._read_robot()
-        self._display = Display(node, with_frames=self._config.publish_tf)
+        self._display = Display(node, with_frames=self._config.publish_tf, prefix=self._config.frame_prefix)
         self._outlets = Outlets(node, with_debris=self._config.debris.report)
         self._diagnostics_publisher = quiet_publisher(node, DiagnosticArray, '/diagnostics', qos(10))
         self._description = None if self._state.session else DescriptionInlet(node, self._on_description)
@@ -165,7 +165,7 @@ class Estimating:
             if alone is not None:
                 capture = session.robot.captured(estimate)
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
-            self._display.show(estimate, session.robot.target_link)
+            self._display.show(estimate, f'{frames.prefix}{frames.target_link}')
         if estimates:
             session.work_off()  # what can wait comes after the estimates
             gc.collect()
@@ -192,7 +192,8 @@ class Estimating:
 
     @staticmethod
     def _frames(session: Session) -> Frames:
-        return Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
+        robot, prefix = session.robot, session.config.frame_prefix
+        return Frames(target_link=robot.target_link, odometry=session.odometry_reader.frame, prefix=prefix)
 
     def adjust(self, config: EstimatorConfig) -> None:
         """Take on what may change while it runs: convergence.* and publish_tf.

@@ -105,10 +105,12 @@ class LinkFrames:
     Parameters
     ----------
     model : RobotModel
+    prefix : of the frames' names
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, prefix: str = '') -> None:
         self._model = model
+        self._prefix = prefix
         self._kinematics = Kinematics(model)
         joints = ET.fromstring(model.urdf).findall('joint')
         kept = {link.name for link in model.links}
@@ -133,8 +135,8 @@ class LinkFrames:
         made = []
         for child, parent in self._parents.items():
             (rotation, position), (carrier, origin) = places[child], places[parent]
-            header = Header(stamp=Time(sec=second, nanosec=nanosecond), frame_id=parent)
-            transform = TransformStamped(header=header, child_frame_id=child)
+            header = Header(stamp=Time(sec=second, nanosec=nanosecond), frame_id=self._prefix + parent)
+            transform = TransformStamped(header=header, child_frame_id=self._prefix + child)
             transform.transform.translation = _vector(rotate_back(carrier[0], position[0] - origin[0]))
             transform.transform.rotation = _quaternion(carrier[0].T @ rotation[0])
             made.append(transform)
@@ -148,6 +150,7 @@ class Display:
     ----------
     node : Node
     with_frames : whether the links' frames are sent, too
+    prefix : of the frames' names
 
     Raises
     ------
@@ -155,7 +158,8 @@ class Display:
         Frames are asked for, but the message package for them is not installed.
     """
 
-    def __init__(self, node: Node, *, with_frames: bool) -> None:
+    def __init__(self, node: Node, *, with_frames: bool, prefix: str = '') -> None:
+        self._prefix = prefix
         self._node = node
         self._message: Any = None
         self._tf: Publisher | None = None
@@ -196,7 +200,7 @@ class Display:
         if self._tf is None:
             return
         if self._frames is None or self._frames[0] is not model:
-            self._frames = (model, LinkFrames(model))
+            self._frames = (model, LinkFrames(model, self._prefix))
         transforms = self._frames[1].transforms(message)
         if transforms:
             self._tf.publish(self._message(transforms=transforms))

@@ -20,11 +20,12 @@ class LastPose:
     Parameters
     ----------
     model : RobotModel
+    prefix : of the frames' names
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, prefix: str = '') -> None:
         self._model = model
-        self._carried = {link.name: link for link in model.links if link.body == 0}
+        self._carried = {prefix + link.name: link for link in model.links if link.body == 0}
         self._joint_state: dict[tuple[str, ...], Any] = {}  # the last message of each list of names
         self._odometry: Any = None
 

@@ -118,7 +118,7 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        self._pose = LastPose(session.robot.model)
+        self._pose = LastPose(session.robot.model, session.config.frame_prefix)
 
     def add(self, messages: Recorded) -> None:
         """Take messages."""
@@ -142,7 +142,11 @@ class _Intake:
 
 
 def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
-    frames = Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
+    frames = Frames(
+        target_link=session.robot.target_link,
+        odometry=session.odometry_reader.frame,
+        prefix=session.config.frame_prefix,
+    )
     for estimate in estimates:
         history.add(estimate)
         if writer:

@@ -89,9 +89,10 @@ class Session:
     def readers(self) -> tuple[JointReader, OdometryReader]:
         """Return readers of this session's messages as they are before the first."""
         links = self.robot.model.links
-        attached = {link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
+        prefix = self.config.frame_prefix
+        attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
         noise = SensorNoise(**vars(self.config.noise))
-        names = frozenset(link.name for link in links)
+        names = frozenset(prefix + link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
         return JointReader(self.robot.model.independent_joints), odometry
 
@@ -114,6 +115,7 @@ class Session:
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
         frame, stamp, wrench = wrench_of(message)
+        frame = frame.removeprefix(self.config.frame_prefix)
         newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
         if self.thrust.changes(frame, stamp, wrench, newest):
             # What came before it is worked through without it, however the calls are spread.

@@ -339,3 +339,13 @@ def test_joints_of_another_robot_end_with_3_and_the_names(capsys: pytest.Capture
 )
 def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str], bag: str, arguments: list[str], text: str) -> None:
     assert text in refused(capsys, *(argument.replace('{bag}', bag) for argument in arguments))
+
+
+def test_parameters_on_the_command_line_count_over_those_of_the_file(
+    capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path
+) -> None:
+    params = tmp_path / 'params.yaml'
+    params.write_text('estimator: {ros__parameters: {method: paper_difference, window: 1.0}}')
+    result = result_of(capsys, bag, '--params', str(params), '-p', 'method:=difference')
+    assert (result['method'], result['made_by']['parameters']['window']) == ('difference', 1.0)
+    assert "'windwo'" in refused(capsys, bag, '--model', MODEL, '-p', 'windwo:=1.0')
