@@ -130,7 +130,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         A prior is about a link that is not calibrated.
     """
     names = [link.name for link in kernel.unknown]
-    for link in parameters.links:
+    for link in parameters.calibration.prior.links.own:
         if kernel.model.link(link).name not in names:
             raise ParameterError(
                 f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'

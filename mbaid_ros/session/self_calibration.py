@@ -40,11 +40,11 @@ def self_calibration(
     """
     if not config.calibration.enabled:
         return None
-    declared = next((x for x in ('calibration', 'names') if getattr(config.known_links, x)), '')
+    declared = next(filter(None, ('calibration' * bool(config.known_links.calibration), *config.known_links.links)), '')
     if declared:
         raise ParameterError(
-            f"parameter 'known_links.{declared}' is {getattr(config.known_links, declared)!r}; with "
-            "'calibration.enabled', which finds how well all links are known, none is accepted"
+            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which finds how well all links "
+            'are known, none is accepted'
         )
     model, target = kernel.model, kernel.target
     # The target link comes first: it is what the filter has unknown after the capture.

@@ -62,7 +62,7 @@ class Case:
         target = np.zeros_like(bodies)
         placed = kernel.target
         target[placed.body] = express(placed.parameters, placed.rotation, placed.position)
-        self.kernel = kernel.corrected(target).doubted(declared(bodies, [0.01] * len(bodies)))
+        self.kernel = kernel.corrected(target).doubted(declared(bodies, 0.01))
         self.joints, self.rates, self.rotation, self.twist = random_state(rng, model.joints, COUNT)
         if in_plane:
             self.rotation = exp(self.rotation[:, 0, :1] * NORMAL)
