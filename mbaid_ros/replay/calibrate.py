@@ -40,7 +40,7 @@ def _calibrate(argv: list[str]) -> int:
     _check_outputs(arguments)
     parameters = _parameters(arguments)
     urdf = read_robot_description(arguments.model)
-    kernel = make_kernel(load_model(urdf), parameters)
+    kernel = make_kernel(load_model(urdf, parameters.estimator.base_link), parameters)
     settings = make_settings(kernel, parameters)
     inputs = Inputs.of(arguments)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]

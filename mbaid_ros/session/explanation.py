@@ -67,7 +67,7 @@ def obstacles(session: Session) -> list[str]:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
-            names = listing(session.robot.model.joint_names[joint] for joint in slowest)
+            names = listing(session.robot.model.independent_joints[joint] for joint in slowest)
             found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
     return found
 
@@ -81,7 +81,7 @@ def missing_joints(session: Session) -> tuple[str, ...]:
 def _never_held(session: Session) -> tuple[str, ...]:
     """Return the joints that no message has held, where the joints come in parts."""
     merge = session.merge
-    return tuple(session.robot.model.joint_names[joint] for joint in merge.missing) if merge.partial else ()
+    return tuple(session.robot.model.independent_joints[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:
@@ -99,7 +99,7 @@ def _outliers(session: Session) -> str:
 
 
 def _wrong_child_frame(session: Session) -> str:
-    links = [f"'{link.name}'" for link in session.robot.model.links if link.body == 0]
+    links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
     given = session.odometry_reader.other_child_frame[:60]
     return (
         f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "

@@ -39,7 +39,7 @@ class Robot:
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
         self._in_principal_axes = config.debris.frame == PRINCIPAL
-        self.model = load_model(urdf)
+        self.model = load_model(urdf, config.base_link)
         self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -75,6 +76,7 @@ def self_calibration(
         return Handover(
             kernel=after,
             after=make(after, known),
+            again=partial(make, after, known),
             chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
             link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
             told=_told(found),

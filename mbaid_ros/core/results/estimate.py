@@ -70,6 +70,7 @@ class Estimate:
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
     samples : number of samples used
+    phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
@@ -93,6 +94,7 @@ class Estimate:
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
     samples: int = 0
+    phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
     budget: ErrorBudget | None = None
     causes: tuple[tuple[str, float], ...] = ()
