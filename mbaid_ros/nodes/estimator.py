@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -79,6 +79,7 @@ class EstimatorNode(Node):
             'odom': Inlet(self, Odometry, 'odom', self._on_odometry),
         }
         self._thrust = Inlet(self, WrenchStamped, 'thrust', self._on_thrust)
+        self._stored_momentum = Inlet(self, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
         self._diagnostics = Diagnostics(self._inlets, self._thrust, description_topic)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
@@ -139,6 +140,11 @@ class EstimatorNode(Node):
         # Also while paused: it changes the momentum that the next samples have.
         if self._state.session is not None:
             self._state.session.add_thrust(message)
+
+    def _on_stored_momentum(self, message: Vector3Stamped) -> None:
+        session = self._open_session()
+        if session is not None:
+            session.add_stored_momentum(message)
 
     def _open_session(self) -> Session | None:
         """Return the session if it takes messages now."""
@@ -250,7 +256,7 @@ class EstimatorNode(Node):
     def _report(self) -> None:
         self._report_due = False
         state = self._state
-        for inlet in (*self._inlets.values(), self._thrust):
+        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum):
             inlet.refresh()
         if state.session is not None:
             for complaint in complaints(state.session):

@@ -26,6 +26,7 @@ from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
+from mbaid_ros.session import spin_deviations, storage
 
 STDOUT = '-'
 
@@ -116,7 +117,7 @@ def make_kernel(model: RobotModel, parameters: CalibrationParameters) -> Momentu
         raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
     if not names:
         raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
-    return MomentumKernel(model, *names)
+    return MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
 
 
 def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
@@ -153,6 +154,7 @@ def _uncertainty(joints: int, parameters: CalibrationParameters) -> Uncertainty:
         [prior.axis_std] * joints,
         mount_position=prior.mount_position_std,
         mount_orientation=prior.mount_orientation_std,
+        spin_inertias=spin_deviations(estimator.wheels),
         time_offset=estimator.time_offset.prior_std if estimator.time_offset.estimate else 0.0,
         linear_momentum=estimator.momentum.linear_prior_std,
     )

@@ -15,11 +15,12 @@ from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
+from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
+from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator
 from mbaid_ros.session.pace import PART, Pace
@@ -51,6 +52,7 @@ class Session:
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     thrust : what commanded thrust has brought since the run began
+    stored_momentum : what a flight computer tells of it
     problem : why it takes no more messages until `reset`; empty while it does
 
     Raises
@@ -88,7 +90,7 @@ class Session:
         noise = SensorNoise(**vars(self.config.noise))
         names = frozenset(link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
-        return JointReader(self.robot.model.joint_names), odometry
+        return JointReader(self.robot.model.joint_names, self.config.wheels.names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -116,6 +118,11 @@ class Session:
         self.thrust.command(frame, stamp, wrench, newest)
         if self.thrust.late:
             self._identifier.note(LATE_THRUST)
+
+    def add_stored_momentum(self, message: Any) -> None:
+        """Take a Vector3Stamped of what wheels or gyros store."""
+        if not self.problem:
+            self.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
@@ -186,8 +193,10 @@ class Session:
         config = self.config
         self.joint_reader, self.odometry_reader = self.readers()
         model, described = self.robot.model, self.robot.described
-        turning = ~np.array(model.prismatic, dtype=bool)
-        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
+        beside = described.storage.count
+        turning = np.append(~np.array(model.prismatic, dtype=bool), np.zeros(beside, dtype=bool))
+        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit, beside)
+        self.stored_momentum = StoredMomentum(model, config.wheels.momentum_frame)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
@@ -268,8 +277,15 @@ class Session:
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
+        told = self.stored_momentum.stream()
+        if told is not None:
+            every = range(len(self.robot.readings))
+            joints[tuple(every[-told.position.shape[1] :])] = told
+        merged = self.merge.push(joints)
+        if merged is not None:
+            merged = merged.divided(self.robot.model.joints)
         try:
-            return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+            return self._identifier.push(merged, self._reorder.push(base))
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
@@ -279,6 +295,5 @@ class Session:
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        return (
-            self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped + self.thrust.dropped
-        )
+        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum)
+        return sum((part.dropped for part in parts), self._refused)

@@ -119,6 +119,7 @@ def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) 
         base_angular_velocity=base.angular_velocity,
         pose_covariance=weight * base.pose_covariance,
         twist_covariance=weight * base.twist_covariance,
+        stored=joints.stored,
     )
 
 
@@ -160,6 +161,7 @@ def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps],
         + s * (base.angular_velocity[right] - base.angular_velocity[left]),
         pose_covariance=_blended(base.pose_covariance, ends, s, shared),
         twist_covariance=_blended(base.twist_covariance, ends, s, shared),
+        stored=joints.stored,
     )
 
 

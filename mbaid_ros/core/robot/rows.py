@@ -94,6 +94,8 @@ def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
         _put_momentum(rows.known[:, part], bodies, known)
         for link, regressor in zip(kernel.unknown, rows.regressors, strict=True):
             _put_regressor(regressor[..., part], _motion_of(link, kernel, bodies))
+        if kernel.storage.count:
+            _add_stored(rows.known[3:, part], bodies, kernel, samples.stored[part])
     return rows
 
 
@@ -157,6 +159,15 @@ def _put_momentum(total: Array, bodies: _Motion, known: _Known) -> None:
     for body in range(1, len(linear)):  # one by one: how numpy sums depends on the number of samples
         total[:3] += linear[body]
         total[3:] += angular[body]
+
+
+def _add_stored(total: Array, bodies: _Motion, kernel: MomentumKernel, readings: Array) -> None:
+    """Add the angular momentum that is stored in bodies to a (3, N) one."""
+    storage, axial = kernel.storage, kernel.kinematics.axial
+    for place, body in enumerate(storage.bodies):
+        x, y, z = storage.inertias[place] * (axial[body].T @ storage.axes[place])
+        along, across, up = bodies.axes[body]
+        total += (along * x + across * y + up * z) * readings[:, place]
 
 
 def _put_regressor(matrix: Array, link: _Motion) -> None:

@@ -28,12 +28,14 @@ class JointReadings:
     ----------
     time : (N,) s since the start of the run
     position, velocity, effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
+    wheel_speed : (N, w) rad/s
     """
 
     time: Array
     position: Array
     velocity: Array
     effort: Array
+    wheel_speed: Array
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,17 @@ class Sensors:
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
     errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    wheel_noise : rad/s, of the speed of wheels inside the base
     """
 
-    def __init__(self, noise: SensorNoise, seed: int, errors: ModelErrors | None = None) -> None:
+    def __init__(
+        self, noise: SensorNoise, seed: int, errors: ModelErrors | None = None, wheel_noise: float = 0.0
+    ) -> None:
         self.noise = noise
         self._errors = errors
-        streams = np.random.SeedSequence(seed).spawn(6)
-        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope = (
+        self._wheel_noise = wheel_noise
+        streams = np.random.SeedSequence(seed).spawn(7)
+        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope, self._tachometer = (
             np.random.default_rng(stream) for stream in streams
         )
 
@@ -88,6 +94,7 @@ class Sensors:
             position=truth.joint_position + _white(self._encoder, noise.joint_position, truth.joint_position),
             velocity=truth.joint_velocity + _white(self._rate, noise.joint_velocity, truth.joint_velocity),
             effort=truth.joint_effort,
+            wheel_speed=truth.wheel_speed + _white(self._tachometer, self._wheel_noise, truth.wheel_speed),
         )
 
     def base(self, truth: Truth) -> BaseReadings:

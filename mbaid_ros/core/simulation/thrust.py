@@ -12,6 +12,7 @@ from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.push import Push
 from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class ThrustSimulation:
     initial : state at time 0
     step : s, of the integrator
     pulse : Pulse
+    surroundings : what else acts on its bodies
 
     Attributes
     ----------
@@ -54,15 +56,24 @@ class ThrustSimulation:
         The robot's mass matrix is singular.
     """
 
-    def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        motion: Motion,
+        initial: State,
+        step: float,
+        pulse: Pulse,
+        surroundings: Surroundings | None = None,
+    ) -> None:
         self._model, self._motion, self._step = model, motion, step
+        self._surroundings = surroundings or Surroundings()
         self.pulse = pulse
         self._changes: list[tuple[float, Push | None]] = [
             (pulse.begin, Push.on(pulse.link, pulse.wrench)),
             (pulse.end, None),
         ]
         self._start = 0.0
-        self._simulation = Simulation(model, motion, initial, step)
+        self._simulation = Simulation(model, motion, initial, step, surroundings=surroundings)
 
     def advance(self, instants: Array) -> Truth:
         """Return the true motion at instants (s, in order), and forget what lies before the last of them.
@@ -82,7 +93,8 @@ class ThrustSimulation:
             parts.append(part[: len(part) - 1])
             instants = instants[~early]
             self._start = time
-            self._simulation = Simulation(self._model, self._motion.later(time), _state(part), self._step, push)
+            now = (self._motion.later(time), _state(part), self._step, push, self._surroundings.later(time))
+            self._simulation = Simulation(self._model, *now)
         parts.append(self._now(instants))
         return Truth.concatenate(parts)
 

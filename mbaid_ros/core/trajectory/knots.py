@@ -38,6 +38,7 @@ class Knots(Stacked):
     spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
+    stored : (J, c) readings of what stores momentum inside bodies
     """
 
     joint_position: Array
@@ -47,6 +48,7 @@ class Knots(Stacked):
     spread: Array
     offset: Array
     impulse: Array
+    stored: Array
 
     @property
     def empty(self) -> Flags:
@@ -101,15 +103,16 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     moving = [joined('joint_position'), joined('base_position') - origin]
     moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
     joints = moving[0].shape[1]
-    means = mean(np.concatenate((*moving, turns), axis=1))
+    means = mean(np.concatenate((*moving, turns, joined('stored')), axis=1))
     return Knots(
         joint_position=means[:, :joints],
-        base_rotation=exp(means[:, joints + 15 :]) @ middle,
+        base_rotation=exp(means[:, joints + 15 : joints + 18]) @ middle,
         base_position=means[:, joints : joints + 3],
         base_twist=means[:, joints + 3 : joints + 9],
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 : joints + 15],
+        stored=means[:, joints + 18 :],
     )
 
 

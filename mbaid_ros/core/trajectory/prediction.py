@@ -1,7 +1,8 @@
 """The base's twist that conservation predicts from joint motion and momentum, and its derivatives.
 
 About the base's origin, in odometry axes,  M(q, R; phi) V + b(q, q', R; phi) = (P, L - p x P),  with the locked inertia
-M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi.
+M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi. What wheels
+store inside bodies is a part of b.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
+from mbaid_ros.core.robot.storage import Storage
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.interpolation import Midpoints
@@ -71,6 +73,7 @@ class Bodies:
     configuration : Configuration
     twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
+    storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
     """
 
     parameters: Array
@@ -78,12 +81,15 @@ class Bodies:
     configuration: Configuration
     twist: Array
     mobility: Array
+    storage: Storage
+    readings: Array
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
         bodies = self.configuration
         configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
-        return Bodies(self.parameters, self.target, configuration, self.twist[index], self.mobility[index])
+        cut = (self.twist[index], self.mobility[index], self.storage, self.readings[index])
+        return Bodies(self.parameters, self.target, configuration, *cut)
 
     @cached_property
     def states(self) -> BodyStates:
@@ -95,6 +101,8 @@ class Bodies:
             express(self.parameters, bodies.rotation, bodies.position),
             *bodies.link(self.target),
             self.twist[:, self.target.body],
+            self.storage,
+            self.readings,
         )
 
 
@@ -115,13 +123,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     mobility, moving = whole(known, placed, body_twist)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     if layout.plane is not None:
         mobility = _in_plane(mobility, layout.plane)
     about_base = angular - cross(middle.base_position, linear)
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    bodies = Bodies(known, target, placed, body_twist, mobility)
+    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored)
     # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
     # motion changes by.
     count = len(parameters)
@@ -173,8 +183,8 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
 def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
     """Return how the derivative A of the twist by the joint rates depends on the target body and the unknowns.
 
-    A joint at unit rate, where there is no momentum, makes the base move by its column of A and every body by that and
-    what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
+    A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
+    every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
 
     Parameters
     ----------
@@ -191,7 +201,8 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     each = bodies[np.repeat(np.arange(count), joints)]  # once for every joint
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
-    motion = replace(each, twist=np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added)
+    twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
+    motion = replace(each, twist=twist, readings=np.zeros_like(each.readings))
     placed = motion.configuration.link(bodies.target)
     columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
     for unknown in layout.predicted if layout.corrects_unknowns else ():

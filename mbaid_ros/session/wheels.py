@@ -1,0 +1,27 @@
+"""From parameters to what stores momentum inside the robot, and how well it is known."""
+
+from __future__ import annotations
+
+from mbaid_ros.config.surroundings import WheelsConfig, make_storage
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.storage import Storage
+
+
+def storage(config: WheelsConfig, model: RobotModel) -> Storage:
+    """Return the wheels by name, then the momentum that is told.
+
+    Raises
+    ------
+    ModelError, ParameterError
+        Names, axes and spin inertias differ in number, an axis is zero, or a name is a joint's or no link's.
+    """
+    wheels = make_storage(config.names, config.axes, config.spin_inertias, model, config.speed_std)
+    if not config.momentum_frame:
+        return wheels
+    return wheels + Storage.told(model.link(config.momentum_frame), config.momentum_std)
+
+
+def spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
+    """Return the standard deviation of each spin inertia, kg m^2; what is told is no product of one."""
+    wheels = (config.spin_inertia_relative_std * inertia for inertia in config.spin_inertias)
+    return (*wheels, *((0.0,) * 3 if config.momentum_frame else ()))
