@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.config.surroundings import make_storage
+from mbaid_ros.config.surroundings import make_orbit, make_storage
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
@@ -23,7 +25,8 @@ from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
+from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum, without_linear_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
 from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
@@ -103,7 +106,8 @@ class SimulatedRun:
         else:
             self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)), self.wheels)[0]
             self.brought = np.zeros(6)
-        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise)
+        view = make_view(config)
+        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
 
     @property
@@ -192,12 +196,26 @@ def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | 
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
-    around = Surroundings(make_wheels(config, model))
+    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit))
     if pulse is not None:
         return ThrustSimulation(model, motion, start, config.step, pulse, around)
     if target is not None and isinstance(motion, Sinusoids):
         return CaptureSimulation(model, motion, start, config.step, target, around)
     return Simulation(model, motion, start, config.step, surroundings=around)
+
+
+def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
+    """Return what the frame of the odometry makes of a motion; None for one that falls along.
+
+    Raises
+    ------
+    ParameterError
+        The directions do not make an orbit.
+    """
+    orbit = make_orbit(config.orbit)
+    if orbit is None or not orbit.turning:
+        return None
+    return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
 
 
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.parameters import parameter
-from mbaid_ros.config.surroundings import SimulatedWheelsConfig
+from mbaid_ros.config.surroundings import SimulatedOrbitConfig, SimulatedWheelsConfig
 
 MOTIONS = ('passive', 'sinusoids', 'random')
 
@@ -191,6 +191,7 @@ class SimulatorConfig:
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
+    orbit: SimulatedOrbitConfig = field(default_factory=SimulatedOrbitConfig)
     wheels: SimulatedWheelsConfig = field(default_factory=SimulatedWheelsConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)

@@ -1,4 +1,4 @@
-"""The parameters about what the robot description does not have: wheels inside the base."""
+"""The parameters about what the robot description does not have: the orbit, and wheels inside the base."""
 
 from __future__ import annotations
 
@@ -9,8 +9,86 @@ import numpy as np
 
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.orbit import Frame, Orbit
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.storage import Storage
+
+FRAMES = ('inertial', 'lvlh', 'hill')
+TWISTS = ('relative', 'inertial')
+_ACROSS = 0.02  # rad, by how much nadir and normal may miss a right angle
+
+
+@dataclass(frozen=True)
+class SimulatedOrbitConfig:
+    """A circular orbit, and how the frame of the odometry stands to it."""
+
+    mean_motion: float = parameter(
+        0.0, 'Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit.', unit='rad/s', minimum=0.0, maximum=0.1
+    )
+    frame: str = parameter(
+        'inertial',
+        'Frame of the odometry, its origin on the orbit: inertial, which falls along and does not turn, or with the '
+        'orbit turning lvlh or hill, as CCSDS 500.0-G has them.',
+        choices=FRAMES,
+    )
+    nadir: tuple[float, ...] = parameter(
+        (), 'Direction to the centre at the epoch in an inertial frame of the odometry.', lengths=(0, 3)
+    )
+    normal: tuple[float, ...] = parameter(
+        (), "Direction of the orbit's angular momentum in an inertial frame of the odometry.", lengths=(0, 3)
+    )
+    twist: str = parameter(
+        'relative',
+        'Twist of odometry in a frame that turns: relative to it, as ROS has it, or inertial, as a gyro measures it.',
+        choices=TWISTS,
+    )
+
+
+@dataclass(frozen=True)
+class OrbitConfig(SimulatedOrbitConfig):
+    """The same with the time at which the directions are as given."""
+
+    epoch: float = parameter(
+        0.0,
+        'Stamp at which an inertial frame has nadir where it is said to be, and at which one that turns has the axes '
+        'that momentum is reported in; 0 is the first sample.',
+        unit='s',
+        minimum=0.0,
+    )
+
+
+def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
+    """Return the orbit that the parameters describe, None where there is none.
+
+    Raises
+    ------
+    ParameterError
+        Directions are missing, not at right angles, or given for a frame that has its own.
+    """
+    if config.mean_motion == 0.0:
+        return None
+    frame: Frame = 'lvlh' if config.frame == 'lvlh' else 'hill' if config.frame == 'hill' else 'inertial'
+    given = [name for name in ('nadir', 'normal') if getattr(config, name)]
+    if frame != 'inertial':
+        if given:
+            raise ParameterError(
+                f"parameter 'orbit.{given[0]}' is given with orbit.frame: {frame}, which has its own; accepted: none"
+            )
+        return Orbit.turning_with(config.mean_motion, frame)
+    if len(given) < 2:
+        missing = 'normal' if 'nadir' in given else 'nadir'
+        raise ParameterError(
+            f"parameter 'orbit.{missing}' is empty with an orbit.frame that is inertial; accepted: three numbers, in "
+            'the axes of the odometry'
+        )
+    nadir, normal = np.array(config.nadir), np.array(config.normal)
+    size = float(np.linalg.norm(nadir) * np.linalg.norm(normal))
+    if size == 0.0 or abs(float(nadir @ normal)) > _ACROSS * size:
+        raise ParameterError(
+            f"parameters 'orbit.nadir' {list(config.nadir)} and 'orbit.normal' {list(config.normal)} are not at right "
+            'angles; accepted: directions that are'
+        )
+    return Orbit.inertial(config.mean_motion, nadir, normal)
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,8 @@ class Samples(Stacked):
         N s, N m s; zero where not given
     stored : (N, c) what is read of what stores momentum inside bodies, as `Storage` has it: rad/s, N m s; none where
         not given
+    tide : (N, 60 b) what an orbit has changed (P, L) by since the first sample, by the standard parameters of each of b
+        bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
     """
 
     time: Array
@@ -82,13 +84,15 @@ class Samples(Stacked):
     rate_tilt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take velocities as measured, and no thrust, where nothing else is said."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
-        if len(self.stored) != len(self.time):
-            object.__setattr__(self, 'stored', np.zeros((len(self.time), 0)))
+        for name in ('stored', 'tide'):
+            if len(getattr(self, name)) != len(self.time):
+                object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
         if len(self.rate_tilt) != len(self.time):

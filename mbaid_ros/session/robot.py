@@ -13,7 +13,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, joints_moved
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
-from mbaid_ros.session.wheels import storage
+from mbaid_ros.session.surroundings import storage
 
 
 class Robot:

@@ -25,6 +25,7 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
+from mbaid_ros.session.surroundings import falling_frame
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[..., Estimator]
@@ -200,12 +201,14 @@ class Session:
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
+        self._falling = falling_frame(config.orbit, model)
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
         method = self._capture or make(described)
-        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, self.thrust)
+        acting = self.thrust, self._falling
+        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, *acting)
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
@@ -273,6 +276,8 @@ class Session:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
+        if base is not None and self._falling is not None:
+            base = self._falling.falling(base)
         self.thrust.odometry_frame = self.odometry_reader.frame
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)

@@ -8,7 +8,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.target_body import TargetPrior
-from mbaid_ros.session.wheels import spin_deviations
+from mbaid_ros.session.surroundings import spin_deviations
 
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:

@@ -17,13 +17,14 @@ from mbaid_ros.core.difference.run import Run
 from mbaid_ros.core.difference.solutions import DifferenceSolution, Posterior, solutions
 from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.equations.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
@@ -113,9 +114,15 @@ class DifferenceEstimator:
         estimates = self._reporting.estimates(self.method, solved, instants)
         self._latest = solved[-1], shares[-1], estimates[-1]
         return [
-            _judged(estimate.after_thrust(window.impulse[-1]), *verdict, self._told(share))
-            for window, estimate, verdict, share in zip(windows, estimates, verdicts, shares, strict=True)
+            _judged(estimate.after_thrust(self._brought(window, solution)), *verdict, self._told(share))
+            for window, solution, estimate, verdict, share in zip(
+                windows, solved, estimates, verdicts, shares, strict=True
+            )
         ]
+
+    def _brought(self, window: Samples, solution: Solution) -> Array:
+        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+        return brought(window, self._kernel.with_target(solution.x[BODY]))
 
     @property
     def solution(self) -> DifferenceSolution | None:

@@ -21,6 +21,7 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
+from mbaid_ros.core.robot.tide import of_bodies, of_link
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 UNKNOWNS = 16
@@ -130,6 +131,12 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3, 0] = -skew(point.impulse[:, :3])
+    if point.tide.shape[1]:
+        # Likewise L - p x P of what an orbit has brought.
+        place = slice(2 * joints, 2 * joints + 3)
+        known[:, 3:, place, 0] -= skew(of_bodies(states.tide, kernel.known)[:, :3])
+        linear = np.concatenate([of_link(states.tide, link)[:, :3] for link in kernel.unknown], axis=-1)
+        target[:, 3:, place, :bodies] -= np.moveaxis(skew(np.moveaxis(linear, 1, -1)), 1, -1)
     known[:, :, rest.stop :, 0] = kernel.storage.columns(states.configuration.rotation)
     return known, target
 

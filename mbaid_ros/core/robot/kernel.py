@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import momentum, regressor
 from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.tide import about
 from mbaid_ros.core.samples import Samples
 
 
@@ -28,6 +29,8 @@ class BodyStates:
     known : (N, n + 1, 10) standard parameters of the known bodies
     rotation, position, twist : (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
+    tide : (N, n + 1, 6, 10) what an orbit has changed (P, L_b) by, by each body's standard parameters in its own frame;
+        (N, 0, 6, 10) without one
     """
 
     configuration: Configuration
@@ -38,6 +41,7 @@ class BodyStates:
     twist: Array
     storage: Storage
     readings: Array
+    tide: Array
 
     def __getitem__(self, index: slice | Array) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
@@ -128,6 +132,12 @@ class MomentumKernel:
         other.errors = errors
         return other
 
+    def with_target(self, parameters: Array) -> Array:
+        """Return the (n + 1, 10) standard parameters of all bodies, of (10,) those of the target link in its frame."""
+        known = self.known.copy()
+        known[self.target.body] += express(parameters, self.target.rotation, self.target.position)
+        return known
+
     def storing(self, storage: Storage) -> MomentumKernel:
         """Return a kernel of a robot that stores momentum inside bodies."""
         other = copy(self)
@@ -138,7 +148,8 @@ class MomentumKernel:
         """Return the states of all bodies at N samples."""
         twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
         motion = (samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
-        return self.states_of(*motion, samples.stored)
+        states = self.states_of(*motion, samples.stored)
+        return replace(states, tide=about(samples.tide, samples.base_position)) if samples.tide.shape[1] else states
 
     def states_of(
         self,
@@ -164,4 +175,5 @@ class MomentumKernel:
             twist=body_twist[:, self.target.body],
             storage=self.storage,
             readings=np.zeros((len(joint_position), self.storage.count)) if readings is None else readings,
+            tide=np.zeros((len(joint_position), 0, 6, 10)),
         )

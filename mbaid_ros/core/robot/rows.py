@@ -17,6 +17,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, rotate_back, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.tide import about, of_bodies, of_link
 from mbaid_ros.core.samples import Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
@@ -96,6 +97,8 @@ def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
             _put_regressor(regressor[..., part], _motion_of(link, kernel, bodies))
         if kernel.storage.count:
             _add_stored(rows.known[3:, part], bodies, kernel, samples.stored[part])
+    if samples.tide.shape[1]:
+        _take_off_tide(rows, kernel, samples)
     return rows
 
 
@@ -168,6 +171,14 @@ def _add_stored(total: Array, bodies: _Motion, kernel: MomentumKernel, readings:
         x, y, z = storage.inertias[place] * (axial[body].T @ storage.axes[place])
         along, across, up = bodies.axes[body]
         total += (along * x + across * y + up * z) * readings[:, place]
+
+
+def _take_off_tide(rows: MomentumRows, kernel: MomentumKernel, samples: Samples) -> None:
+    """Take off what an orbit has brought: what is left is constant."""
+    columns = about(samples.tide, samples.base_position)
+    rows.known[:] -= of_bodies(columns, kernel.known).T
+    for link, regressor in zip(kernel.unknown, rows.regressors, strict=True):
+        regressor[:] -= np.moveaxis(of_link(columns, link), 0, -1)
 
 
 def _put_regressor(matrix: Array, link: _Motion) -> None:

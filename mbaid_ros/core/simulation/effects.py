@@ -32,7 +32,3 @@ class Effect(Protocol):
     def wrenches(self, now: Instant) -> Array:
         """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
         ...
-
-    def later(self, time: float) -> Effect:
-        """Return the same effect, begun at a time (s) of this one."""
-        ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,14 +74,21 @@ class Sensors:
     seed : the same seed gives the same noise
     errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
     wheel_noise : rad/s, of the speed of wheels inside the base
+    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
     """
 
     def __init__(
-        self, noise: SensorNoise, seed: int, errors: ModelErrors | None = None, wheel_noise: float = 0.0
+        self,
+        noise: SensorNoise,
+        seed: int,
+        errors: ModelErrors | None = None,
+        wheel_noise: float = 0.0,
+        view: Callable[[Truth], Truth] | None = None,
     ) -> None:
         self.noise = noise
         self._errors = errors
         self._wheel_noise = wheel_noise
+        self._view = view
         streams = np.random.SeedSequence(seed).spawn(7)
         self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope, self._tachometer = (
             np.random.default_rng(stream) for stream in streams
@@ -118,7 +126,8 @@ class Sensors:
         )
 
     def _without_noise(self, truth: Truth) -> Truth:
-        return truth if self._errors is None else misread(truth, self._errors)
+        seen = truth if self._view is None else self._view(truth)
+        return seen if self._errors is None else misread(seen, self._errors)
 
 
 class SensedSimulation:

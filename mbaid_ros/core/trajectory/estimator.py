@@ -15,6 +15,7 @@ from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
@@ -62,9 +63,10 @@ class TrajectorySettings:
 class _Solved:
     """What a run has led to by an instant.
 
-    `track` is the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
+    `mean` is the state, `track` the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
     """
 
+    mean: Array
     solution: Solution
     instant: Instant
     track: Track
@@ -105,9 +107,18 @@ class TrajectoryEstimator:
         solved = [one for one in found if isinstance(one, _Solved)]
         estimates = iter(self._reported(solved))
         return [
-            (next(estimates) if isinstance(one, _Solved) else one).after_thrust(window.impulse[-1])
+            next(estimates).after_thrust(self._brought(window, one))
+            if isinstance(one, _Solved)
+            else one.after_thrust(window.impulse[-1])
             for window, one in zip(windows, found, strict=True)
         ]
+
+    def _brought(self, window: Samples, solved: _Solved) -> Array:
+        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+        kernel = self._kernel
+        if window.tide.shape[1]:
+            kernel = self._layout.point(solved.mean).side.kernel
+        return brought(window, kernel.with_target(solved.mean[BODY]))
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
@@ -202,7 +213,7 @@ class TrajectoryEstimator:
         )
         found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
         budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
-        return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
+        return _Solved(moments.mean, solution, now, track, judgement, found, self._delay(moments), budget)
 
     def _evidence(self, run: FilterRun, moments: Moments) -> Evidence:
         """Return what the run says of its model."""

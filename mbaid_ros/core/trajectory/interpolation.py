@@ -30,6 +30,7 @@ class Midpoints(Stacked):
     step : (J - 1, 3) m, displacement from each knot to the next
     impulse : (J - 1, 6) as of the knots, the mean of both
     stored : (J - 1, c) readings of what stores momentum inside bodies
+    tide : (J - 1, 60 b) as of the knots, the mean of both
     """
 
     joint_position: Array
@@ -41,11 +42,13 @@ class Midpoints(Stacked):
     step: Array
     impulse: Array
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take nothing as stored where nothing is said."""
-        if self.stored.shape[:-1] != self.turn.shape[:-1]:
-            object.__setattr__(self, 'stored', np.zeros((*self.turn.shape[:-1], 0)))
+        """Take nothing as stored, and no orbit, where nothing is said."""
+        for name in ('stored', 'tide'):
+            if getattr(self, name).shape[:-1] != self.turn.shape[:-1]:
+                object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
 
     @property
     def flat(self) -> Midpoints:
@@ -84,6 +87,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         # It may jump, which the corrections are not for.
         impulse=0.5 * (knots.impulse[1:] + knots.impulse[:-1]),
         stored=midway[..., joints + 9 :],
+        tide=0.5 * (knots.tide[1:] + knots.tide[:-1]),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, log
+from mbaid_ros.core.robot.tide import about
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.stacked import Stacked
 
@@ -39,6 +40,7 @@ class Knots(Stacked):
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     stored : (J, c) readings of what stores momentum inside bodies
+    tide : (J, 60 b) as in Samples, L about the run's origin
     """
 
     joint_position: Array
@@ -49,6 +51,7 @@ class Knots(Stacked):
     offset: Array
     impulse: Array
     stored: Array
+    tide: Array
 
     @property
     def empty(self) -> Flags:
@@ -103,16 +106,19 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     moving = [joined('joint_position'), joined('base_position') - origin]
     moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
     joints = moving[0].shape[1]
-    means = mean(np.concatenate((*moving, turns, joined('stored')), axis=1))
+    stored = joined('stored')
+    means = mean(np.concatenate((*moving, turns, stored, _tide_about(joined('tide'), origin)), axis=1))
+    end = joints + 18
     return Knots(
         joint_position=means[:, :joints],
-        base_rotation=exp(means[:, joints + 15 : joints + 18]) @ middle,
+        base_rotation=exp(means[:, joints + 15 : end]) @ middle,
         base_position=means[:, joints : joints + 3],
         base_twist=means[:, joints + 3 : joints + 9],
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 : joints + 15],
-        stored=means[:, joints + 18 :],
+        stored=means[:, end : end + stored.shape[1]],
+        tide=means[:, end + stored.shape[1] :],
     )
 
 
@@ -152,3 +158,10 @@ def _about(impulse: Array, origin: Array) -> Array:
     moved = impulse.copy()
     moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
     return moved
+
+
+def _tide_about(tide: Array, origin: Array) -> Array:
+    """Return (N, 60 b) columns of (P, L) with L about a point."""
+    if not tide.shape[1]:
+        return tide
+    return about(tide, np.broadcast_to(origin, (len(tide), 3))).reshape(tide.shape)

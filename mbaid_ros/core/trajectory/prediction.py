@@ -2,7 +2,8 @@
 
 About the base's origin, in odometry axes,  M(q, R; phi) V + b(q, q', R; phi) = (P, L - p x P),  with the locked inertia
 M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi. What wheels
-store inside bodies is a part of b.
+store inside bodies is a part of b. In orbit (P, L) is what the run began with and what tide and gravity gradient have
+brought since, which is linear in the bodies' parameters as well.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.tide import about, of_bodies, of_link
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.interpolation import Midpoints
@@ -74,6 +76,7 @@ class Bodies:
     twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
+    tide : (N, n + 1, 6, 10) as in BodyStates
     """
 
     parameters: Array
@@ -83,12 +86,13 @@ class Bodies:
     mobility: Array
     storage: Storage
     readings: Array
+    tide: Array
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
         bodies = self.configuration
         configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
-        cut = (self.twist[index], self.mobility[index], self.storage, self.readings[index])
+        cut = (self.twist[index], self.mobility[index], self.storage, self.readings[index], self.tide[index])
         return Bodies(self.parameters, self.target, configuration, *cut)
 
     @cached_property
@@ -103,6 +107,7 @@ class Bodies:
             self.twist[:, self.target.body],
             self.storage,
             self.readings,
+            self.tide,
         )
 
 
@@ -113,13 +118,12 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     ----------
     layout : of the state
     middle : Midpoints of N intervals, as the point's known side has them
-    point : its momentum is that before any known thrust, L about the run's origin
+    point : its momentum is that before any known thrust or orbit, L about the run's origin
     """
     parameters, kernel = point.parameters, point.side.kernel
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     target, kinematics = kernel.target, kernel.kinematics
-    known = kernel.known.copy()
-    known[target.body] += express(parameters[6:16], target.rotation, target.position)
+    known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     mobility, moving = whole(known, placed, body_twist)
@@ -127,11 +131,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
         moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     if layout.plane is not None:
         mobility = _in_plane(mobility, layout.plane)
+    tide = about(middle.tide, middle.base_position)
     about_base = angular - cross(middle.base_position, linear)
+    if tide.shape[1]:
+        by_orbit = of_bodies(tide, known)
+        linear, about_base = linear + by_orbit[:, :3], about_base + by_orbit[:, 3:]
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored)
+    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored, tide)
     # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
     # motion changes by.
     count = len(parameters)
@@ -139,6 +147,8 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(middle.base_position)
     right[..., 6:16] = -regressor(*placed.link(target), body_twist[:, target.body])
+    if tide.shape[1]:
+        right[..., 6:16] += of_link(tide, target)
     column = 16
     for unknown in layout.predicted:
         columns = unknown.momentum_columns(kernel, bodies.states)
@@ -202,7 +212,7 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
     twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
-    motion = replace(each, twist=twist, readings=np.zeros_like(each.readings))
+    motion = replace(each, twist=twist, readings=np.zeros_like(each.readings), tide=each.tide[:, :0])
     placed = motion.configuration.link(bodies.target)
     columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
     for unknown in layout.predicted if layout.corrects_unknowns else ():

@@ -13,6 +13,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.tide import about, of_bodies
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
@@ -43,6 +44,9 @@ class Case:
         stored = rng.normal(size=(count, self.kernel.storage.count))
         place = rng.normal(size=(count, 3))
         self.middle = Midpoints(joints, rates, rotation, place, twist, none, none, thrust, stored)
+        if seed >= 2:
+            brought = 0.1 * rng.normal(size=(count, 60 * len(self.kernel.known)))
+            self.middle = replace(self.middle, tide=brought)
         uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
         wheels = spin_inertias(self.kernel, [0.1] * self.kernel.storage.count)
@@ -66,6 +70,12 @@ def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Pre
     return predict(layout, middle, layout.point(state))
 
 
+def brought(case: Case) -> Array:
+    """Return what an orbit has brought to the momentum of all bodies."""
+    columns = about(case.middle.tide, np.zeros((len(case.middle), 3)))
+    return of_bodies(columns, case.kernel.model.body_parameters()) if columns.size else np.zeros((len(columns), 6))
+
+
 def close(found: Array, expected: Array) -> None:
     assert found == pytest.approx(expected, abs=TOLERANCE * float(np.abs(expected).max()))
 
@@ -80,6 +90,7 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     )
     total = states.known_momentum + states.regressor @ case.kernel.target.parameters
     total[:, 3:] += cross(middle.base_position, total[:, :3])
+    total -= brought(case)
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))

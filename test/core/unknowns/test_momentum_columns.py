@@ -15,6 +15,7 @@ from mbaid_ros.core.robot.known_errors import declared
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.tide import of_bodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements, joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
@@ -66,6 +67,8 @@ class Case:
         if seed % 2 and not in_plane:
             self.kernel = self.kernel.storing(random_storage(rng, model))
         self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))
+        # What an orbit has brought to any body, on top of its own momentum.
+        self.tide = 0.1 * rng.normal(size=(COUNT, len(bodies) if seed >= 3 and not in_plane else 0, 6, 10))
         self.joints, self.rates, self.rotation, self.twist = random_state(rng, model.joints, COUNT)
         if in_plane:
             self.rotation = exp(self.rotation[:, 0, :1] * NORMAL)
@@ -73,11 +76,13 @@ class Case:
 
     def states(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> BodyStates:
         """Return the states of a robot whose joints are elsewhere by these zeros."""
-        return kernel.states_of(self.rotation, self.joints + zeros, self.rates, self.twist, self.readings)
+        states = kernel.states_of(self.rotation, self.joints + zeros, self.rates, self.twist, self.readings)
+        return replace(states, tide=self.tide)
 
     def momentum(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> Array:
         """Return the momentum of all bodies, (N, 6)."""
-        return self.states(kernel, zeros).known_momentum
+        total = self.states(kernel, zeros).known_momentum
+        return total - of_bodies(self.tide, kernel.known) if self.tide.size else total
 
     def placements(self) -> JointPlacements:
         """Return the joints' placements as an unknown, all equally uncertain."""

@@ -1,10 +1,26 @@
-"""From parameters to what stores momentum inside the robot, and how well it is known."""
+"""From parameters to the orbit, and to what stores momentum inside the robot and how well that is known."""
 
 from __future__ import annotations
 
-from mbaid_ros.config.surroundings import WheelsConfig, make_storage
+from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig, make_orbit, make_storage
+from mbaid_ros.core.intake.falling_frame import FallingFrame
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.storage import Storage
+
+
+def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None:
+    """Return what takes the odometry to the frame that falls along, None where there is no orbit.
+
+    Raises
+    ------
+    ParameterError
+        The directions do not make an orbit.
+    """
+    orbit = make_orbit(config)
+    if orbit is None:
+        return None
+    epoch = round(config.epoch * 1e9) if config.epoch > 0.0 else None
+    return FallingFrame(orbit, model, relative_twist=config.twist == 'relative', epoch=epoch)
 
 
 def storage(config: WheelsConfig, model: RobotModel) -> Storage:
