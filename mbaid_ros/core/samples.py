@@ -69,6 +69,8 @@ class Samples(Stacked):
         not given
     tide : (N, 60 b) what an orbit has changed (P, L) by since the first sample, by the standard parameters of each of b
         bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
+    thrust : (N, 24 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
+        thrusters is off its command: scale and turn (6 x 4, rows first); none where not given
     """
 
     time: Array
@@ -85,12 +87,13 @@ class Samples(Stacked):
     impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take velocities as measured, and no thrust, where nothing else is said."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
-        for name in ('stored', 'tide'):
+        for name in ('stored', 'tide', 'thrust'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:

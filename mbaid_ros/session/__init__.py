@@ -3,7 +3,7 @@
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.surroundings import spin_deviations, storage
+from mbaid_ros.session.surroundings import spin_deviations, storage, uncertain_thrusters
 
 __all__ = [
     'Session',
@@ -14,4 +14,5 @@ __all__ = [
     'obstacles',
     'spin_deviations',
     'storage',
+    'uncertain_thrusters',
 ]

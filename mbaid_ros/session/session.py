@@ -25,7 +25,7 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.surroundings import falling_frame
+from mbaid_ros.session.surroundings import falling_frame, uncertain_thrusters
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[..., Estimator]
@@ -205,7 +205,7 @@ class Session:
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
+        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         method = self._capture or make(described)
         acting = self.thrust, self._falling
         self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, *acting)

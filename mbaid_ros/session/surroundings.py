@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig, make_orbit, make_storage
+from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.intake.falling_frame import FallingFrame
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.storage import Storage
@@ -21,6 +23,23 @@ def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None
         return None
     epoch = round(config.epoch * 1e9) if config.epoch > 0.0 else None
     return FallingFrame(orbit, model, relative_twist=config.twist == 'relative', epoch=epoch)
+
+
+def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, ...]:
+    """Return the frames of thrusters that may be off their commands.
+
+    Raises
+    ------
+    ModelError, ParameterError
+        A frame is no link, or named twice.
+    """
+    if config.scale_std == 0.0 and config.direction_std == 0.0:
+        return ()
+    if len(set(config.frames)) < len(config.frames):
+        raise ParameterError(
+            f"parameter 'thrust.frames' is {listing(config.frames)}; accepted: links of the robot, each once"
+        )
+    return tuple(model.link(name).name for name in config.frames or (model.base_link,))
 
 
 def storage(config: WheelsConfig, model: RobotModel) -> Storage:

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import momentum, regressor
 from mbaid_ros.core.robot.storage import Storage
-from mbaid_ros.core.robot.tide import about
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 
 
@@ -31,6 +31,7 @@ class BodyStates:
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
     tide : (N, n + 1, 6, 10) what an orbit has changed (P, L_b) by, by each body's standard parameters in its own frame;
         (N, 0, 6, 10) without one
+    thrust : (N, f, 6, 4) what thrust has changed (P, L_b) by, by how much each thruster is off its command
     """
 
     configuration: Configuration
@@ -42,6 +43,7 @@ class BodyStates:
     storage: Storage
     readings: Array
     tide: Array
+    thrust: Array
 
     def __getitem__(self, index: slice | Array) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
@@ -149,7 +151,10 @@ class MomentumKernel:
         twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
         motion = (samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
         states = self.states_of(*motion, samples.stored)
-        return replace(states, tide=about(samples.tide, samples.base_position)) if samples.tide.shape[1] else states
+        if not samples.tide.shape[1] and not samples.thrust.shape[1]:
+            return states
+        place = samples.base_position
+        return replace(states, tide=about(samples.tide, place), thrust=about(samples.thrust, place, OF_A_THRUSTER))
 
     def states_of(
         self,
@@ -176,4 +181,5 @@ class MomentumKernel:
             storage=self.storage,
             readings=np.zeros((len(joint_position), self.storage.count)) if readings is None else readings,
             tide=np.zeros((len(joint_position), 0, 6, 10)),
+            thrust=np.zeros((len(joint_position), 0, 6, OF_A_THRUSTER)),
         )

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.samples import Samples
 
-_EACH = 60  # numbers a body: six of the momentum by ten parameters
+OF_A_THRUSTER = 4  # numbers that say how it is off its command: scale, and turn about three axes
 
 
 def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base_position: Array) -> Array:
@@ -43,9 +43,12 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
     return rates
 
 
-def about(brought: Array, position: Array) -> Array:
-    """Return (N, 60 b) columns of (P, L) about the origin as (N, b, 6, 10) ones about (N, 3) points."""
-    columns = brought.reshape(len(brought), brought.shape[1] // _EACH, 6, 10).copy()
+def about(brought: Array, position: Array, numbers: int = 10) -> Array:
+    """Return (N, 60 b) columns of (P, L) about the origin as (N, b, 6, 10) ones about (N, 3) points.
+
+    Of what each has another number of instead of ten standard parameters, likewise.
+    """
+    columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
     if not columns.size:
         return columns
     columns[..., 3:, :] -= skew(position)[:, None] @ columns[..., :3, :]

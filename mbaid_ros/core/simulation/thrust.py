@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion
@@ -23,13 +23,25 @@ class Pulse:
     ----------
     begin, end : s since the start of the run
     link : None for the odometry frame
-    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
+    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes, as commanded
+    scale : how much stronger it is than that
+    turn : (3,) rad, rotation vector by which it is turned against that
     """
 
     begin: float
     end: float
     link: Link | None
     wrench: Array
+    scale: float = 1.0
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def actual(self) -> Array:
+        """The (6,) force and torque that act."""
+        if self.scale == 1.0 and not self.turn.any():
+            return self.wrench
+        rotation = self.scale * exp(self.turn)
+        return np.concatenate((rotation @ self.wrench[:3], rotation @ self.wrench[3:]))
 
 
 class ThrustSimulation:
@@ -69,7 +81,7 @@ class ThrustSimulation:
         self._surroundings = surroundings or Surroundings()
         self.pulse = pulse
         self._changes: list[tuple[float, Push | None]] = [
-            (pulse.begin, Push.on(pulse.link, pulse.wrench)),
+            (pulse.begin, Push.on(pulse.link, pulse.actual)),
             (pulse.end, None),
         ]
         self._start = 0.0

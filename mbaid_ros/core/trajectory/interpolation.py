@@ -30,7 +30,7 @@ class Midpoints(Stacked):
     step : (J - 1, 3) m, displacement from each knot to the next
     impulse : (J - 1, 6) as of the knots, the mean of both
     stored : (J - 1, c) readings of what stores momentum inside bodies
-    tide : (J - 1, 60 b) as of the knots, the mean of both
+    tide, thrust : (J - 1, 60 b), (J - 1, 24 f) as of the knots, the mean of both
     """
 
     joint_position: Array
@@ -43,10 +43,11 @@ class Midpoints(Stacked):
     impulse: Array
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take nothing as stored, and no orbit, where nothing is said."""
-        for name in ('stored', 'tide'):
+        """Take nothing as stored, no orbit and no uncertain thrust where nothing is said."""
+        for name in ('stored', 'tide', 'thrust'):
             if getattr(self, name).shape[:-1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
 
@@ -84,10 +85,10 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         base_twist=midway[..., joints + 3 : joints + 9],
         turn=turn,
         step=difference[..., joints : joints + 3],
-        # It may jump, which the corrections are not for.
-        impulse=0.5 * (knots.impulse[1:] + knots.impulse[:-1]),
+        impulse=_mean(knots.impulse, knots),
         stored=midway[..., joints + 9 :],
-        tide=0.5 * (knots.tide[1:] + knots.tide[:-1]),
+        tide=_mean(knots.tide, knots),
+        thrust=_mean(knots.thrust, knots),
     )
 
 
@@ -124,6 +125,12 @@ def _centre(values: Array, knots: Knots) -> Array:
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     centred = values - offset * gradient(values)
     return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+
+
+def _mean(values: Array, knots: Knots) -> Array:
+    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    centred = values - knots.offset[..., None] * gradient(values)
+    return np.asarray(0.5 * (centred[1:] + centred[:-1]))
 
 
 def _centre_rotation(knots: Knots) -> Array:

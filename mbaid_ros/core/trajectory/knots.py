@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, log
-from mbaid_ros.core.robot.tide import about
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.stacked import Stacked
 
@@ -40,7 +40,7 @@ class Knots(Stacked):
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     stored : (J, c) readings of what stores momentum inside bodies
-    tide : (J, 60 b) as in Samples, L about the run's origin
+    tide, thrust : (J, 60 b), (J, 24 f) as in Samples, L about the run's origin
     """
 
     joint_position: Array
@@ -52,6 +52,7 @@ class Knots(Stacked):
     impulse: Array
     stored: Array
     tide: Array
+    thrust: Array
 
     @property
     def empty(self) -> Flags:
@@ -107,8 +108,10 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
     joints = moving[0].shape[1]
     stored = joined('stored')
-    means = mean(np.concatenate((*moving, turns, stored, _tide_about(joined('tide'), origin)), axis=1))
+    columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
+    means = mean(np.concatenate((*moving, turns, stored, *columns), axis=1))
     end = joints + 18
+    places = np.cumsum([end, stored.shape[1], columns[0].shape[1]])
     return Knots(
         joint_position=means[:, :joints],
         base_rotation=exp(means[:, joints + 15 : end]) @ middle,
@@ -117,8 +120,9 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 : joints + 15],
-        stored=means[:, end : end + stored.shape[1]],
-        tide=means[:, end + stored.shape[1] :],
+        stored=means[:, end : places[1]],
+        tide=means[:, places[1] : places[2]],
+        thrust=means[:, places[2] :],
     )
 
 
@@ -160,8 +164,8 @@ def _about(impulse: Array, origin: Array) -> Array:
     return moved
 
 
-def _tide_about(tide: Array, origin: Array) -> Array:
-    """Return (N, 60 b) columns of (P, L) with L about a point."""
-    if not tide.shape[1]:
-        return tide
-    return about(tide, np.broadcast_to(origin, (len(tide), 3))).reshape(tide.shape)
+def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
+    """Return columns of (P, L), one for each of so many numbers, with L about a point."""
+    if not brought.shape[1]:
+        return brought
+    return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)

@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.robot.storage import Storage
-from mbaid_ros.core.robot.tide import about, of_bodies, of_link
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.interpolation import Midpoints
@@ -76,7 +76,7 @@ class Bodies:
     twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
-    tide : (N, n + 1, 6, 10) as in BodyStates
+    tide, thrust : (N, n + 1, 6, 10), (N, f, 6, 4) as in BodyStates
     """
 
     parameters: Array
@@ -87,13 +87,15 @@ class Bodies:
     storage: Storage
     readings: Array
     tide: Array
+    thrust: Array
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
         bodies = self.configuration
         configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
-        cut = (self.twist[index], self.mobility[index], self.storage, self.readings[index], self.tide[index])
-        return Bodies(self.parameters, self.target, configuration, *cut)
+        cut = (self.readings[index], self.tide[index], self.thrust[index])
+        motion = configuration, self.twist[index], self.mobility[index]
+        return Bodies(self.parameters, self.target, *motion, self.storage, *cut)
 
     @cached_property
     def states(self) -> BodyStates:
@@ -108,6 +110,7 @@ class Bodies:
             self.storage,
             self.readings,
             self.tide,
+            self.thrust,
         )
 
 
@@ -121,7 +124,6 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     point : its momentum is that before any known thrust or orbit, L about the run's origin
     """
     parameters, kernel = point.parameters, point.side.kernel
-    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     target, kinematics = kernel.target, kernel.kinematics
     known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
@@ -132,14 +134,12 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     if layout.plane is not None:
         mobility = _in_plane(mobility, layout.plane)
     tide = about(middle.tide, middle.base_position)
-    about_base = angular - cross(middle.base_position, linear)
-    if tide.shape[1]:
-        by_orbit = of_bodies(tide, known)
-        linear, about_base = linear + by_orbit[:, :3], about_base + by_orbit[:, 3:]
+    thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
+    linear, about_base = _momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored, tide)
+    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored, tide, thrust)
     # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
     # motion changes by.
     count = len(parameters)
@@ -162,6 +162,27 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, 3:, count + 3 :] = turned
     solved = mobility @ right
     return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
+
+
+def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, and what is known to have come since.
+
+    Parameters
+    ----------
+    middle, point : Midpoints, Point
+    known : (n + 1, 10) standard parameters of all bodies
+    brought : by tide and by thrusters that are off, as in `Bodies`
+    """
+    parameters, (tide, thrust) = point.parameters, brought
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    about_base = angular - cross(middle.base_position, linear)
+    parts = [(tide, known)] if tide.shape[1] else []
+    if thrust.shape[1] and point.side.thrust.any():
+        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
+    for columns, numbers in parts:
+        more = of_bodies(columns, numbers)
+        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
+    return linear, about_base
 
 
 def _in_plane(mobility: Array, plane: Array) -> Array:
@@ -212,7 +233,8 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
     twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
-    motion = replace(each, twist=twist, readings=np.zeros_like(each.readings), tide=each.tide[:, :0])
+    readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
+    motion = replace(each, twist=twist, readings=readings, tide=each.tide[:, :0], thrust=thrust)
     placed = motion.configuration.link(bodies.target)
     columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
     for unknown in layout.predicted if layout.corrects_unknowns else ():

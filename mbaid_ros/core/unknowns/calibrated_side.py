@@ -13,6 +13,7 @@ from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.thrusters import thrusters
 
 _NOTHING = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
@@ -62,8 +63,9 @@ class CalibratedSide:
         values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), self.mount))
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
-        wheels = np.count_nonzero(uncertainty.spin_inertias)
-        known = _with_others(known, wheels, before=np.count_nonzero(units[:-6]))
+        pushing = thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction)
+        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing.count
+        known = _with_others(known, others, before=int(np.count_nonzero(units[:-6])))
         if uncertainty.time_offset > 0.0:
             known = _with_others(known, 1, before=len(known.mean))
         doubted = kernel.doubted(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
