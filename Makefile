@@ -46,7 +46,7 @@ bags: install/.built
 test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 test: lint
 	$(STEP) "tests"
-	@. ./install/setup.sh && pytest -n 2
+	@. ./install/setup.sh && pytest -n 2 --dist worksteal
 
 fuzz: install/.built
 	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS)

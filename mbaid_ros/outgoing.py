@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings
+
+if TYPE_CHECKING:
+    from mbaid_ros.core.capture import Capture  # half a second, which a simulator does without
 
 
 @dataclass(frozen=True)

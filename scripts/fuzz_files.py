@@ -28,7 +28,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fuzz_bags import CONFIG, LONGEST, MEMORY, TYPES, TooLongError, cut, flipped, overwritten, spliced
-from mbaid_ros.bags import BagReader
+from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.bags.types import definition
 from mbaid_ros.replay.replay import main
 
@@ -134,10 +134,20 @@ def database(path: Path) -> bytes:
     return path.read_bytes()
 
 
+def short_bag(folder: Path) -> Path:
+    """Write the first messages as a bag of MCAP, with the truth beside them; return its folder."""
+    with BagReader(BAG) as whole, BagWriter(folder) as bag:
+        for topic, kind in TYPES.items():
+            bag.add_topic(topic, kind)
+        for _, (topic, data, when) in zip(range(MESSAGES), whole.raw(TYPES), strict=False):
+            bag.write_raw(topic, data, when)
+    shutil.copy(BAG / 'truth.json', folder)
+    return folder
+
+
 def inputs(folder: Path) -> dict[str, tuple[Path, bytes, list[str]]]:
     """Return for each format the file to damage, what is in it, and the arguments of `replay` that read it."""
-    urdf, bag = str(CONFIG / 'table1.urdf'), folder / 'bag'
-    shutil.copytree(BAG, bag)
+    urdf, bag = str(CONFIG / 'table1.urdf'), short_bag(folder / 'bag')
     document, yaml, told = folder / 'robot.urdf', folder / 'estimator.yaml', bag / 'metadata.yaml'
     truth, rows, page = bag / 'truth.json', folder / 'bag.db3', str(folder / 'report.html')
     small = str(folder / 'small.db3')

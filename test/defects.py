@@ -166,6 +166,13 @@ def shifted(seconds: float) -> Callable[[Any], None]:
     return change
 
 
+def stamped(message: Any, stamp: int) -> Any:
+    """Return a message with another stamp."""
+    result = copy(message)
+    result.header = header(stamp, message.header.frame_id)
+    return result
+
+
 def no_rates(message: Any) -> None:
     message.velocity = np.zeros(0)
 
@@ -199,6 +206,52 @@ def odd_quaternion(message: Any) -> None:
     turned = _fields('xyzw', factor * np.array([values.x, values.y, values.z, values.w]))
     place = SimpleNamespace(position=message.pose.pose.position, orientation=turned)
     message.pose = SimpleNamespace(pose=place, covariance=message.pose.covariance)
+
+
+def thrown(share: float, seed: int) -> Defect:
+    """Return the defect that throws a share of the poses off by 0.2 m and 5 degrees."""
+
+    def apply(messages: list[Arrival]) -> list[Arrival]:
+        generator = np.random.default_rng(seed)
+
+        def change(message: Any) -> None:
+            way = generator.normal(size=(2, 3)) * (generator.random() < share)
+            way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+            place, turn = message.pose.pose.position, message.pose.pose.orientation
+            position = np.array([place.x, place.y, place.z]) + 0.2 * way[0]
+            orientation = quaternions.product(
+                quaternions.exp(np.deg2rad(5.0) * way[1]), np.array([turn.x, turn.y, turn.z, turn.w])
+            )
+            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
+            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
+
+        return changed(ODOMETRY, change)(messages)
+
+    return apply
+
+
+def correlated(name: str, seconds: float, constant: float, seed: int) -> Defect:
+    """Return the defect that gives the poses of a robot's run noise as large as before, with a time constant (s)."""
+    truth, generator = fine_motion(name, seconds), np.random.default_rng(seed)
+
+    def apply(messages: list[Arrival]) -> list[Arrival]:
+        keep = np.exp(-0.01 / constant)  # from one pose to the next, every 10 ms
+        error = generator.normal(size=6)
+
+        def change(message: Any) -> None:
+            nonlocal error
+            error = keep * error + np.sqrt(1.0 - keep**2) * generator.normal(size=6)
+            stamp = message.header.stamp
+            place = round((int(stamp.sec) - EPOCH // 1_000_000_000 + stamp.nanosec * 1e-9) * FINE)
+            position = truth.base_position[place] + MID.base_position * error[:3]
+            turn = quaternions.exp(MID.base_orientation * error[3:])
+            orientation = quaternions.product(turn, truth.base_orientation[place])
+            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
+            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
+
+        return changed(ODOMETRY, change)(messages)
+
+    return apply
 
 
 def in_halves(messages: list[Arrival]) -> list[Arrival]:

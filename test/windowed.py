@@ -6,9 +6,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, average
-from mbaid_ros.core.trajectory.windows import Window, WindowNoise
+from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.windows import Stack, Window, WindowNoise
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s
@@ -34,3 +35,8 @@ def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
         model.twist_value - model.twist_rows @ x,
         model.transition @ x + model.drift,
     )
+
+
+def window_model(layout: Layout, window: Window, point: Point) -> WindowModel:
+    """Return one window's model."""
+    return window_models(layout, [Stack((window,), (0,))], point)[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from mbaid_ros.config.deviations import JointDeviations, mount_orientation, mount_position
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build, parameter, specifications, unknown_parameter, values_of
 from mbaid_ros.core.errors import ParameterError
@@ -36,41 +37,11 @@ class LinkPriorConfig:
 
 
 @dataclass(frozen=True)
-class PriorConfig(LinkPriorConfig):
+class PriorConfig(JointDeviations, LinkPriorConfig):
     """How far links, joints and the odometry's mount may be off: one standard deviation."""
 
-    zero_std: float = parameter(
-        1e-3,
-        'Standard deviation of the true position of every joint less the measured one; in m for a prismatic joint. 0 '
-        "takes the encoders' zeros as exact.",
-        unit='rad',
-        minimum=0.0,
-    )
-    origin_std: float = parameter(
-        1e-3,
-        "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
-        unit='m',
-        minimum=0.0,
-    )
-    axis_std: float = parameter(
-        1e-3,
-        "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
-        unit='rad',
-        minimum=0.0,
-    )
-    mount_position_std: float = parameter(
-        2e-3,
-        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
-        'exact.',
-        unit='m',
-        minimum=0.0,
-    )
-    mount_orientation_std: float = parameter(
-        2e-3,
-        "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
-        unit='rad',
-        minimum=0.0,
-    )
+    mount_position_std: float = mount_position()
+    mount_orientation_std: float = mount_orientation()
 
 
 @dataclass(frozen=True)

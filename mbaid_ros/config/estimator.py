@@ -67,6 +67,13 @@ class NoiseConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+    base_correlation_time: float = parameter(
+        0.0,
+        'Time over which the errors of the base pose are correlated, as those of a filter or of visual odometry are: '
+        'their correlation falls to 1/e; 0 means that each pose has an error of its own.',
+        unit='s',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -147,7 +154,7 @@ class TrajectoryConfig:
         maximum=1_000,
     )
     kept_windows: int = parameter(
-        40,
+        120,
         'Number of windows that are linearised again while the run is young; from then on each is taken once.',
         minimum=2,
         maximum=10_000,

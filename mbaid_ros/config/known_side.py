@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbaid_ros.config.deviations import JointDeviations, mount_orientation, mount_position
 from mbaid_ros.config.parameters import parameter
 
 # Parameters of a robot that is exactly its URDF, as only a simulated one is.
@@ -41,28 +42,9 @@ class KnownLinksConfig:
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig:
+class KnownJointsConfig(JointDeviations):
     """How well the joints are known."""
 
-    zero_std: float = parameter(
-        1e-3,
-        'Standard deviation of the true position of every joint less the measured one, constant; in m for a prismatic '
-        "joint. 0 takes the encoders' zeros as exact.",
-        unit='rad',
-        minimum=0.0,
-    )
-    origin_std: float = parameter(
-        1e-3,
-        "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
-        unit='m',
-        minimum=0.0,
-    )
-    axis_std: float = parameter(
-        1e-3,
-        "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
-        unit='rad',
-        minimum=0.0,
-    )
     names: tuple[str, ...] = parameter(
         (), 'Joints with standard deviations of their own, in the order of known_joints.zero_stds and the like.'
     )
@@ -81,19 +63,8 @@ class KnownJointsConfig:
 class OdometryMountConfig:
     """How well it is known where on the base the odometry is mounted."""
 
-    position_std: float = parameter(
-        2e-3,
-        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
-        'exact.',
-        unit='m',
-        minimum=0.0,
-    )
-    orientation_std: float = parameter(
-        2e-3,
-        "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
-        unit='rad',
-        minimum=0.0,
-    )
+    position_std: float = mount_position()
+    orientation_std: float = mount_orientation()
 
 
 @dataclass(frozen=True)

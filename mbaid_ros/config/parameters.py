@@ -245,7 +245,8 @@ def values_of(instance: object) -> dict[str, Value]:
 
 def unknown_parameter(name: str, known: Mapping[str, ParameterSpec]) -> ParameterError:
     """Return the error for a name that is no parameter; it lists the known ones, the most similar first."""
-    by_similarity = sorted(known, key=lambda other: -difflib.SequenceMatcher(None, name, other).ratio())
+    beginning = name[: 2 * max(map(len, known), default=0)]  # comparing takes the square of the length
+    by_similarity = sorted(known, key=lambda other: -difflib.SequenceMatcher(None, beginning, other).ratio())
     return ParameterError(f'unknown parameter {_shown(name)}; known: {listing(by_similarity, limit=len(known))}')
 
 

@@ -164,6 +164,22 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     return np.eye(3) + 2.0 * (real[..., None, None] * generator + np.matmul(generator, generator))
 
 
+def moved_base(rotation: Array, linear: Array, angular: Array, mount: Array) -> tuple[Array, Array, Array]:
+    """Return what is known of a base whose frame is elsewhere in the one that was measured.
+
+    Parameters
+    ----------
+    rotation, linear, angular : (..., 3, 3), (..., 3) m/s, (..., 3) rad/s, of the measured frame
+    mount : (6,) mu, the base's frame in it: rotation vector (rad), position (m)
+
+    Returns
+    -------
+    R Exp(mu_R), the displacement R mu_p (m), and the linear velocity there
+    """
+    away = rotation @ mount[3:]
+    return rotation @ exp(mount[:3]), away, linear + cross(angular, away)
+
+
 def quaternion_from_rotation(rotation: Array) -> Array:
     """Return the unit quaternion (x, y, z, w) of a rotation matrix, from its largest component (Shepperd).
 

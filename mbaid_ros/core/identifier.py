@@ -74,6 +74,7 @@ class Identifier:
     maximum_gap : s, longest odometry interval that is interpolated
     twist_frame : 'child' or 'inertial', as the base's twist was read
     thrust : what is commanded; None where nothing ever is
+    correlation_time : s, over which the errors of the base's poses are correlated
     falling : what knows of the orbit; None where there is none
     """
 
@@ -84,10 +85,13 @@ class Identifier:
         maximum_gap: float,
         twist_frame: str = 'child',
         thrust: Thrust | None = None,
+        correlation_time: float = 0.0,
+        *,
         falling: FallingFrame | None = None,
     ) -> None:
         self._estimator = estimator
-        self._synchroniser = Synchroniser(maximum_gap)
+        view = None if falling is None else falling.falling
+        self._synchroniser = Synchroniser(maximum_gap, correlation_time, view)
         self._windows = Windows(window)
         self._twist_frame = TwistFrame(twist_frame)
         self._thrust = thrust

@@ -17,7 +17,7 @@ Stamps = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """One standard deviation of each sensor channel, a sample (white).
+    """One standard deviation of each sensor channel, a sample (white where nothing else is said).
 
     Attributes
     ----------
@@ -25,6 +25,7 @@ class SensorNoise:
     joint_velocity : rad/s (m/s)
     base_position, base_orientation : m, rad; used where the Odometry carries no pose covariance
     base_linear_velocity, base_angular_velocity : m/s, rad/s; used where it carries no twist covariance
+    base_correlation_time : s, over which the errors of the base's poses are correlated; 0 for white noise
     """
 
     joint_position: float
@@ -33,6 +34,7 @@ class SensorNoise:
     base_orientation: float
     base_linear_velocity: float
     base_angular_velocity: float
+    base_correlation_time: float = 0.0
 
     def pose_covariance(self) -> Array:
         """Return the (6, 6) covariance of (position, orientation)."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
-from importlib import import_module
 from itertools import groupby
 from typing import Any
 
@@ -18,17 +16,11 @@ from std_msgs.msg import String
 
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
 from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message, inertia_message
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
-
-
-@cache
-def message_class(type_name: str) -> Any:
-    """Return rclpy's class of a message type: ``package/msg/Type``."""
-    package, _, name = type_name.split('/')
-    return getattr(import_module(f'{package}.msg'), name)
 
 
 TYPES = MessageTypes(find=message_class, flags=lambda flags: flags.tolist())

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import ArgumentParser, number, run
 from mbaid_ros.core.errors import DataError, listing
-from mbaid_ros.nodes.outlets import message_class
+from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import LATENCY, Interrupt, own_arguments, ros

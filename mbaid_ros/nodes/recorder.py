@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import ArgumentParser, run
 from mbaid_ros.config.recorder import RecorderConfig
-from mbaid_ros.nodes.outlets import message_class
+from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import Interrupt, own_arguments, ros

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
+from mbaid_ros.core.intake.outliers import OUTLIER
 from mbaid_ros.core.intake.reorder import LATE
+from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stored_momentum import OTHER_MOMENTUM_FRAME
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
@@ -15,6 +17,7 @@ from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
+_MANY_OUTLIERS = 0.01  # share of the odometry
 
 
 def explain(session: Session, causes: Iterable[str]) -> list[str]:
@@ -29,6 +32,8 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or it stayed away',
+        REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
+        OUTLIER: _outliers(session),
         RATE_MISSING: 'a window needs two samples',
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
         OTHER_MOMENTUM_FRAME: (
@@ -90,6 +95,12 @@ def _lacking(session: Session) -> str:
     if not missing:
         return ''
     return f'the joint states lack {listing(missing)}; they hold {listing(session.joint_reader.unknown)}'
+
+
+def _outliers(session: Session) -> str:
+    """Return how many poses are outliers; empty where they are few."""
+    share = session.dropped[OUTLIER] / max(session.received[ODOMETRY], 1)
+    return f'{100.0 * share:.2g} % of the odometry are outliers' if share > _MANY_OUTLIERS else ''
 
 
 def _wrong_child_frame(session: Session) -> str:

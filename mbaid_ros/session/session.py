@@ -201,14 +201,20 @@ class Session:
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
-        self._falling = falling_frame(config.orbit, model)
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         method = self._capture or make(described)
-        acting = self.thrust, self._falling
-        self._identifier = Identifier(method, config.window, config.maximum_gap, config.twist_frame, *acting)
+        self._identifier = Identifier(
+            method,
+            config.window,
+            config.maximum_gap,
+            config.twist_frame,
+            self.thrust,
+            config.noise.base_correlation_time,
+            falling=falling_frame(config.orbit, model),
+        )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
 
@@ -276,8 +282,6 @@ class Session:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
-        if base is not None and self._falling is not None:
-            base = self._falling.falling(base)
         self.thrust.odometry_frame = self.odometry_reader.frame
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)

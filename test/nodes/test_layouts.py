@@ -13,7 +13,7 @@ import yaml
 
 from graph import Graph
 from mbaid_ros.nodes.markers import NAMESPACE
-from mbaid_ros.nodes.outlets import message_class
+from mbaid_ros.nodes.message_classes import message_class
 from simulated import CONFIG, robot
 
 RVIZ, FOXGLOVE, PLOTJUGGLER = (CONFIG / f'{name}' for name in (

@@ -63,7 +63,7 @@ def without_origin(text: str) -> str:
 
 
 def test_the_first_bag_that_fails_is_the_one_told_of(capsys: pytest.CaptureFixture[str], bags: list[str]) -> None:
-    assert main([bags[0], '/absent', '/missing', '--model', MODEL, '--processes', '2']) == 2
+    assert main([bags[0], '/absent', '/missing', '--model', MODEL, '--processes', '2', '--method', 'difference']) == 2
     many = capsys.readouterr()
     assert main(['/absent', '--model', MODEL]) == 2
     assert many == capsys.readouterr()

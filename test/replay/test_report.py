@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
+from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
 from simulated import CONFIG, table1
@@ -29,9 +31,38 @@ def truth(link: str = 'link7', **changes: Any) -> Truth:
     return Truth('truth.json', link, BODY + 0.5 * STD, np.array([0.0, 0.1, 0.2, 29.0, -12.0, 196.0]), **changes)
 
 
+# Pages that several tests read: drawing one takes a second.
+
+
 @cache
 def page_of_a_good_run() -> str:
     return html([run()])
+
+
+@cache
+def page_with_the_truth() -> str:
+    return html([run()], [truth()])
+
+
+@cache
+def page_of_two() -> str:
+    """Return the page of two equal runs, the first with its truth."""
+    return html([run(), run()], [truth(), None])
+
+
+@cache
+def page_with_an_event() -> str:
+    return html([run(estimate(events=(event(),)))], [truth()])
+
+
+@cache
+def page_of_a_plane() -> str:
+    return html([run(planar())])
+
+
+def brief(**changes: Any) -> Run:
+    """Return a run of one estimate, of which no course is drawn."""
+    return run(history=(estimate(),), **changes)
 
 
 def nothing() -> Run:
@@ -71,13 +102,13 @@ def test_a_good_run_has_every_part() -> None:
 
 
 def test_it_needs_nothing_else_and_has_no_script() -> None:
-    text = html([run(), run(planar())], [truth(), None])
-    assert not re.search(r'<(script|link|img|iframe|object)', text)
-    assert not re.search(r'(src|href)="(?!#)', text)
-    assert not re.search(r'url\((?!#)', text)
-    assert '@import' not in text
-    assert 'prefers-color-scheme: dark' in text
-    assert '@media print' in text
+    for text in (page_of_two(), page_of_a_plane()):
+        assert not re.search(r'<(script|link|img|iframe|object)', text)
+        assert not re.search(r'(src|href)="(?!#)', text)
+        assert not re.search(r'url\((?!#)', text)
+        assert '@import' not in text
+        assert 'prefers-color-scheme: dark' in text
+        assert '@media print' in text
 
 
 def test_every_colour_of_a_drawing_follows_the_page() -> None:
@@ -87,7 +118,7 @@ def test_every_colour_of_a_drawing_follows_the_page() -> None:
 
 
 def test_no_reference_of_a_drawing_is_lost_or_means_another_drawing() -> None:
-    text = html([run(), run()])
+    text = page_of_two()
     names = re.findall(r'<svg.*?</svg>', text, re.DOTALL)
     ids = [set(re.findall(r' id="([^"]*)"', name)) for name in names]
     for element, own in zip(names, ids, strict=True):
@@ -96,7 +127,7 @@ def test_no_reference_of_a_drawing_is_lost_or_means_another_drawing() -> None:
 
 
 def test_the_truth_is_compared() -> None:
-    text = html([run()], [truth()])
+    text = page_with_the_truth()
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
     assert 'Furthest from the truth is' in text
     assert 'by 0.5 standard deviations' in text
@@ -110,14 +141,14 @@ def test_the_truth_is_compared() -> None:
     ],
 )
 def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: str) -> None:
-    text = html([run()], [given])
+    text = html([brief()], [given])
     assert note in text
     assert 'Furthest from the truth' not in text
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes']
 
 
 def test_a_planar_run_shows_what_it_does_not_determine() -> None:
-    text = html([run(planar())])
+    text = page_of_a_plane()
     assert cells(text, 'com_z') == ['\N{EN DASH}', '\N{EN DASH}', 'm', 'no']
     assert 'radius of gyration' in text
     assert len(svgs(text)) == 5
@@ -131,7 +162,7 @@ def test_a_momentum_that_is_not_determined_has_no_number() -> None:
 
 
 def test_events_are_marked_and_listed() -> None:
-    text = html([run(estimate(events=(event(),)))])
+    text = page_with_an_event()
     assert 'The momentum was changed from outside: 5 s.' in text
     assert 'a push from outside' in text
     assert '(1, 0, \N{EN DASH})' in text
@@ -166,16 +197,17 @@ def test_a_robot_without_shapes_is_drawn_as_its_skeleton() -> None:
     bare = re.sub(r'<visual>.*?</visual>', '', run().urdf, flags=re.DOTALL)
     mesh = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<mesh filename="package://a/b.stl"/>')
     odd = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<box size="1 nan"/>')
-    assert 'meshes are left out' in html([run(urdf=bare)])
+    assert 'meshes are left out' in html([brief(urdf=bare)])
+    drawings = len(svgs(html([brief()])))
     for urdf in (mesh, odd):
-        assert len(svgs(html([run(urdf=urdf)]))) == 5
+        assert len(svgs(html([brief(urdf=urdf)]))) == drawings
 
 
 @pytest.mark.timeout(60)
 def test_of_many_shapes_some_are_drawn() -> None:
     shape = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
     urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8').replace('</link>', shape * 10_000 + '</link>', 1)
-    text = html([run(urdf=urdf)], [None])
+    text = html([brief(urdf=urdf)], [None])
     assert 'at most 300 are drawn' in text
     assert len(text) < 10 * len(page_of_a_good_run())
 
@@ -186,10 +218,14 @@ def test_several_bags_are_compared() -> None:
     assert 'Side by side' in text
     assert 'The runs agree' in text
     assert text.count('<section class="run">') == 2
-    far = html([run(), run(estimate(parameters=BODY + 10.0 * STD))])
-    assert 'The runs contradict each other' in far
-    assert 'different links' in html([run(), run(target_link='link6')])
-    assert 'no parameter with an uncertainty in common' in html([run(), nothing()])
+    assert comparison([run(), run(other, bag='another/bag')], [truth(), truth()]) in text
+
+    def compared(one: Run) -> str:
+        return comparison([run(), one], [None, None])
+
+    assert 'The runs contradict each other' in compared(run(estimate(parameters=BODY + 10.0 * STD)))
+    assert 'different links' in compared(run(target_link='link6'))
+    assert 'no parameter with an uncertainty in common' in compared(nothing())
 
 
 def test_a_contradiction_among_several_bags_is_told_first() -> None:
@@ -269,10 +305,15 @@ def test_a_momentum_is_not_shown_where_nothing_is_determined() -> None:
 
 @pytest.mark.parametrize('kind', ['good', 'planar', 'event', 'wrong', 'nothing'])
 def test_a_browser_shows_it_light_and_dark(chromium: Chromium, tmp_path: Path, kind: str) -> None:
-    made = {'good': run(), 'planar': run(planar()), 'event': run(estimate(events=(event(),))), 'nothing': nothing()}
-    made['wrong'] = run(estimate(status='inconsistent'))
+    made: dict[str, Callable[[], str]] = {
+        'good': page_with_the_truth,
+        'planar': page_of_a_plane,
+        'event': page_with_an_event,
+        'wrong': lambda: html([run(estimate(status='inconsistent'))], [truth()]),
+        'nothing': lambda: html([nothing()], [truth()]),
+    }
     page = tmp_path / 'report.html'
-    page.write_text(html([made[kind]], [truth()]), encoding='utf-8')
+    page.write_text(made[kind](), encoding='utf-8')
     light = chromium.screenshot(page, tmp_path / 'light.png')
     dark = chromium.screenshot(page, tmp_path / 'dark.png', '--force-dark-mode')
     assert light.startswith(b'\x89PNG')

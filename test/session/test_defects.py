@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from copy import copy
 from functools import cache
@@ -17,12 +18,15 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
+from mbaid_ros.core.intake.outliers import OUTLIER
 from mbaid_ros.core.intake.reorder import LATE, REPEATED
+from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
 from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
-from simulated import CONFIG
+from simulated import CONFIG, robot
 
 ROBOT, SECONDS = 'servicer7', 12.0
 QUATERNION = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
@@ -39,6 +43,7 @@ HARMLESS: dict[str, tuple[Callable[[list[Arrival]], list[Arrival]], dict[str, ob
     'repeated messages': (defects.repeated, {}),
     '30 % lost': (defects.lost(3, 0.3), {}),
     'gaps in the odometry': (defects.with_gaps, {}),
+    '5 % of the poses thrown off': (defects.thrown(0.05, 3), {}),
     'bursts of joint states': (defects.in_bursts, {}),
     'another frame on the base': (defects.of_marker(PLACE, QUATERNION, 'tracking_marker'), MARKER),
     'no joint velocities': (changed(JOINTS, defects.no_rates), {}),
@@ -86,6 +91,82 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
         assert np.array_equal(first_columns(pieces), first_columns(whole))
         assert [estimate.warnings for estimate in pieces] == [estimate.warnings for estimate in whole]
         assert other.dropped == session.dropped
+
+
+@pytest.mark.parametrize('at_once', [1_000_000, 7])
+def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
+    told, poses = 0, []
+    for arrival in clean():
+        if arrival.topic == ODOMETRY:
+            if told % 5 == 0:
+                poses.append(arrival)
+            told += 1
+    without = defects.in_order([*poses, *(arrival for arrival in clean() if arrival.topic == JOINTS)])
+    again = defects.in_order(
+        [
+            *without,
+            *(
+                Arrival(ODOMETRY, pose.time + later, defects.stamped(pose.message, pose.time + later))
+                for pose in poses[:-1]
+                for later in range(10_000_000, 50_000_000, 10_000_000)
+            ),
+        ]
+    )
+    expected, _ = estimates(ROBOT, without)
+    found, session = estimates(ROBOT, again, at_once=at_once)
+    assert np.array_equal(first_columns(found), first_columns(expected))
+    assert session.dropped[REPEATED_POSE] == 4 * (len(poses) - 1)
+    assert any('pose repeated: odometry that says again' in warning for warning in intake_warnings(session))
+
+
+def test_slow_poses_beside_fast_joints_are_as_uncertain_as_told() -> None:
+    model, squares = robot(ROBOT), []
+    truth = physical(model.link(model.last_link).parameters)
+    for seed in range(8):
+        messages = arrivals(ROBOT, 30.0, seed, odometry_times=np.arange(0.0, 30.0, 0.1))
+        last = estimates(ROBOT, changed(ODOMETRY, defects.no_twist)(messages))[0][-1]
+        error = last.parameters - truth
+        squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
+    # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
+    assert 0.36 < np.mean(squares) < 1.64
+
+
+@pytest.mark.parametrize('share', [0.01, 0.05])
+def test_outliers_cost_little_and_are_told(share: float) -> None:
+    found, session = estimates(ROBOT, defects.thrown(share, 1)(clean()))
+    last, count = found[-1], session.dropped[OUTLIER]
+    assert last.status == undisturbed().status
+    assert np.all(last.std < 1.2 * undisturbed().std)
+    assert np.all(np.abs(last.parameters - undisturbed().parameters) < 1.2 * undisturbed().std)
+    assert count == pytest.approx(1200 * share, abs=3.0 * np.sqrt(1200 * share))
+    many = f'pose far from those before and after: {100.0 * count / 1200:.2g} % of the odometry are outliers'
+    assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
+
+
+def test_correlated_odometry_is_as_uncertain_as_told_where_the_time_is_given() -> None:
+    model, squares = robot(ROBOT), []
+    truth = physical(model.link(model.last_link).parameters)
+    for seed in range(8):
+        messages = defects.correlated(ROBOT, 30.0, 0.3, seed)(arrivals(ROBOT, 30.0, seed))
+        last = estimates(ROBOT, messages, {'noise.base_correlation_time': 0.3})[0][-1]
+        assert last.status in {'estimating', 'converged'}
+        error = last.parameters - truth
+        squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
+    # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
+    assert 0.36 < np.mean(squares) < 1.64
+
+
+@pytest.mark.parametrize('constant', [0.1, 0.5])
+def test_correlated_odometry_is_told_with_its_time(constant: float) -> None:
+    messages = defects.correlated(ROBOT, 40.0, constant, 1)(arrivals(ROBOT, 40.0, 1))
+    last = estimates(ROBOT, messages)[0][-1]
+    assert last.status == 'inconsistent'
+    told = re.fullmatch(
+        r'the noise of the odometry is correlated over about (.*) s: set noise.base_correlation_time to (.*)',
+        last.causes[0][0],
+    )
+    assert told is not None
+    assert float(told[1]) == float(told[2]) == pytest.approx(constant, rel=0.4)
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

@@ -5,7 +5,8 @@ total momentum, which has to stay what it is. After it the method of identificat
 and captured body together. The difference is what the captured body brought along.
 """
 
-from mbaid_ros.core.capture.estimator import BEFORE, Calibrate, Capture, CaptureEstimator, Handover, Phase
+from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator, Phase
+from mbaid_ros.core.capture.handover import Calibrate, Capture, Handover
 from mbaid_ros.core.capture.known_momentum import Chaser
 
 __all__ = ['BEFORE', 'Calibrate', 'Capture', 'CaptureEstimator', 'Chaser', 'Handover', 'Phase']

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from mbaid_ros.core.capture.handover import Calibrate, Capture, Handover
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
@@ -26,52 +26,6 @@ _SLACK = 1e-9  # s
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie
 _CALIBRATED = 600  # windows that a calibration takes
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
-
-
-@dataclass(frozen=True)
-class Handover:
-    """What a robot has learnt of itself before the capture, and the method that goes on with it.
-
-    Attributes
-    ----------
-    kernel : with the calibrated bodies, and how far they may still be off
-    after : the method
-    chaser : the robot before the capture
-    link_covariance : (10, 10) of the target link's own standard parameters, None where it counts as exact
-    told : the calibration in a line
-    """
-
-    kernel: MomentumKernel
-    after: Estimator
-    chaser: Chaser
-    link_covariance: Array | None
-    told: str
-
-
-# From windows before the capture to what they tell of the robot's own bodies.
-Calibrate = Callable[[list[Samples]], Handover]
-
-
-@dataclass(frozen=True)
-class Capture:
-    """A capture and what it tells of the body that was captured.
-
-    Attributes
-    ----------
-    time : s since the first sample
-    chaser : the robot before it, None where nothing was measured
-    momentum, covariance : (6,), (6, 6) of the captured body before it, as in Chaser; NaN where not known
-    velocity, spin : (3,) m/s, rad/s of that body before it, its CoM's and its own, odometry axes; NaN where not known
-    calibrated : what the robot has learnt of itself before it, in a line; empty where nothing
-    """
-
-    time: float
-    chaser: Chaser | None
-    momentum: Array
-    covariance: Array
-    velocity: Array
-    spin: Array
-    calibrated: str = ''
 
 
 class CaptureEstimator:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.difference.run import Run
-from mbaid_ros.core.difference.solutions import DifferenceSolution, Posterior, solutions
+from mbaid_ros.core.difference.solutions import Posterior, solutions
 from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
 from mbaid_ros.core.equations.window_rows import BODY, window_rows
@@ -85,7 +85,6 @@ class DifferenceEstimator:
         self._plane = PlaneDetector(kernel.model)
         self._run: Run | None = None
         self._samples = 0
-        self._latest: tuple[Solution, Array, Estimate] | None = None
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -112,7 +111,6 @@ class DifferenceEstimator:
             verdicts.append((run.event, run.contradictions))
         solved, shares = solutions(posteriors)
         estimates = self._reporting.estimates(self.method, solved, instants)
-        self._latest = solved[-1], shares[-1], estimates[-1]
         return [
             _judged(estimate.after_thrust(self._brought(window, solution)), *verdict, self._told(share))
             for window, solution, estimate, verdict, share in zip(
@@ -123,28 +121,6 @@ class DifferenceEstimator:
     def _brought(self, window: Samples, solution: Solution) -> Array:
         """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
         return brought(window, self._kernel.with_target(solution.x[BODY]))
-
-    @property
-    def solution(self) -> DifferenceSolution | None:
-        """What is known after the latest window; None before the first."""
-        if self._run is None or self._latest is None:
-            return None
-        solved, _, estimate = self._latest
-        told = estimate.identifiable
-        return DifferenceSolution(
-            x=solved.x,
-            covariance=solved.covariance,
-            origin=solved.origin,
-            space=self._run.space,
-            determined=self._run.window.certain and bool(told.any() if self._run.space.planar else told.all()),
-        )
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Which share of the body's variance each part of the unknowns would take away if it were known exactly."""
-        if self._latest is None:
-            return {}
-        return dict(zip(self._considered.labels, map(float, self._latest[1][1:]), strict=True))
 
     def _running(self, start: Array) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""

@@ -6,62 +6,15 @@ Together they take less time: there are few steps for all of them instead of man
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 
 from mbaid_ros.core.difference.run import Run
 from mbaid_ros.core.equations.errors_in_variables import Linearisation
-from mbaid_ros.core.equations.subspace import Subspace
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Solution, inverses
-
-
-@dataclass(frozen=True)
-class DifferenceSolution:
-    """A Gaussian of x = (m, h, I_o, P_0, L_0).
-
-    Attributes
-    ----------
-    x : (16,) of this run's momentum: what known thrust has added since is not in it
-    covariance : (16, 16) with the consider parameters' share; far wider than anything known where nothing is
-    origin : (3,) m, about which L_0 is taken, odometry frame
-    space : which directions of x the motion can tell
-    determined : whether the data determine the body, as far as such a motion can
-    """
-
-    x: Array
-    covariance: Array
-    origin: Array
-    space: Subspace
-    determined: bool
-
-    @property
-    def planar(self) -> bool:
-        """Whether the motion was planar, which tells seven of the sixteen."""
-        return self.space.planar
-
-    def about(self, origin: Array) -> DifferenceSolution:
-        """Return the same with the angular momentum about another origin, (3,) m, odometry frame."""
-        shift = np.eye(16)
-        shift[13:, 10:13] = skew(self.origin - origin)
-        return replace(self, x=shift @ self.x, covariance=shift @ self.covariance @ shift.T, origin=origin)
-
-    def distance(self, x: Array, covariance: Array) -> float:
-        """Return the squared Mahalanobis distance of another solution about the same origin, by both covariances.
-
-        Directions that the motion cannot tell are left out: chi-square of 16 numbers, or of 7 in a plane, if both are
-        right and independent.
-
-        Parameters
-        ----------
-        x, covariance : (16,), (16, 16)
-        """
-        basis = self.space.basis
-        apart, spread = basis.T @ (x - self.x), basis.T @ (covariance + self.covariance) @ basis
-        size = 1.0 / np.sqrt(np.diag(spread))
-        return float(apart * size @ np.linalg.solve(spread * size * size[:, None], apart * size))
 
 
 @dataclass(frozen=True)

@@ -49,10 +49,6 @@ class Fit(Stacked):
         coefficients = self.solve @ measured
         return self.values @ coefficients, self.slopes @ coefficients
 
-    def mean_slope(self, measured: Array) -> Array:
-        """Return the (k,) mean derivative of (N, k) signals."""
-        return np.mean(self.slopes, axis=0) @ (self.solve @ measured)
-
 
 def fit(time: Array) -> Fit:
     """Return the fit for N >= 2 instants (s, increasing): of degree 4, or of as much as they determine."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
+from mbaid_ros.core.intake.outliers import Outliers
+from mbaid_ros.core.intake.repeats import Repeats
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other
@@ -28,16 +31,34 @@ class Synchroniser:
     ----------
     maximum_gap : float
         Longest time between two odometry stamps that is interpolated, s.
+    correlation_time : float
+        Time over which the errors of the poses are correlated, s.
+    view : callable, optional
+        What takes measurements of the base to an inertial frame, where that of the odometry is none.
     """
 
-    def __init__(self, maximum_gap: float) -> None:
+    def __init__(
+        self,
+        maximum_gap: float,
+        correlation_time: float = 0.0,
+        view: Callable[[BaseStream], BaseStream] | None = None,
+    ) -> None:
+        self._view = view
+        self._correlation_time = correlation_time
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
         self._base: BaseStream | None = None
         self._origin: int | None = None
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
-        self.dropped: Counter[str] = Counter()
+        self._repeats = Repeats()
+        self._outliers = Outliers(self._maximum_gap)
+        self._dropped: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Measurements that were not used, by cause."""
+        return self._dropped + self._repeats.dropped + self._outliers.dropped
 
     @property
     def origin(self) -> int:
@@ -47,16 +68,20 @@ class Synchroniser:
     def push(self, joints: JointStream | None, base: BaseStream | None) -> Samples | None:
         """Take measurements and return the samples that they complete, None if there are none.
 
-        A stamp that is not after its predecessor in the same stream is dropped and counted.
+        A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
+        outliers.
         """
-        self._joints = self._append(self._joints, joints)
-        self._base = self._append(self._base, base)
+        self._joints = self._append(self._joints, self._later(joints))
+        new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
+        if new is not None and self._view is not None:
+            new = self._view(new)
+        self._base = self._append(self._base, self._outliers.push(new))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
         ready = int(np.searchsorted(waiting, known[-1], side='right'))
         early = int(np.searchsorted(waiting, known[0], side='left'))
-        self.dropped[NO_ODOMETRY] += early
+        self._dropped[NO_ODOMETRY] += early
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
         # The last odometry before the next joints is one end of their interval, the one before tells its length.
@@ -65,21 +90,27 @@ class Synchroniser:
         self._base = self._base[first:]
         return samples
 
-    def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
+    def _later(self, new: Stream | None) -> Stream | None:
+        """Return the measurements whose stamps are after all earlier ones of their stream."""
         if new is None or not len(new.stamp):
-            return buffer
+            return None
         newest = self._newest.get(type(new), _BEFORE_ALL)
         before = np.maximum.accumulate(np.concatenate(([newest], new.stamp[:-1])))
         fresh = new.stamp > before
         self._newest[type(new)] = max(int(before[-1]), int(new.stamp[-1]))
         if not np.all(fresh):
-            self.dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
+            self._dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
             new = new[fresh]
+        return new
+
+    def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
+        if new is None:
+            return buffer
         if buffer is not None:
             new = new.concatenate((buffer, new))
         excess = len(new.stamp) - LARGEST_BACKLOG
         if excess > 0:
-            self.dropped[NO_ODOMETRY] += excess
+            self._dropped[NO_ODOMETRY] += excess
             new = new[excess:]
         return new
 
@@ -90,25 +121,41 @@ class Synchroniser:
         spacing = np.diff(joints.stamp, prepend=joints.stamp[0] if self._previous is None else self._previous)
         self._previous = int(joints.stamp[-1])
         usable = base.stamp[right] - base.stamp[left] <= self._maximum_gap
-        self.dropped[ODOMETRY_GAP] += int(np.sum(~usable))
+        self._dropped[ODOMETRY_GAP] += int(np.sum(~usable))
         if not np.any(usable):
             return None
         # Samples that share one odometry interval share its noise, which averages out that much less.
         shared = np.asarray(
             np.where(spacing > 0, np.maximum(interval / np.maximum(spacing, 1), 1.0), 1.0)[usable], dtype=float
         )
+        weights = self._correlated(np.maximum(interval, spacing)[usable]) * shared, shared
         joints, left, right = joints[usable], left[usable], right[usable]
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         if np.array_equal(left, right):
-            return _at_once(joints, base[left], time, shared)
-        return _hermite(joints, base, (left, right), time, shared)
+            return _at_once(joints, base[left], time, weights)
+        return _hermite(joints, base, (left, right), self._maximum_gap, time, weights)
+
+    def _correlated(self, apart: Stamps) -> Array:
+        """Return how many times as large slow means of poses are as those of independent ones, as a variance.
+
+        Of an autoregression of first order with correlation c from one to the next that is (1 + c) / (1 - c). How much
+        less a mean over a time that is short beside the correlation varies is left out: it comes again with the next.
+
+        Parameters
+        ----------
+        apart : (N,) ns, between them; 0 where not known
+        """
+        if self._correlation_time <= 0.0:
+            return np.ones(len(apart))
+        half = 0.5e-9 * apart / self._correlation_time
+        return np.where(apart > 0, 1.0 / np.tanh(np.where(apart > 0, half, 1.0)), 1.0)
 
 
-def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) -> Samples:
+def _at_once(joints: JointStream, base: BaseStream, time: Array, weights: tuple[Array, Array]) -> Samples:
     """Return the samples of joints and base that were measured at the same stamps."""
-    weight = shared[:, None, None]
+    pose, twist = (weight[:, None, None] for weight in weights)
     return Samples(
         time=time,
         joint_position=joints.position,
@@ -117,17 +164,24 @@ def _at_once(joints: JointStream, base: BaseStream, time: Array, shared: Array) 
         base_rotation=base.rotation,
         base_linear_velocity=base.linear_velocity,
         base_angular_velocity=base.angular_velocity,
-        pose_covariance=weight * base.pose_covariance,
-        twist_covariance=weight * base.twist_covariance,
+        pose_covariance=pose * base.pose_covariance,
+        twist_covariance=twist * base.twist_covariance,
         stored=joints.stored,
     )
 
 
-def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps], time: Array, shared: Array) -> Samples:
+def _hermite(
+    joints: JointStream,
+    base: BaseStream,
+    ends: tuple[Stamps, Stamps],
+    maximum_gap: int,
+    time: Array,
+    weights: tuple[Array, Array],
+) -> Samples:
     """Interpolate pose by cubics that use the velocities at both ends, and velocities linearly.
 
     The derivative of the pose's cubic would be smoother, but turns position noise into velocity noise. Where a velocity
-    is not given, the pose changes evenly.
+    is not given, the pose follows a parabola through the one before: a straight line is off by as much at every time.
     """
     left, right = ends
     length = (base.stamp[right] - base.stamp[left]) * 1e-9
@@ -136,33 +190,75 @@ def _hermite(joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps],
     to_end = s * s * (3.0 - 2.0 * s)
     from_start = s * (1.0 - s) ** 2 * h
     from_end = -s * s * (1.0 - s) * h
-    start, end = base.position[left], base.position[right]
-    velocity = base.linear_velocity[left], base.linear_velocity[right]
-    even = 1.0 / np.where(h > 0.0, h, np.inf)
-    slopes = [np.where(np.isfinite(slope), slope, (end - start) * even) for slope in velocity]
-    position = start + to_end * (end - start) + from_start * slopes[0] + from_end * slopes[1]
+    start, step = base.position[left], base.position[right] - base.position[left]
     # Orientation: the same cubic in the rotation vector from the left sample, in its axes.
     rotation = base.rotation[left]
     turn = log(np.swapaxes(rotation, -1, -2) @ base.rotation[right])
-    rate = rotate_back(rotation, base.angular_velocity[left]), rotate_back(rotation, base.angular_velocity[right])
-    rate_end = rate[1] - 0.5 * cross(turn, rate[1])  # derivative of the rotation vector, to first order in the turn
-    exact = length == 0.0
-    slopes = [np.where(np.isfinite(slope), slope, turn * even) for slope in (rate[0], rate_end)]
-    cubic = to_end * turn + from_start * slopes[0] + from_end * slopes[1]
-    turned = rotation @ exp(cubic)
+    velocity, rate = _slopes(base, ends, step, turn, maximum_gap)
+    position = start + to_end * step + from_start * velocity[0] + from_end * velocity[1]
+    turned = rotation @ exp(to_end * turn + from_start * rate[0] + from_end * rate[1])
+    linear, angular = (
+        part[left] + s * (part[right] - part[left]) for part in (base.linear_velocity, base.angular_velocity)
+    )
     return Samples(
         time=time,
         joint_position=joints.position,
         joint_velocity=joints.velocity,
         base_position=position,
-        base_rotation=np.where(exact[:, None, None], rotation, turned),
-        base_linear_velocity=velocity[0] + s * (velocity[1] - velocity[0]),
-        base_angular_velocity=base.angular_velocity[left]
-        + s * (base.angular_velocity[right] - base.angular_velocity[left]),
-        pose_covariance=_blended(base.pose_covariance, ends, s, shared),
-        twist_covariance=_blended(base.twist_covariance, ends, s, shared),
+        base_rotation=np.where(length[:, None, None] == 0.0, rotation, turned),
+        base_linear_velocity=linear,
+        base_angular_velocity=angular,
+        pose_covariance=_blended(base.pose_covariance, ends, s, weights[0]),
+        twist_covariance=_blended(base.twist_covariance, ends, s, weights[1]),
         stored=joints.stored,
     )
+
+
+def _slopes(
+    base: BaseStream, ends: tuple[Stamps, Stamps], step: Array, turn: Array, maximum_gap: int
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return the slopes, at both ends, of the positions and of the rotation vectors from the left sample.
+
+    Parameters
+    ----------
+    step, turn : (N, 3) from the left sample to the right one
+    """
+    left, right = ends
+    back = np.swapaxes(base.rotation[left], -1, -2)
+    velocity = base.linear_velocity[left], base.linear_velocity[right]
+    rate = (
+        rotate_back(base.rotation[left], base.angular_velocity[left]),
+        rotate_back(base.rotation[left], base.angular_velocity[right]),
+    )
+    rate = rate[0], rate[1] - 0.5 * cross(turn, rate[1])  # derivative of the rotation vector, to first order in it
+    if np.all(np.isfinite(np.concatenate((*velocity, *rate)))):
+        return velocity, rate
+    before = np.maximum(left - 1, 0)
+    length, earlier = base.stamp[right] - base.stamp[left], base.stamp[left] - base.stamp[before]
+    times = length * 1e-9, np.where(earlier <= maximum_gap, earlier * 1e-9, 0.0)
+    steps = _parabola(step, base.position[left] - base.position[before], *times)
+    turns = _parabola(turn, -log(back @ base.rotation[before]), *times)
+    return _given(velocity, steps), _given(rate, turns)
+
+
+def _parabola(step: Array, before: Array, length: Array, earlier: Array) -> tuple[Array, Array]:
+    """Return the slopes (N, 3) at both ends of steps (N, 3) of what made other steps just before them.
+
+    Parameters
+    ----------
+    length, earlier : (N,) s, how long the steps took, and those before; 0 where there is none
+    """
+    h, h_before = length[:, None], earlier[:, None]
+    mean = step / np.where(h > 0.0, h, np.inf)
+    bend = np.where(h_before > 0.0, mean - before / np.where(h_before > 0.0, h_before, np.inf), 0.0)
+    half = np.where(h > 0.0, h / np.maximum(h + h_before, 1e-9), 0.0) * bend
+    return mean - half, mean + half
+
+
+def _given(slopes: tuple[Array, Array], others: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return slopes, and others where they are not given."""
+    start, end = (np.where(np.isfinite(one), one, other) for one, other in zip(slopes, others, strict=True))
+    return start, end
 
 
 def _blended(covariance: Array, ends: tuple[Stamps, Stamps], fraction: Array, weight: Array) -> Array:

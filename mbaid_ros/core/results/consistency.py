@@ -7,7 +7,6 @@ Early estimates are not; the projection moves them least where the data are sure
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from mbaid_ros.core.geometry import Array, Flags, vec
 from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
@@ -105,6 +104,8 @@ def project_planar(standard_parameters: Array, covariance: Array, scale: Array, 
     moment = estimate[3] / about - mass * float(com @ com)
     distance = 0.0
     if not (mass > 0.0 and moment > 0.0):
+        from scipy.optimize import least_squares  # noqa: PLC0415 - takes a while, and few runs need it
+
         size = np.abs(basis.T) @ scale
         metric = _metric(basis.T @ covariance @ basis, size)
         mass = max(mass, 1e-3 * scale[0])

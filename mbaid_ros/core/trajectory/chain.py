@@ -21,7 +21,7 @@ from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
 from mbaid_ros.core.trajectory.state import Layout, Point
-from mbaid_ros.core.trajectory.windows import Stack, Window
+from mbaid_ros.core.trajectory.windows import Stack
 from mbaid_ros.core.unknowns.declaration import Reading
 
 _IDENTITY = np.eye(6)
@@ -70,11 +70,6 @@ class WindowModel:
     def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
         """Return the models of several windows, joined in order."""
         return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
-
-
-def window_model(layout: Layout, window: Window, point: Point) -> WindowModel:
-    """Return one window's model (see `window_models`)."""
-    return window_models(layout, [Stack((window,), (0,))], point)[0]
 
 
 def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:

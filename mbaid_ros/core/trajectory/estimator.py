@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -143,7 +144,7 @@ class TrajectoryEstimator:
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._run is not None:
-            self._run.offer(self._point_of(estimate))
+            self._run.offer(partial(self._point_of, estimate))
 
     def restart(self) -> None:
         """Give up the solution and look for a start again."""
@@ -170,7 +171,7 @@ class TrajectoryEstimator:
         run.take(taken.ready, taken.still_open, moved=taken.moved)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
-        return self._waiting(run, taken, instant) or self._solved(run, instant)
+        return self._waiting(run, taken, instant) or self._solved(run, instant, window)
 
     def _running(self) -> FilterRun:
         """Return the filter; a new one where the motion has turned out spatial."""
@@ -198,11 +199,11 @@ class TrajectoryEstimator:
             return None
         return Estimate(self.method, status, now.time, now.stamp, samples=now.samples, warnings=(warning,))
 
-    def _solved(self, run: FilterRun, now: Instant) -> _Solved:
+    def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> _Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._evidence(run, moments))
+        judgement = judge(self._evidence(run, moments, latest))
         covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
@@ -219,7 +220,7 @@ class TrajectoryEstimator:
             moments.mean, solution, now, self._thrusters(moments), track, judgement, found, self._delay(moments), budget
         )
 
-    def _evidence(self, run: FilterRun, moments: Moments) -> Evidence:
+    def _evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
         """Return what the run says of its model."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis
@@ -238,7 +239,11 @@ class TrajectoryEstimator:
             jumps=len(track.jumps),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
+            odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
+            latest=latest,
+            window=self._settings.window,
+            correlation_time=self._settings.noise.base_correlation_time,
         )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.multi_start import Found, MultiStart, Search
-from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
 _GROWTH = 1.5  # of a young run, until all of it is linearised again
-_RETRY = 2  # windows after which a start that has not settled is tried again
+_AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
+# Windows after which a start that has not settled is tried again, and what part of all it is at least.
+_RETRY, _RETRY_PART = 2, 0.1
+# Grown up: so many windows, in which the body has become known as well as this (relative standard deviation).
+_GROWN, _KNOWN = 40, 0.1
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _PART = 300  # of these, done at a time
-_HELD = 1.0  # standard deviations the estimate may be away from where windows are linearised
+# Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere.
+_HELD = 16.0
 
 
 class FilterRun:
@@ -61,8 +68,9 @@ class FilterRun:
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
-        self._offered: Point | None = None  # a start that another method has found
+        self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._point: Point | None = None  # at which windows are linearised at present
+        self._reference: Array = np.zeros(layout.size)  # the estimate then
         self.planar = len(variables.measured) < 6
         self.settled = False
 
@@ -140,8 +148,8 @@ class FilterRun:
                 latest = met(latest, still_open, white, self._variables)
         self._latest = latest
 
-    def offer(self, point: Point) -> None:
-        """Take a point that the next search may begin at."""
+    def offer(self, point: Callable[[], Point]) -> None:
+        """Take what makes a point that the next search may begin at."""
         self._offered = point
 
     def restart(self) -> None:
@@ -170,10 +178,13 @@ class FilterRun:
 
     def _begin(self, young: list[Window], *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
-        if moved and len(young) >= self._next_pass:
+        if not moved:
+            self._young = young[-_AT_REST:]
+        elif len(young) >= self._next_pass:
             self._searched = len(young)
-            self._search = self._start.search(young, self._found() if self.settled else self._offered)
-        elif len(young) > self._kept:
+            begin = self._found if self.settled else self._offered
+            self._search = self._start.search(young, None if begin is None else begin())
+        elif len(young) > self._kept and not self.settled:
             self._young = young[len(young) // 2 :]
 
     def _take_over(self, found: Found) -> None:
@@ -181,11 +192,15 @@ class FilterRun:
         self._search, young = None, self._young or []
         anew = not self.settled
         self._bank, self._point, self.settled = found.bank, found.point, found.settled
+        self._reference[self._layout.parameters] = found.point.parameters
+        self._reference[self._layout.readings] = found.point.readings
         self._next_pass = self._after(self._searched)
-        # A start is confirmed once before it counts, however late it was found.
-        if self._next_pass <= self._kept or (anew and self.settled):
-            return
         belief = best(self._bank).belief
+        grown = self.settled and self._knows_body(belief)
+        longest = min(_GROWN, self._kept) if grown else self._kept
+        # A start is confirmed once before it counts, however late it was found.
+        if self._next_pass <= longest or (anew and self.settled):
+            return
         if self.settled and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
@@ -195,7 +210,13 @@ class FilterRun:
 
     def _after(self, windows: int) -> int:
         """Return at how many windows to pass over all of them again."""
-        return int(np.ceil(_GROWTH * windows)) if self.settled else windows + _RETRY
+        return int(np.ceil(_GROWTH * windows if self.settled else windows + max(_RETRY, _RETRY_PART * windows)))
+
+    def _knows_body(self, belief: Belief) -> bool:
+        """Tell whether what windows leave open at second order is small: where they are linearised may stay."""
+        moments = Moments.of(belief, self._variables)
+        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(moments.factor[BODY] ** 2, axis=1))
+        return bool(body[0] > 0.0 and np.all(seen < _KNOWN * body_sizes(body)))
 
     def _found(self) -> Point | None:
         """Return the point of the best hypothesis."""
@@ -205,19 +226,21 @@ class FilterRun:
         return self._layout.point(moments.mean, moments.deviation)
 
     def _held(self, belief: Belief) -> Point:
-        """Return the point at which windows are linearised, while the estimate stays near it; else, a new one.
+        """Return the point at which windows are linearised: the estimate, as it was until it has moved from there.
 
-        Only what has left it moves. Windows that are linearised at different points see different directions of what
-        none of them sees, the CoM and the odometry's mount displaced together, say, and would tell of all of these: the
-        smaller the step, the less it brings against that.
+        Each window sees nothing along some directions, of all masses and momenta growing together, say; linearised at
+        another point, these are others by d, the way between the points, and together the windows would tell of either
+        as much as the ones before weigh d (trajectory.md, eq. 6). Hence all of the estimate moves, and before d weighs
+        much: a single number that leaves its interval may be hundreds of standard deviations from what the windows
+        say of it and the others together.
         """
         assert self._point is not None, 'there is a bank'
         moments = Moments.of(belief, self._variables)
-        parameters = self._layout.parameters
-        state = moments.mean
-        near = np.abs(state[parameters] - self._point.parameters) <= _HELD * moments.deviation[parameters]
-        if np.all(near):
+        first, count = self._variables.poses, len(self._variables.scale)
+        moved = self._variables.gather[first:] @ (moments.mean - self._reference)
+        distance = belief.root[first:, first:count] @ moved
+        if distance @ distance <= _HELD:
             return self._point
-        state[parameters] = np.where(near, self._point.parameters, state[parameters])
+        self._reference = moments.mean.copy()
         # What follows has to be linked to the windows before: at their readings.
-        return self._layout.beside(state, self._point)
+        return self._layout.beside(moments.mean, self._point)

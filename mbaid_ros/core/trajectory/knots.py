@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array, Flags, cross, exp, log
+from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.stacked import Stacked
@@ -128,15 +128,9 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
 
 def at_the_base(knots: Knots, mount: Array) -> Knots:
     """Return the knots of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
-    away = knots.base_rotation @ mount[3:]
     twist = knots.base_twist.copy()
-    twist[..., :3] += cross(twist[..., 3:], away)
-    return replace(
-        knots,
-        base_rotation=knots.base_rotation @ exp(mount[:3]),
-        base_position=knots.base_position + away,
-        base_twist=twist,
-    )
+    rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
+    return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
 
 
 def bridged(knots: Knots) -> Knots:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import (
     LONGEST,
     LONGEST_AT_A_GUESS,
@@ -38,6 +39,8 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _MASS = BODY.start - LINEAR.start
+_BODY = slice(_MASS, _MASS + 10)
+_TRUSTED = 0.5  # of the body's size, that one pass may change it by
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
 _PART = 10  # windows whose linearisation counts as one piece of work
 _STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
@@ -247,9 +250,8 @@ class MultiStart:
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
         state = moments.mean
-        step = state[self.layout.parameters] - point.parameters
-        while _massless(point.parameters + step):
-            step = 0.5 * step
+        step: Array = state[self.layout.parameters] - point.parameters
+        step = _trusted(step, point.parameters)
         state[self.layout.parameters] = point.parameters + step
         settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
         after = self.layout.point(state, moments.deviation)
@@ -297,6 +299,12 @@ class MultiStart:
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
             guesses.append(self.layout.point(state))
         return guesses
+
+
+def _trusted(step: Array, parameters: Array) -> Array:
+    """Return a step of Gauss and Newton, no longer than it is near linear: the body stays much as large as it was."""
+    sizes = body_sizes(parameters[_BODY])
+    return np.asarray(step * min(1.0, _TRUSTED / float(np.max(np.abs(step[_BODY]) / sizes, initial=_TRUSTED))))
 
 
 def _massless(parameters: Array) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.geometry import Array, moved_base
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 
@@ -39,11 +39,13 @@ class KnownSide:
         """Return samples of the base's own frame: q + zeros, p + R mu_p and R Exp(mu_R); delayed as they are."""
         if not (np.any(self.zeros) or np.any(self.mount)):
             return samples
-        away = samples.base_rotation @ self.mount[3:]
+        rotation, away, linear = moved_base(
+            samples.base_rotation, samples.base_linear_velocity, samples.base_angular_velocity, self.mount
+        )
         return replace(
             samples,
             joint_position=samples.joint_position + self.zeros,
             base_position=samples.base_position + away,
-            base_rotation=samples.base_rotation @ exp(self.mount[:3]),
-            base_linear_velocity=samples.base_linear_velocity + cross(samples.base_angular_velocity, away),
+            base_rotation=rotation,
+            base_linear_velocity=linear,
         )

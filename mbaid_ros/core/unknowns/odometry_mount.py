@@ -34,18 +34,13 @@ class OdometryMount(Unknown):
         rotation = states.configuration.rotation[:, 0]
         inertia = np.sum(inertia_matrix(states.known), axis=1)
         total, twist = states.known_momentum, states.body_twist[:, 0]
-        columns = np.zeros((len(rotation), 6, 6))
-        for axis in range(3):
-            turn = np.zeros_like(twist)
-            turn[:, 3:] = rotation[:, :, axis]
-            turned = (inertia @ motion_cross(turn, twist)[..., None])[..., 0]
-            columns[..., axis] = force_cross(turn, total) - turned
-            away = rotation[:, :, axis]
-            faster = np.zeros_like(twist)
-            faster[:, :3] = cross(twist[:, 3:], away)
-            columns[..., 3 + axis] = (inertia @ faster[..., None])[..., 0]
-            columns[:, 3:, 3 + axis] += cross(away, total[:, :3])
-        return columns
+        axes = np.swapaxes(rotation, 1, 2)  # (N, 3, 3), one a row
+        turn, faster, away = np.zeros((3, len(rotation), 3, 6))
+        turn[..., 3:] = axes
+        faster[..., :3] = cross(twist[:, None, 3:], axes)
+        away[..., 3:] = cross(axes, total[:, None, :3])
+        turned = force_cross(turn, total[:, None]) - motion_cross(turn, twist[:, None]) @ inertia
+        return np.swapaxes(np.concatenate((turned, faster @ inertia + away), axis=1), 1, 2)
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return what it takes off the pose, and off the velocity: v_read = v_true - w x R mu_p.

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.verdict.correlated import of_neighbours, seen_in
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
@@ -40,7 +43,11 @@ class Evidence:
         their squares; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
+    odometry_drifts : whether it lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
+    latest : the window that the run ends with
+    window : s, length of a window
+    correlation_time : s, over which the errors of the base's poses are declared to be correlated
     """
 
     nis: float
@@ -49,7 +56,16 @@ class Evidence:
     jumps: int
     hypothesis: str
     physical: bool
+    odometry_drifts: bool
     gain: float
+    latest: Samples
+    window: float
+    correlation_time: float
+
+    @property
+    def correlation(self) -> Array:
+        """Covariance of neighbouring windows' innovations, as of Innovations, beyond what is declared, (4,)."""
+        return self.innovations.correlation - of_neighbours(self.correlation_time, self.window)
 
 
 @dataclass(frozen=True)
@@ -82,9 +98,7 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append('the noise of a sensor is not as declared')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
-    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
-        innovations.correlation_significance > _SIGNIFICANT
-    )
+    correlated = (evidence.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > _SIGNIFICANT)
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
@@ -101,7 +115,7 @@ def _widening(evidence: Evidence) -> float:
     """
     innovations = evidence.innovations
     significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
-    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
+    correlation = float(np.max(np.where(significant, evidence.correlation, 0.0)))
     correlation = min(max(correlation, 0.0), 0.9)
     return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
 
@@ -125,12 +139,29 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
+    causes += _correlated(evidence)
     if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
     causes.sort(key=lambda cause: -cause.gain)
     # A walk gains more than anything else could, and names nothing: it comes last.
     walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
     return (*causes, *walk)
+
+
+def _correlated(evidence: Evidence) -> list[Cause]:
+    """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump."""
+    if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > _MOST_JUMPS):
+        return []
+    time, gain = seen_in(evidence.latest)
+    if time == 0.0:
+        return []
+    told = f'{time:.2g}'
+    return [
+        Cause(
+            f'the noise of the odometry is correlated over about {told} s: set noise.base_correlation_time to {told}',
+            gain + (evidence.gain if evidence.odometry_drifts else 0.0),
+        )
+    ]
 
 
 def _named(cause: str) -> str:

@@ -23,7 +23,6 @@ from mbaid_ros.replay.results import Run, events, likeliest, method, verdict
 from mbaid_ros.replay.truth import Truth
 from mbaid_ros.replay.versions import versions
 
-_SIGMA = '\N{GREEK SMALL LETTER SIGMA}'
 _GOOD = {'converged', 'estimating'}
 
 

@@ -117,6 +117,34 @@ def test_half_the_spacing_leaves_a_sixteenth_of_the_poses_error_and_a_quarter_of
     assert coarse / fine == pytest.approx([16.0, 16.0, 4.0, 4.0], rel=0.15)
 
 
+def pose_errors_without_a_twist(spacing: float) -> Array:
+    """Return the largest errors of position and orientation between poses (ms) apart, without velocities."""
+    base = base_stream(every(spacing, round(2000.0 / spacing) + 1))
+    nothing = np.full_like(base.linear_velocity, np.nan)
+    between = every(3.7, 480, first=2.0 * spacing)
+    samples = synchronise(
+        joint_stream(between), replace(base, linear_velocity=nothing, angular_velocity=nothing), gap=0.15
+    )
+    truth = smooth_motion(between)
+    turn = log(np.swapaxes(truth.rotation, 1, 2) @ samples.base_rotation)
+    return np.array([np.abs(error).max() for error in (samples.base_position - truth.position, turn)])
+
+
+def test_poses_alone_are_interpolated_to_third_order() -> None:
+    assert pose_errors_without_a_twist(100.0) / pose_errors_without_a_twist(50.0) == pytest.approx([8.0, 8.0], rel=0.2)
+
+
+def test_a_gap_before_an_interval_says_nothing_of_it() -> None:
+    """Poses alone, after a gap: a straight line, as at the very begin."""
+    stamps = np.concatenate((every(50.0, 2), every(50.0, 2, first=500.0)))
+    base = base_stream(stamps)
+    nothing = np.full_like(base.linear_velocity, np.nan)
+    base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
+    samples = synchronise(joint_stream(every(25.0, 23)), base, gap=0.1)
+    middle = samples.base_position[np.isclose(samples.time, 0.525)][0]
+    np.testing.assert_allclose(middle, 0.5 * (base.position[2] + base.position[3]), atol=1e-14)
+
+
 def test_the_interpolated_motion_is_close_at_usual_rates() -> None:
     # 20 Hz and a motion of 1 m and 1 rad within seconds: below 1 um and 1 urad.
     assert (interpolation_errors(50.0)[:2] < 1e-5).all()

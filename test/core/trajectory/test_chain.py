@@ -13,14 +13,13 @@ from floating import true_momentum
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import window_model
 from mbaid_ros.core.trajectory.interpolation import midpoints
 from mbaid_ros.core.trajectory.knots import BEFORE, Knots
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from mbaid_ros.core.trajectory.state import POSE, Layout, Point
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, drifting, kernel, observe
-from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_of
+from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_model, window_of
 
 LATE = 0.005  # s
 SWAP = np.array([3, 4, 5, 0, 1, 2])

@@ -13,6 +13,7 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.true_robot import true_robot
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.run import Simulation
 from mbaid_ros.simulated_run import make_initial_state, make_motion
@@ -45,8 +46,8 @@ URDF = f"""\
 
 
 @cache
-def last(links: float, **parameters: float) -> Estimate:
-    """Return the last estimate of the base in a minute; but for the links the robot is drawn as the defaults say."""
+def observed(links: float) -> Samples:
+    """Return a minute of the base; but for the links the robot is drawn as the defaults say."""
     nominal = load_model(URDF)
     errors = draw(nominal, 'base_link', ErrorSizes(links, 1e-3, 1e-3, 1e-3, MOUNT, 2e-3), generator(SEED))
     config = build(
@@ -59,10 +60,15 @@ def last(links: float, **parameters: float) -> Estimate:
     robot = true_robot(nominal, errors, ('base_link',))
     driven = make_motion(config, robot)
     simulation = Simulation(robot, driven, make_initial_state(config, robot, driven), 0.02)
-    samples = observe(simulation.advance(np.arange(6000) / 100.0), MID, SEED, errors)
+    return observe(simulation.advance(np.arange(6000) / 100.0), MID, SEED, errors)
+
+
+@cache
+def last(links: float, **parameters: float) -> Estimate:
+    """Return the last estimate of the base in that minute."""
     given = {**UNCERTAIN, **parameters}
-    method = estimator(MomentumKernel(nominal, 'base_link'), MID, method='trajectory', **given)
-    return method.update(windows(samples), 0)[-1]
+    method = estimator(MomentumKernel(load_model(URDF), 'base_link'), MID, method='trajectory', **given)
+    return method.update(windows(observed(links)), 0)[-1]
 
 
 def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given() -> None:

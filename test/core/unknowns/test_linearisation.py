@@ -9,11 +9,10 @@ from floating import float_freely
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.trajectory.chain import window_model
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from observed import MID, observe
-from windowed import residuals, window_of
+from windowed import residuals, window_model, window_of
 from wrong_robots import DECLARED, Wrong
 
 SPACING = 0.05  # s

@@ -11,13 +11,12 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.chain import window_model
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, observe
-from windowed import FIRST, LAST, residuals, window_of
+from windowed import FIRST, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong
 
 SPACING = 0.05  # s

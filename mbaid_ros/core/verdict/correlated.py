@@ -1,0 +1,51 @@
+"""Noise that is correlated over a time, a first-order autoregression, as it shows in windows.
+
+Variances of means are in units of that which white noise with as much power at low frequencies would have.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mbaid_ros.core.samples import Samples
+
+# Second differences of white noise are as large as declared. Those of white and of such correlated noise have
+# correlations of -2/3 to -1/2 from one to the next; those of interpolated poses, also small, have positive ones.
+_SMALL, _SMOOTH = 0.25, -0.25
+_FEWEST = 20  # samples
+
+
+def of_a_mean(time: float, window: float) -> float:
+    """Return the variance of a window's mean; a window of white noise, whose time is 0, has 1."""
+    if time <= 0.0:
+        return 1.0
+    return 1.0 + time / window * math.expm1(-window / time)
+
+
+def of_neighbours(time: float, window: float) -> float:
+    """Return the covariance of the means of neighbouring windows."""
+    return 0.0 if time <= 0.0 else 0.5 * time / window * math.expm1(-window / time) ** 2
+
+
+def seen_in(window: Samples) -> tuple[float, float]:
+    """Return over what time (s) the positions' errors are correlated, by how little they change, and what tells it.
+
+    With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance they have
+    without. 0 where they are about as large as declared; the second number is a log-likelihood.
+
+    Parameters
+    ----------
+    window : of samples with the noise that is declared
+    """
+    if len(window) < _FEWEST:
+        return 0.0, 0.0
+    deviation = np.sqrt(6.0 * np.mean(np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, :3], axis=0))
+    changes = np.diff(window.base_position, 2, axis=0) / deviation
+    ratio = float(np.mean(changes**2))
+    if not 0.0 < ratio < _SMALL or np.mean(changes[1:] * changes[:-1]) > _SMOOTH * ratio:
+        return 0.0, 0.0
+    correlation = 2.0 - math.sqrt(1.0 + 3.0 * ratio)
+    step = float(np.median(np.diff(window.time)))
+    return -step / math.log(correlation), 0.5 * changes.size * (ratio - 1.0 - math.log(ratio))

@@ -1,0 +1,74 @@
+"""The result of a replay: its history, and what JSON, terminal and report make of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.replay.results import History, Run, TopicStatistics, as_json, summary
+
+
+def estimate(number: int) -> Estimate:
+    return Estimate(method='difference', status='estimating', time=float(number))
+
+
+@pytest.mark.parametrize('count', [0, 1, 4999, 5000, 5001, 9999, 10_001, 47_123])
+def test_the_history_is_thinned_evenly_to_5000(count: int) -> None:
+    history = History()
+    for number in range(count):
+        history.add(estimate(number))
+    times = [entry.time for entry in history.entries()]
+    assert len(times) <= 5000
+    if count <= 5000:
+        assert times == list(range(count))
+    else:
+        assert len(times) > 1600
+        assert times[0] == 0.0
+        assert times[-1] == count - 1
+        steps = np.diff(times)
+        assert np.all(steps[:-1] == steps[0])
+        assert steps[-1] <= steps[0]
+
+
+def hostile_run() -> Run:
+    final = Estimate(
+        method='difference',
+        status='converged',
+        parameters=np.linspace(1.0, 10.0, 10, dtype=np.float64),
+        covariance=np.eye(10) * 0.01,
+        identifiable=np.ones(10, dtype=bool),
+        time_offset=0.01,
+        time_offset_std=0.001,
+        warnings=('one <script>',),
+    )
+    return Run(
+        bag='<b>&bag',
+        target_link='<link>',
+        final=final,
+        history=(final, final),
+        topics=(TopicStatistics('/a<b', 'x', 1, float('nan')),),
+        used=1,
+        dropped={'<cause>': 3},
+        warnings=('two', 'one <script>'),
+    )
+
+
+def test_what_comes_from_files_is_escaped_in_the_report() -> None:
+    from mbaid_ros.replay.report import html  # noqa: PLC0415 - takes a while to import
+
+    text = html([hostile_run(), hostile_run()])
+    for part in ('<script>', '<b>', '<link>', '<cause>', 'a<b'):
+        assert part not in text
+
+
+def test_standard_deviations_and_time_offset_in_json_and_on_the_terminal() -> None:
+    result = as_json(hostile_run())
+    assert result['std']['mass'] == pytest.approx(0.1)
+    assert result['time_offset'] == {'value': 0.01, 'std': 0.001}
+    assert result['warnings'] == ['one <script>', 'two']
+    text = summary(hostile_run())
+    assert 'mass' in text
+    assert '± 0.20 kg' in text
+    assert '± 95 %' in text
+    assert text.count('warning: ') == 2
