@@ -8,10 +8,11 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.session.surroundings import spin_deviations, uncertain_thrusters
 
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return what the parameters declare of joints, mount, stamps, target and momentum.
+    """Return what the parameters declare of joints, mount, wheels, stamps, target and momentum.
 
     Raises
     ------
@@ -26,6 +27,10 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         axes,
         mount_position=mount.position_std,
         mount_orientation=mount.orientation_std,
+        spin_inertias=spin_deviations(config.wheels),
+        thrusters=uncertain_thrusters(config.thrust, model),
+        thrust_scale=config.thrust.scale_std,
+        thrust_direction=config.thrust.direction_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         target=_prior(config.target_prior),
         linear_momentum=config.momentum.linear_prior_std,
