@@ -167,22 +167,34 @@ class SensorMessages:
     types : MessageTypes
     model : RobotModel
     odometry_frame : name
+    wheels : names of wheels that JointState tells the speeds of
     """
 
-    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str) -> None:
+    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str, wheels: Sequence[str] = ()) -> None:
+        self._wheels = tuple(wheels)
         self._types = types
         self._model = model
         self._frame = odometry_frame
 
     def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
         """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
+        position, velocity, effort = (part[index] for part in (readings.position, readings.velocity, readings.effort))
+        if self._wheels:
+            none = np.zeros(len(self._wheels))
+            position, effort = np.append(position, none), np.append(effort, none)
+            velocity = np.append(velocity, readings.wheel_speed[index])
         return self._types.find('sensor_msgs/msg/JointState')(
             header=self._header(stamp, ''),
-            name=list(self._model.joint_names),
-            position=readings.position[index],
-            velocity=readings.velocity[index],
-            effort=readings.effort[index],
+            name=[*self._model.joint_names, *self._wheels],
+            position=position,
+            velocity=velocity,
+            effort=effort,
         )
+
+    def stored_momentum(self, momentum: Array, stamp: int) -> Any:
+        """Return a momentum (3,) in the base link's axes as a geometry_msgs/Vector3Stamped stamped in ns."""
+        vector, header = self._of('Vector3', momentum, 'xyz'), self._header(stamp, self._model.base_link)
+        return self._types.find('geometry_msgs/msg/Vector3Stamped')(header=header, vector=vector)
 
     def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
         """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.surroundings import make_orbit, make_storage
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
@@ -18,15 +22,18 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Simulation, total_momentum
+from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.core.simulation.wheels import Wheels
 from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
 from mbaid_ros.simulated_setup import make_initial_state, make_motion, make_pulse, make_target
 
 __all__ = ['SimulatedRun', 'TimedMessage', 'commands', 'make_initial_state', 'make_motion', 'make_simulation']
 
-Topic = Literal['joint_states', 'odom', 'thrust']
+Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum']
 _COMMANDS = 0.1  # s, between two of thrust
 
 
@@ -38,7 +45,7 @@ class TimedMessage:
     ----------
     time : s since the start of the run
     topic : the one it belongs on
-    message : JointState, Odometry or WrenchStamped
+    message : JointState, Odometry, WrenchStamped or Vector3Stamped
     """
 
     time: float
@@ -65,6 +72,7 @@ class SimulatedRun:
     target : the target link, as it is
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
     pulse : of thrust, None where there is none; the momentum is then that before it
+    wheels : inside the base, None where there are none; their momentum is in the total
     captured : what is captured, None where nothing is
     brought : (6,) the momentum that it had before; zero where nothing is captured
 
@@ -82,7 +90,9 @@ class SimulatedRun:
         self.robot = true_robot(self.model, self.errors, fixed=(target,))
         self.target = self.robot.link(target)
         self._types = types
-        self._messages = SensorMessages(types, self.model, config.odom_frame)
+        self.wheels = make_wheels(config, self.model)
+        in_joint_states = config.wheels.names if config.wheels.publish == 'joint_states' else ()
+        self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states)
         self.start = 0
         simulation = make_simulation(config, self.robot)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
@@ -92,10 +102,16 @@ class SimulatedRun:
             self.momentum, self.brought = simulation.momentum, simulation.brought
             self.target = simulation.joined.link(target)
         else:
-            self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)))[0]
+            self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)), self.wheels)[0]
             self.brought = np.zeros(6)
-        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors)
+        view = make_view(config)
+        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
+
+    @property
+    def tells_momentum(self) -> bool:
+        """Whether the wheels' momentum is told."""
+        return self.wheels is not None and self.config.wheels.publish == 'stored_momentum'
 
     @property
     def target_inertia(self) -> Array:
@@ -134,8 +150,14 @@ class SimulatedRun:
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
+        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.tells_momentum else ()
+        stored = self._messages.stored_momentum
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
+            *(
+                TimedMessage(t, 'stored_momentum', stored(momentum, self.stamp(t)))
+                for t, momentum in zip(joints.time.tolist(), told, strict=False)
+            ),
             *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
             *(
                 TimedMessage(t, 'joint_states', joint_state(joints, i, self.stamp(t)))
@@ -172,11 +194,49 @@ def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | 
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
+    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit))
     if pulse is not None:
-        return ThrustSimulation(model, motion, start, config.step, pulse)
+        return ThrustSimulation(model, motion, start, config.step, pulse, around)
     if target is not None and isinstance(motion, Sinusoids):
-        return CaptureSimulation(model, motion, start, config.step, target)
-    return Simulation(model, motion, start, config.step)
+        return CaptureSimulation(model, motion, start, config.step, target, around)
+    return Simulation(model, motion, start, config.step, surroundings=around)
+
+
+def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
+    """Return what the frame of the odometry makes of a motion; None for one that falls along.
+
+    Raises
+    ------
+    ParameterError
+        The directions do not make an orbit.
+    """
+    orbit = make_orbit(config.orbit)
+    if orbit is None or not orbit.turning:
+        return None
+    return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
+
+
+def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
+    """Return the wheels inside the base, None where there are none.
+
+    Raises
+    ------
+    ParameterError
+        Their numbers do not fit each other or the robot.
+    """
+    wheels = config.wheels
+    count = len(wheels.names)
+    stored = make_storage(wheels.names, wheels.axes, wheels.spin_inertias, model)
+    for name in ('speeds', 'accelerations'):
+        given = len(getattr(wheels, name))
+        if given not in {0, count}:
+            raise ParameterError(
+                f"parameter 'wheels.{name}' has {given} numbers; accepted: none or {count}, for 'wheels.names'"
+            )
+    if not count:
+        return None
+    speeds = np.array(wheels.speeds or (0.0,) * count), np.array(wheels.accelerations or (0.0,) * count)
+    return Wheels.drawn(wheels.names, stored.axes, stored.inertias, speeds, (wheels.wander, wheels.seed))
 
 
 def commands(pulse: Pulse) -> list[tuple[float, Array]]:

@@ -67,7 +67,9 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
             'accepted: one of them, the other 0'
         )
     link = None if thrust.link == config.odom_frame else model.link(thrust.link or model.base_link)
-    return Pulse(thrust.time, thrust.time + thrust.duration, link, np.array([*thrust.force, *thrust.torque]))
+    wrench = np.array([*thrust.force, *thrust.torque])
+    end = thrust.time + thrust.duration
+    return Pulse(thrust.time, end, link, wrench, thrust.scale, np.array(thrust.turn))
 
 
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:

@@ -13,6 +13,7 @@ from mbaid_ros.config.capture import (
 )
 from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
 
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
@@ -303,6 +304,8 @@ class EstimatorConfig:
     target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
     thrust: ThrustConfig = field(default_factory=ThrustConfig)
+    orbit: OrbitConfig = field(default_factory=OrbitConfig)
+    wheels: WheelsConfig = field(default_factory=WheelsConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.surroundings import SimulatedOrbitConfig, SimulatedWheelsConfig
 
 MOTIONS = ('passive', 'sinusoids', 'random')
 
@@ -87,8 +88,14 @@ class SimulatedThrustConfig:
         'Link it acts on, at the origin and in the axes of its frame; empty means the base link. The name of the '
         'odometry frame makes it one on the base that is constant in that frame.',
     )
-    force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Force.', unit='N', lengths=(3,))
-    torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Torque.', unit='N m', lengths=(3,))
+    force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded force.', unit='N', lengths=(3,))
+    torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded torque.', unit='N m', lengths=(3,))
+    scale: float = parameter(
+        1.0, 'How much stronger force and torque are than commanded.', minimum=0.0, exclusive_minimum=True
+    )
+    turn: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'By how much they are turned against the command: a rotation vector.', unit='rad', lengths=(3,)
+    )
     publish: bool = parameter(
         True,  # noqa: FBT003 - a default
         'Publish what is commanded on thrust, ten times a second while it acts.',
@@ -200,6 +207,8 @@ class SimulatorConfig:
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
+    orbit: SimulatedOrbitConfig = field(default_factory=SimulatedOrbitConfig)
+    wheels: SimulatedWheelsConfig = field(default_factory=SimulatedWheelsConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

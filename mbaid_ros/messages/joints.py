@@ -36,11 +36,17 @@ _Shape = JointStateShape | JointStateLayout
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 
-    Messages that hold some of the joints count until one has held all of them.
+    Messages that hold some of the joints count until one has held all of them. Wheels, which are no joints of the
+    robot, come after these: their velocities have to be there, their positions say nothing and are read as zero.
+
+    Parameters
+    ----------
+    joint_names, wheels : names
     """
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        self._names = tuple(joint_names)
+    def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = ()) -> None:
+        self._names = (*joint_names, *wheels)
+        self._first_wheel = len(joint_names)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self._complete = False  # whether a message has held all joints
@@ -69,7 +75,8 @@ class JointReader:
                 earlier.append((layout, shape, run))
         streams = {}
         for joints, read in runs.items():
-            stream = _finite_joints(read, dropped)
+            wheels = [place for place, joint in enumerate(joints) if joint >= self._first_wheel]
+            stream = _finite_joints(read, wheels, dropped)
             if len(stream.stamp):
                 streams[joints] = stream
         return streams, +dropped
@@ -134,18 +141,20 @@ class _Layout:
 _Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same shape
 
 
-def _finite_joints(runs: Sequence[_Run], dropped: Counter[str]) -> JointStream:
-    """Return what messages hold that have every position; others are counted."""
+def _finite_joints(runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]) -> JointStream:
+    """Return what messages hold that have every position, and the speed of every wheel; others are counted."""
     parts = [(layout, *shape.columns(messages)) for layout, shape, messages in runs]
     stream = JointStream(
         np.concatenate([stamp for _, stamp, _, _ in parts]),
         np.concatenate([layout.chosen(position) for layout, _, position, _ in parts]),
         np.concatenate([layout.chosen(velocity) for layout, _, _, velocity in parts]),
     )
-    finite = np.all(np.isfinite(stream.position), axis=1)
+    stream.position[:, wheels] = 0.0
+    finite = np.all(np.isfinite(stream.position), axis=1) & np.all(np.isfinite(stream.velocity[:, wheels]), axis=1)
     real = np.all(np.abs(stream.position) < _LARGEST_JOINT, axis=1)
     dropped[NOT_FINITE] += int(np.sum(~finite))
     dropped[NOT_REAL] += int(np.sum(finite & ~real))
     with np.errstate(invalid='ignore'):
         stream.velocity[~(np.abs(stream.velocity) < _LARGEST_VELOCITY)] = np.nan
-    return stream if np.all(real) else stream[finite & real]
+    usable = finite & real
+    return stream if np.all(usable) else stream[usable]

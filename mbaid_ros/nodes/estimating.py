@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -74,6 +74,7 @@ class Estimating:
         }
         self._thrust = Inlet(node, WrenchStamped, 'thrust', self._on_thrust)
         topic = self._description.topic if self._description else ''
+        self._stored_momentum = Inlet(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
         self._diagnostics = Diagnostics(self._inlets, self._thrust, topic)
         self._services = [
             node.create_service(Trigger, '~/reset', self._on_reset),
@@ -133,6 +134,11 @@ class Estimating:
         # Also while paused: it changes the momentum that the next samples have.
         if self._state.session is not None:
             self._state.session.add_thrust(message)
+
+    def _on_stored_momentum(self, message: Vector3Stamped) -> None:
+        session = self._open_session()
+        if session is not None:
+            session.add_stored_momentum(message)
 
     def _open_session(self) -> Session | None:
         """Return the session if it takes messages now."""
@@ -210,7 +216,7 @@ class Estimating:
 
     def close(self) -> None:
         """Leave the graph."""
-        for inlet in (*self._inlets.values(), self._thrust):
+        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum):
             inlet.close()
         if self._description is not None:
             self._description.close()
@@ -277,7 +283,7 @@ class Estimating:
     def _report(self) -> None:
         self._report_due = False
         state = self._state
-        for inlet in (*self._inlets.values(), self._thrust):
+        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum):
             inlet.refresh()
         if state.session is not None:
             for complaint in complaints(state.session):

@@ -10,7 +10,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mbaid_ros.config.parameters import ParameterSpec, build, specifications, values_of
+from mbaid_ros.config.parameters import build, named_specifications, specification, specifications, values_of
+from mbaid_ros.config.specification import ParameterSpec
 
 T = TypeVar('T')
 
@@ -44,8 +45,9 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
     empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
     config = build(cls, given | dict.fromkeys(empty, ()))
     values = values_of(config)
-    for spec in known.values():
-        value = values[spec.name]
+    of_things = tuple(named_specifications(cls).values())
+    for name, value in values.items():
+        spec = specification(name, known, of_things)
         if value == ():
             _declare_empty_list(node, spec, settable=settable)
         else:

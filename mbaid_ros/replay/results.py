@@ -15,7 +15,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate, Thruster
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay import provenance
@@ -187,6 +187,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'time_offset': None
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': number(final.time_offset_std)},
+        'thrusters': [shaped_thruster(thruster) for thruster in final.thrusters],
         'events': events(run),
         'residual': number(final.residual),
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in likeliest(run)],
@@ -206,6 +207,17 @@ def as_json(run: Run) -> dict[str, Any]:
             }
             for estimate in run.history
         ],
+    }
+
+
+def shaped_thruster(found: Thruster) -> dict[str, Any]:
+    """Return by how much a thruster is off its command."""
+    return {
+        'frame': found.frame,
+        'scale': found.scale,
+        'scale_std': found.scale_std,
+        'turn': found.turn.tolist(),
+        'turn_std': found.turn_std.tolist(),
     }
 
 

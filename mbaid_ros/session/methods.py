@@ -127,6 +127,11 @@ def make_estimator(
         if config.disturbance.constant != 'none':
             return second  # the first stage takes the momentum for constant
         return TwoStageEstimator(_difference(config, known, noise, reporting), second)
+    if config.orbit.mean_motion > 0.0:
+        raise ParameterError(
+            f"parameter 'orbit.mean_motion' is {config.orbit.mean_motion:g} rad/s with method {config.method}, which "
+            'takes the momentum for constant; accepted: 0, or methods trajectory and difference'
+        )
     paper = config.paper
     return PaperEstimator(
         kernel,

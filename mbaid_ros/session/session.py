@@ -16,17 +16,19 @@ from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
+from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
+from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
+from mbaid_ros.session.surroundings import falling_frame, uncertain_thrusters
 from mbaid_ros.session.survey import Survey, survey
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -55,6 +57,7 @@ class Session:
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     thrust : what commanded thrust has brought since the run began
+    stored_momentum : what a flight computer tells of it
     problem : why it takes no more messages until `reset`; empty while it does
 
     Raises
@@ -94,7 +97,7 @@ class Session:
         noise = SensorNoise(**vars(self.config.noise))
         names = frozenset(prefix + link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
-        return JointReader(self.robot.model.independent_joints), odometry
+        return JointReader(self.robot.model.independent_joints, self.config.wheels.names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -123,6 +126,11 @@ class Session:
         self.thrust.command(frame, stamp, wrench, newest)
         if self.thrust.late:
             self._identifier.note(LATE_THRUST)
+
+    def add_stored_momentum(self, message: Any) -> None:
+        """Take a Vector3Stamped of what wheels or gyros store."""
+        if not self.problem:
+            self.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
@@ -210,8 +218,11 @@ class Session:
         config = self.config
         self.joint_reader, self.odometry_reader = self.readers()
         model, described = self.robot.model, self.robot.described
+        beside = described.storage.count
         turning = ~np.array(model.prismatic, dtype=bool)[model.transmission.independent]
-        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
+        turning = np.append(turning, np.zeros(beside, dtype=bool))
+        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit, beside)
+        self.stored_momentum = StoredMomentum(model, config.wheels.momentum_frame)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
@@ -219,7 +230,7 @@ class Session:
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
+        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         method = self._capture or make(described)
         self._identifier = Identifier(
             method,
@@ -228,6 +239,7 @@ class Session:
             config.twist_frame,
             self.thrust,
             config.noise.base_correlation_time,
+            falling=falling_frame(config.orbit, model),
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
@@ -305,8 +317,15 @@ class Session:
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
+        told = self.stored_momentum.stream()
+        if told is not None:
+            every = range(len(self.robot.readings))
+            joints[tuple(every[-told.position.shape[1] :])] = told
+        merged = self.merge.push(joints)
+        if merged is not None:
+            merged = merged.divided(len(self.robot.model.independent_joints))
         try:
-            return self._identifier.push(self._all_joints(self.merge.push(joints)), self._reorder.push(base))
+            return self._identifier.push(self._all_joints(merged), self._reorder.push(base))
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
@@ -316,13 +335,13 @@ class Session:
         moved = self.robot.model.transmission
         if measured is None or moved.direct:
             return measured
-        return JointStream(measured.stamp, moved.positions(measured.position), moved.rates(measured.velocity))
+        position, velocity = moved.positions(measured.position), moved.rates(measured.velocity)
+        return replace(measured, position=position, velocity=velocity)
 
     def _unsolved(self, error: Exception) -> None:
         self._start_again(f'the equations could not be solved ({error})')
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        return (
-            self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped + self.thrust.dropped
-        )
+        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum)
+        return sum((part.dropped for part in parts), self._refused)

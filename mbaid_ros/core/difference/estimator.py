@@ -17,13 +17,14 @@ from mbaid_ros.core.difference.run import Run
 from mbaid_ros.core.difference.solutions import Posterior, solutions
 from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.equations.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import Instant, Reporting
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
@@ -111,9 +112,15 @@ class DifferenceEstimator:
         solved, shares = solutions(posteriors)
         estimates = self._reporting.estimates(self.method, solved, instants)
         return [
-            _judged(estimate.after_thrust(window.impulse[-1]), *verdict, self._told(share))
-            for window, estimate, verdict, share in zip(windows, estimates, verdicts, shares, strict=True)
+            _judged(estimate.after_thrust(self._brought(window, solution)), *verdict, self._told(share))
+            for window, solution, estimate, verdict, share in zip(
+                windows, solved, estimates, verdicts, shares, strict=True
+            )
         ]
+
+    def _brought(self, window: Samples, solution: Solution) -> Array:
+        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+        return brought(window, self._kernel.with_target(solution.x[BODY]))
 
     def _running(self, start: Array) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
