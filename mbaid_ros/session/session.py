@@ -151,7 +151,8 @@ class Session:
     def survey(self) -> Survey:
         """Return what the run takes the robot for, with the joints that messages have named so far."""
         chosen = bool(self.config.target_link)
-        return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=self.joint_reader.heard)
+        heard = [name for name in self.joint_reader.heard if name not in self.config.wheels.names]
+        return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
