@@ -15,7 +15,9 @@ class InitialConfig:
     """The state at time 0."""
 
     joint_positions: tuple[float, ...] = parameter(
-        (), 'Joint positions in the order of the URDF (m for a prismatic joint); empty means zero.', unit='rad'
+        (),
+        'Joint positions in the order of the URDF (m for a prismatic joint), without those that mimic; empty: zero.',
+        unit='rad',
     )
     joint_velocities: tuple[float, ...] = parameter(
         (),
@@ -49,7 +51,7 @@ class MotionConfig:
 
     kind: str = parameter(
         'passive',
-        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones); no limits apply.',
+        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones).',
         choices=MOTIONS,
     )
     amplitudes: tuple[float, ...] = parameter(
@@ -60,6 +62,11 @@ class MotionConfig:
     frequencies: tuple[float, ...] = parameter((), 'Sinusoids: frequencies, one for each amplitude.', unit='Hz')
     phases: tuple[float, ...] = parameter(
         (), 'Sinusoids: phases, one for each amplitude; empty means zero.', unit='rad'
+    )
+    within_limits: bool = parameter(
+        default=True,
+        description='Random: keep joints within the position and velocity limits of the URDF, by smaller motions; '
+        'where initial.joint_positions is empty, they start where these fit.',
     )
     seed: int = parameter(0, 'Random: the same seed gives the same motion.', minimum=0)
     terms: int = parameter(2, 'Random: sinusoids for each joint.', minimum=1, maximum=100)
@@ -191,6 +198,9 @@ class SimulatorConfig:
         'Let the run of the node begin only when joint_states and odom have this many subscribers each.',
         minimum=0,
         maximum=1000,
+    )
+    base_link: str = parameter(
+        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
     )
     target_link: str = parameter('', 'Link whose inertia is published as the truth; empty means the last link.')
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')

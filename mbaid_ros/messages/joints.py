@@ -52,6 +52,7 @@ class JointReader:
         self._complete = False  # whether a message has held all joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
+        self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
         """Return the measurements by the joints they are of, and how many messages were dropped for what.
@@ -100,6 +101,8 @@ class JointReader:
             if len(self._layouts) > 64:
                 self._layouts.clear()
             known = self._layouts[key] = self._laid_out(key)
+            if len(self.heard) < _MOST_NAMES:
+                self.heard.update(dict.fromkeys(key))
         if len(known.joints) < len(self._names):
             self.unknown = key
             self.missing = tuple(name for name in self._names if name not in key)

@@ -41,7 +41,7 @@ def _calibrate(argv: list[str]) -> int:
     _check_outputs(arguments)
     parameters = _parameters(arguments)
     urdf = read_robot_description(arguments.model)
-    kernel = make_kernel(load_model(urdf), parameters)
+    kernel = make_kernel(load_model(urdf, parameters.estimator.base_link), parameters)
     settings = make_settings(kernel, parameters)
     inputs = Inputs.of(arguments)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
@@ -131,7 +131,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         A prior is about a link that is not calibrated.
     """
     names = [link.name for link in kernel.unknown]
-    for link in parameters.links:
+    for link in parameters.calibration.prior.links.own:
         if kernel.model.link(link).name not in names:
             raise ParameterError(
                 f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from mbaid_ros.replay.jsonable import (
     shaped_momentum,
     shaped_std,
 )
+from mbaid_ros.session import Survey
 
 HISTORY_LIMIT = 5_000
 
@@ -92,6 +93,7 @@ class Run:
     phase : in which the bag ends
     capture : what it tells, None where the bag holds none
     missing_joints : for want of which most of the joint states could not be used
+    survey : what the run takes the robot for, None where nobody has looked
     made_by : which command, None where nobody asked
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
@@ -111,6 +113,7 @@ class Run:
     phase: Phase = 'post_capture'
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()
+    survey: Survey | None = None
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
 
@@ -193,6 +196,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
+        'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'history': [
             {
@@ -234,6 +238,16 @@ def events(run: Run) -> list[dict[str, Any]]:
         }
         for event in run.final.events
     ]
+
+
+def texts(runs: Sequence[Run]) -> str:
+    """Return the results for a terminal: what each run takes the robot for, where that is new, then its table."""
+    parts = []
+    for run, before in zip(runs, (None, *runs), strict=False):
+        if run.survey is not None and (before is None or run.survey != before.survey):
+            parts.append('\n'.join(map(one_line, run.survey.lines)))
+        parts.append(summary(run))
+    return '\n\n'.join(parts)
 
 
 def summary(run: Run) -> str:

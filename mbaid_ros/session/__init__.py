@@ -4,9 +4,11 @@ from mbaid_ros.session.explanation import explain, intake_warnings, missing_join
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.surroundings import spin_deviations, storage, uncertain_thrusters
+from mbaid_ros.session.survey import Survey, survey
 
 __all__ = [
     'Session',
+    'Survey',
     'explain',
     'intake_warnings',
     'make_estimator',
@@ -14,5 +16,6 @@ __all__ = [
     'obstacles',
     'spin_deviations',
     'storage',
+    'survey',
     'uncertain_thrusters',
 ]

@@ -104,7 +104,7 @@ def _outliers(session: Session) -> str:
 
 
 def _wrong_child_frame(session: Session) -> str:
-    links = [f"'{link.name}'" for link in session.robot.model.links if link.body == 0]
+    links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
     given = session.odometry_reader.other_child_frame[:60]
     return (
         f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "

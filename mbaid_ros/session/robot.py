@@ -40,7 +40,7 @@ class Robot:
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
         self._in_principal_axes = config.debris.frame == PRINCIPAL
-        self.model = load_model(urdf)
+        self.model = load_model(urdf, config.base_link)
         self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
@@ -60,8 +60,8 @@ class Robot:
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """Names of what is read: the joints, and what stores momentum."""
-        return (*self.model.joint_names, *self.described.storage.names)
+        """Names of what is read: the joints that follow no other, and what stores momentum."""
+        return (*self.model.independent_joints, *self.described.storage.names)
 
     @property
     def phase(self) -> Phase:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -40,11 +41,11 @@ def self_calibration(
     """
     if not config.calibration.enabled:
         return None
-    declared = next((x for x in ('calibration', 'names') if getattr(config.known_links, x)), '')
+    declared = next(filter(None, ('calibration' * bool(config.known_links.calibration), *config.known_links.links)), '')
     if declared:
         raise ParameterError(
-            f"parameter 'known_links.{declared}' is {getattr(config.known_links, declared)!r}; with "
-            "'calibration.enabled', which finds how well all links are known, none is accepted"
+            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which finds how well all links "
+            'are known, none is accepted'
         )
     model, target = kernel.model, kernel.target
     # The target link comes first: it is what the filter has unknown after the capture.
@@ -75,6 +76,7 @@ def self_calibration(
         return Handover(
             kernel=after,
             after=make(after, known),
+            again=partial(make, after, known),
             chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
             link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
             told=_told(found),

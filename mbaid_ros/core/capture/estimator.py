@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -40,6 +41,7 @@ class CaptureEstimator:
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
     calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
+    again : makes the method anew, where the capture may turn out to have been told too early
 
     Attributes
     ----------
@@ -58,6 +60,7 @@ class CaptureEstimator:
         *,
         detect: bool = False,
         calibrate: Calibrate | None = None,
+        again: Callable[[], Estimator] | None = None,
     ) -> None:
         self.method = after.method
         # A calibration takes poses and velocities for independent: it gets none that are derived from the poses.
@@ -69,6 +72,7 @@ class CaptureEstimator:
         self._kept: deque[Samples] = deque(maxlen=_CALIBRATED)
         self._refused = ''  # why there is no calibration
         self._after = after
+        self._again = again
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
@@ -115,6 +119,19 @@ class CaptureEstimator:
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
         return [*made, *map(self._with_doubts, found)]
+
+    def move(self, time: float) -> None:
+        """Take it that the capture, told too early, is at a later time (s): what was learnt since then is forgotten.
+
+        Raises
+        ------
+        ValueError
+            Nothing can make the method anew.
+        """
+        if self._again is None:
+            raise ValueError('a capture without a method to begin again with')
+        self.time, self._after, self._place = time, self._again(), None
+        self._found.clear()
 
     def _since(self, window: Samples) -> Samples:
         """Return a window with what the orbit has brought since the capture: what was captured was not there before."""
@@ -169,6 +186,7 @@ class CaptureEstimator:
         estimate = Estimate(
             method=self.method,
             status='waiting',
+            phase='pre_capture',
             time=time,
             stamp=origin + round(time * 1e9),
             warnings=(BEFORE,),
@@ -215,6 +233,7 @@ class CaptureEstimator:
             self._refused = f'not calibrated before the capture: {error}'
         else:
             self.kernel, self._after = self.handover.kernel, self.handover.after
+            self._again = self.handover.again
         self._kept.clear()
 
     @property

@@ -88,6 +88,7 @@ class Estimate:
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
     samples : number of samples used
+    phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     thrusters : what has been found of each thruster that may be off its command
     budget : where the parameters' variances come from; None where not available
@@ -112,6 +113,7 @@ class Estimate:
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
     samples: int = 0
+    phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
     thrusters: tuple[Thruster, ...] = ()
     budget: ErrorBudget | None = None

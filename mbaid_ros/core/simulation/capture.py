@@ -44,7 +44,8 @@ class Target:
 def with_target(model: RobotModel, target: Target) -> RobotModel:
     """Return the robot with the target in its hand."""
     together = model.link(target.link).parameters + standard(target.body)
-    return load_model(replace_inertial(model.urdf, target.link, physical(together)))
+    text = replace_inertial(model.urdf, target.link, physical(together))
+    return load_model(text, model.base_link)
 
 
 class CaptureSimulation:

@@ -87,7 +87,7 @@ class Dynamics:
 
     def __init__(self, model: RobotModel, push: Push | None = None, effects: Sequence[Effect] = ()) -> None:
         self.model = model
-        self._pinocchio = parse(model.urdf)
+        self._pinocchio = parse(model.urdf, model.base_link)
         self._data = self._pinocchio.createData()
         joints = list(self._pinocchio.joints)[2:]
         self._place = np.array([joint.idx_q for joint in joints], dtype=int)
