@@ -114,7 +114,7 @@ class TwoStageEstimator:
         if not self._second.settled:
             return early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
-            return late
+            return replace(late, causes=(*early.causes, *late.causes)) if early.causes else late
         return self._compared(early, late)
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:

@@ -50,6 +50,7 @@ class JointReader:
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self._complete = False  # whether a message has held all joints
+        self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
         self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
@@ -113,6 +114,7 @@ class JointReader:
         joints = tuple(joint for joint, name in enumerate(self._names) if name in place)
         if any(names.count(self._names[joint]) > 1 for joint in joints):
             return _Layout(joints, _NOWHERE, NAMED_TWICE)
+        self.others = tuple(name for name in names if name not in self._names)
         refused = JOINT_MISSING if not joints and self._names else ''
         places = np.array([place[self._names[joint]] for joint in joints], dtype=np.intp)
         return _Layout(joints, places, refused)

@@ -28,7 +28,7 @@ from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.surroundings import falling_frame, uncertain_thrusters
+from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
 from mbaid_ros.session.survey import Survey, survey
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -326,7 +326,9 @@ class Session:
         if merged is not None:
             merged = merged.divided(len(self.robot.model.independent_joints))
         try:
-            return self._identifier.push(self._all_joints(merged), self._reorder.push(base))
+            estimates = self._identifier.push(self._all_joints(merged), self._reorder.push(base))
+            joints_there_are = self.robot.model.joint_names  # also those that follow others
+            return suspecting(estimates, [name for name in self.joint_reader.others if name not in joints_there_are])
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []

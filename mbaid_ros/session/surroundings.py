@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig, make_orbit, make_storage
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.intake.falling_frame import FallingFrame
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.storage import Storage
 
@@ -40,6 +44,23 @@ def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, .
             f"parameter 'thrust.frames' is {listing(config.frames)}; accepted: links of the robot, each once"
         )
     return tuple(model.link(name).name for name in config.frames or (model.base_link,))
+
+
+def suspecting(estimates: list[Estimate], others: Sequence[str]) -> list[Estimate]:
+    """Return estimates, of which those that contradict the data say what JointState holds beside the joints.
+
+    It comes second among the causes: nobody knows what turns there.
+    """
+    if not others:
+        return estimates
+    text = f'joint states hold {listing(others)}, no joints of the robot: if they are wheels, set wheels.names'
+
+    def told(estimate: Estimate) -> Estimate:
+        causes = estimate.causes
+        gain = causes[0][1] if causes else 0.0
+        return replace(estimate, causes=(*causes[:1], (text, gain), *causes[1:]))
+
+    return [told(each) if each.status == 'inconsistent' else each for each in estimates]
 
 
 def storage(config: WheelsConfig, model: RobotModel) -> Storage:

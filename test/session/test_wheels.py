@@ -107,9 +107,12 @@ def test_momentum_that_comes_seldom_costs_no_samples() -> None:
 
 @pytest.mark.parametrize('publish', ['joint_states', 'stored_momentum', 'none'])
 def test_untold_they_are_no_quiet_error(publish: str) -> None:
-    run, into = simulated(publish=publish), session()
+    run, into = simulated(publish=publish), session(method='difference')
     last = identify(run, into)
-    assert last.status == 'inconsistent' or last.events
+    assert last.status == 'inconsistent'
+    # Who has speeds beside the joints that nobody reads is told where they would be read.
+    named = any('joint states hold rw1' in cause and 'wheels.names' in cause for cause, _ in last.causes[:2])
+    assert named == (publish == 'joint_states')
     told = any(NOT_ASKED_FOR in warning for warning in intake_warnings(into))
     assert told == (publish == 'stored_momentum')
 
