@@ -112,9 +112,9 @@ install/.files: FORCE
 	if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
 install/.built: $(VENV)/.installed install/.files package.xml setup.py setup.cfg colcon_defaults.yaml \
-		scripts/link_workspace.py msg_defs/package.xml msg_defs/CMakeLists.txt $(wildcard msg_defs/msg/*.msg)
+		scripts/link_workspace.py msg_defs/package.xml msg_defs/CMakeLists.txt $(wildcard msg_defs/*/* wheel_msgs/*/* wheel_msgs/*/msg/*)
 	@start=$$(date +%s); \
-	echo "== colcon build of mbaid_msgs and mbaid_ros"; \
+	echo "== colcon build of mbaid_msgs, tf2_msgs and mbaid_ros"; \
 	rm -rf build/mbaid_ros install/mbaid_ros; \
 	"$(BIN)/python" scripts/link_workspace.py && . "$(VENV)/local_setup.sh" && \
 	colcon --log-level error build --event-handlers console_start_end- status- summary- desktop_notification- || exit 1; \

@@ -102,12 +102,23 @@ class ArgumentParser(argparse.ArgumentParser):
         ParameterError
             An argument that is unknown, missing or not accepted.
         """
+        if '_ARGCOMPLETE' in os.environ:
+            complete(self)
         arguments, unknown = self.parse_known_intermixed_args(argv)
         if unknown:
             options = [option for option in self._option_string_actions if option.startswith('--')]
             options.sort(key=lambda option: -difflib.SequenceMatcher(None, unknown[0], option).ratio())
             raise ParameterError(f"unknown argument '{unknown[0]}'; options: {listing(options)}")
         return arguments
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell that asks how a command line may go on, and end; without argcomplete there is no answer."""
+    try:
+        from argcomplete import autocomplete  # noqa: PLC0415 - only a shell that completes needs it
+    except ModuleNotFoundError:
+        raise SystemExit(1) from None
+    autocomplete(parser)
 
 
 def number(minimum: float = -math.inf, unit: str = '', *, exclusive: bool = False) -> Callable[[str], float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings
 
@@ -38,15 +38,19 @@ class Frames:
 
     Attributes
     ----------
-    target_link : frame of mass properties
+    target_link : frame of mass properties, without the prefix
     odometry : frame of the momenta
+    prefix : what stands before the name of the first one in messages
     """
 
     target_link: str
     odometry: str
+    prefix: str = ''
 
 
-def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, warnings: Sequence[str] = ()) -> Any:
+def estimate_message(
+    estimate: Estimate, types: MessageTypes, frames: Frames, warnings: Sequence[str] = (), *, stale: bool = False
+) -> Any:
     """Return an estimate as a mbaid_msgs/InertiaEstimate.
 
     Parameters
@@ -55,6 +59,7 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
     types : MessageTypes
     frames : Frames
     warnings : those of the run, which come after the estimate's own
+    stale : whether it is told again because no data come
     """
     seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
     budget = estimate.budget
@@ -63,6 +68,8 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
         method=estimate.method,
         stage=estimate.stage,
         status=estimate.status,
+        phase=estimate.phase,
+        stale=stale,
         inertia=_inertia(estimate.parameters, types),
         covariance=np.ascontiguousarray(estimate.covariance, dtype=float).ravel(),
         standard_deviation=np.ascontiguousarray(estimate.std, dtype=float),
@@ -77,6 +84,7 @@ def estimate_message(estimate: Estimate, types: MessageTypes, frames: Frames, wa
         time_offset=float(estimate.time_offset),
         time_offset_std=float(estimate.time_offset_std),
         consistency_correction=float(estimate.consistency_correction),
+        events=[_event(event, estimate, types) for event in estimate.events],
         samples=int(estimate.samples),
         span=types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds),
         warnings=[*estimate.warnings, *warnings],
@@ -117,10 +125,27 @@ def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> 
     )
 
 
+def _event(event: Event, estimate: Estimate, types: MessageTypes) -> Any:
+    stamp = max(0, estimate.stamp - round((estimate.time - event.time) * 1e9))
+    return types.find('mbaid_msgs/msg/MomentumEvent')(
+        stamp=_time(stamp, types),
+        time=float(event.time),
+        kind=event.kind,
+        linear=_vector(event.linear, types),
+        angular=_vector(event.angular, types),
+        cause=event.cause,
+    )
+
+
+def _time(stamp: int, types: MessageTypes) -> Any:
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    return types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+
+
 def _header(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    seconds, nanoseconds = divmod(estimate.stamp, 1_000_000_000)
-    time = types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
-    return types.find('std_msgs/msg/Header')(stamp=time, frame_id=frames.target_link)
+    return types.find('std_msgs/msg/Header')(
+        stamp=_time(estimate.stamp, types), frame_id=f'{frames.prefix}{frames.target_link}'
+    )
 
 
 def _inertia(parameters: Array, types: MessageTypes) -> Any:
@@ -142,22 +167,34 @@ class SensorMessages:
     types : MessageTypes
     model : RobotModel
     odometry_frame : name
+    wheels : names of wheels that JointState tells the speeds of
     """
 
-    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str) -> None:
+    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str, wheels: Sequence[str] = ()) -> None:
+        self._wheels = tuple(wheels)
         self._types = types
         self._model = model
         self._frame = odometry_frame
 
     def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
         """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
+        position, velocity, effort = (part[index] for part in (readings.position, readings.velocity, readings.effort))
+        if self._wheels:
+            none = np.zeros(len(self._wheels))
+            position, effort = np.append(position, none), np.append(effort, none)
+            velocity = np.append(velocity, readings.wheel_speed[index])
         return self._types.find('sensor_msgs/msg/JointState')(
             header=self._header(stamp, ''),
-            name=list(self._model.joint_names),
-            position=readings.position[index],
-            velocity=readings.velocity[index],
-            effort=readings.effort[index],
+            name=[*self._model.joint_names, *self._wheels],
+            position=position,
+            velocity=velocity,
+            effort=effort,
         )
+
+    def stored_momentum(self, momentum: Array, stamp: int) -> Any:
+        """Return a momentum (3,) in the base link's axes as a geometry_msgs/Vector3Stamped stamped in ns."""
+        vector, header = self._of('Vector3', momentum, 'xyz'), self._header(stamp, self._model.base_link)
+        return self._types.find('geometry_msgs/msg/Vector3Stamped')(header=header, vector=vector)
 
     def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
         """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
@@ -188,8 +225,7 @@ class SensorMessages:
 
     def time(self, stamp: int) -> Any:
         """Return a stamp in ns as a builtin_interfaces/Time."""
-        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-        return self._types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
+        return _time(stamp, self._types)
 
     def _of(self, name: str, values: Array, fields: str) -> Any:
         return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))

@@ -2,35 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.config.surroundings import make_orbit, make_storage
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical, standard
-from mbaid_ros.core.robot.model import Link, RobotModel, load_model
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.core.simulation.run import Simulation, total_momentum, without_linear_momentum
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
+from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.core.simulation.wheels import Wheels
 from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
+from mbaid_ros.simulated_setup import make_initial_state, make_motion, make_pulse, make_target
 
-Topic = Literal['joint_states', 'odom', 'thrust']
+__all__ = ['SimulatedRun', 'TimedMessage', 'commands', 'make_initial_state', 'make_motion', 'make_simulation']
+
+Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum']
 _COMMANDS = 0.1  # s, between two of thrust
-
-_QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class TimedMessage:
     ----------
     time : s since the start of the run
     topic : the one it belongs on
-    message : JointState, Odometry or WrenchStamped
+    message : JointState, Odometry, WrenchStamped or Vector3Stamped
     """
 
     time: float
@@ -68,6 +72,7 @@ class SimulatedRun:
     target : the target link, as it is
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
     pulse : of thrust, None where there is none; the momentum is then that before it
+    wheels : inside the base, None where there are none; their momentum is in the total
     captured : what is captured, None where nothing is
     brought : (6,) the momentum that it had before; zero where nothing is captured
 
@@ -79,13 +84,15 @@ class SimulatedRun:
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
         self.config = config
-        self.model = load_model(urdf)
+        self.model = load_model(urdf, config.base_link)
         target = self.model.link(config.target_link or self.model.last_link).name
         self.errors = make_model_errors(config, self.model)
         self.robot = true_robot(self.model, self.errors, fixed=(target,))
         self.target = self.robot.link(target)
         self._types = types
-        self._messages = SensorMessages(types, self.model, config.odom_frame)
+        self.wheels = make_wheels(config, self.model)
+        in_joint_states = config.wheels.names if config.wheels.publish == 'joint_states' else ()
+        self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states)
         self.start = 0
         simulation = make_simulation(config, self.robot)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
@@ -95,10 +102,16 @@ class SimulatedRun:
             self.momentum, self.brought = simulation.momentum, simulation.brought
             self.target = simulation.joined.link(target)
         else:
-            self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)))[0]
+            self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)), self.wheels)[0]
             self.brought = np.zeros(6)
-        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors)
+        view = make_view(config)
+        sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
+
+    @property
+    def tells_momentum(self) -> bool:
+        """Whether the wheels' momentum is told."""
+        return self.wheels is not None and self.config.wheels.publish == 'stored_momentum'
 
     @property
     def target_inertia(self) -> Array:
@@ -137,8 +150,14 @@ class SimulatedRun:
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
+        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.tells_momentum else ()
+        stored = self._messages.stored_momentum
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
+            *(
+                TimedMessage(t, 'stored_momentum', stored(momentum, self.stamp(t)))
+                for t, momentum in zip(joints.time.tolist(), told, strict=False)
+            ),
             *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
             *(
                 TimedMessage(t, 'joint_states', joint_state(joints, i, self.stamp(t)))
@@ -175,129 +194,52 @@ def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | 
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
+    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit))
     if pulse is not None:
-        return ThrustSimulation(model, motion, start, config.step, pulse)
+        return ThrustSimulation(model, motion, start, config.step, pulse, around)
     if target is not None and isinstance(motion, Sinusoids):
-        return CaptureSimulation(model, motion, start, config.step, target)
-    return Simulation(model, motion, start, config.step)
+        return CaptureSimulation(model, motion, start, config.step, target, around)
+    return Simulation(model, motion, start, config.step, surroundings=around)
 
 
-def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
-    """Return the motion of the joints that the parameters ask for.
+def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
+    """Return what the frame of the odometry makes of a motion; None for one that falls along.
 
     Raises
     ------
     ParameterError
-        The parameters do not fit the robot.
+        The directions do not make an orbit.
     """
-    motion = config.motion
-    start = _joint_values('initial.joint_positions', config.initial.joint_positions, model)
-    if motion.kind == 'passive':
-        return Passive()
-    if motion.kind == 'random':
-        return random_sinusoids(
-            start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max
-        )
-    return sinusoids(start, *(np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases)))
-
-
-def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
-    """Return the pulse of thrust, None where there is none.
-
-    Raises
-    ------
-    ModelError
-        It acts on a link that the robot does not have.
-    ParameterError
-        There is a capture, too.
-    """
-    thrust = config.thrust
-    if thrust.duration == 0.0:
+    orbit = make_orbit(config.orbit)
+    if orbit is None or not orbit.turning:
         return None
-    if config.capture.time > 0.0:
-        raise ParameterError(
-            f"parameter 'thrust.duration' is {thrust.duration:g} s with capture.time {config.capture.time:g} s; "
-            'accepted: one of them, the other 0'
-        )
-    link = None if thrust.link == config.odom_frame else model.link(thrust.link or model.base_link)
-    return Pulse(thrust.time, thrust.time + thrust.duration, link, np.array([*thrust.force, *thrust.torque]))
+    return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
+
+
+def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
+    """Return the wheels inside the base, None where there are none.
+
+    Raises
+    ------
+    ParameterError
+        Their numbers do not fit each other or the robot.
+    """
+    wheels = config.wheels
+    count = len(wheels.names)
+    stored = make_storage(wheels.names, wheels.axes, wheels.spin_inertias, model)
+    for name in ('speeds', 'accelerations'):
+        given = len(getattr(wheels, name))
+        if given not in {0, count}:
+            raise ParameterError(
+                f"parameter 'wheels.{name}' has {given} numbers; accepted: none or {count}, for 'wheels.names'"
+            )
+    if not count:
+        return None
+    speeds = np.array(wheels.speeds or (0.0,) * count), np.array(wheels.accelerations or (0.0,) * count)
+    return Wheels.drawn(wheels.names, stored.axes, stored.inertias, speeds, (wheels.wander, wheels.seed))
 
 
 def commands(pulse: Pulse) -> list[tuple[float, Array]]:
     """Return the wrenches (6,) that are commanded, and when, s: the thrust again and again, and its end."""
     times = np.arange(pulse.begin, pulse.end - 1e-9, _COMMANDS).tolist()
     return [*((time, pulse.wrench) for time in times), (pulse.end, np.zeros(6))]
-
-
-def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
-    """Return what is captured, None where nothing is.
-
-    Raises
-    ------
-    ParameterError
-        The parameters do not make a body, or the joints are not driven.
-    """
-    capture = config.capture
-    if capture.time == 0.0:
-        return None
-    if not isinstance(motion, Sinusoids):
-        raise ParameterError(
-            f"parameter 'capture.time' is {capture.time:g} s with motion.kind '{config.motion.kind}'; accepted: 0, or "
-            'joints that are driven: sinusoids, random'
-        )
-    body = np.array([capture.mass, *capture.com, *(capture.inertia or (0.0,) * 6)])
-    if not capture.mass > 0.0 or not is_physical(standard(body)):
-        raise ParameterError(
-            f"parameters 'capture.mass' {capture.mass:g} kg and 'capture.inertia' {list(capture.inertia)} kg m^2 make "
-            'no body; accepted: a mass > 0 and principal moments > 0, none larger than the sum of the other two'
-        )
-    velocities = np.array(capture.linear_velocity), np.array(capture.angular_velocity)
-    return Target(capture.time, link.name, body, *velocities)
-
-
-def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
-    """Return the state at time 0.
-
-    Raises
-    ------
-    ParameterError
-        The parameters do not fit the robot, the motion, or each other.
-    """
-    initial = config.initial
-    rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model)
-    if isinstance(motion, Sinusoids):
-        if rates.any():
-            raise ParameterError(
-                f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
-                f"'{config.motion.kind}' the motion gives the velocities: empty is accepted"
-            )
-        rates = motion.reference(0.0)[1]
-    orientation = np.array(initial.base_orientation)
-    length = float(np.linalg.norm(orientation))
-    if abs(length - 1.0) > _QUATERNION_TOLERANCE:
-        raise ParameterError(
-            f"parameter 'initial.base_orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
-        )
-    orientation /= length
-    back = quaternions.conjugate(orientation)
-    twist = (initial.base_linear_velocity, initial.base_angular_velocity)
-    linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
-    positions = _joint_values('initial.joint_positions', initial.joint_positions, model)
-    state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
-    if not initial.zero_linear_momentum:
-        return state
-    if linear.any():
-        raise ParameterError(
-            f"parameter 'initial.base_linear_velocity' is {list(initial.base_linear_velocity)} m/s; with "
-            'initial.zero_linear_momentum it follows from the other velocities: zero is accepted'
-        )
-    return without_linear_momentum(model, state)
-
-
-def _joint_values(name: str, values: tuple[float, ...], model: RobotModel) -> Array:
-    if values and len(values) != model.joints:
-        raise ParameterError(
-            f"parameter '{name}' has {len(values)} numbers; accepted: none or {model.joints}, for "
-            f'{listing(model.joint_names)}'
-        )
-    return np.array(values or (0.0,) * model.joints)

@@ -39,7 +39,7 @@ import os
 import sys
 
 INSTALL = {install!r}
-MESSAGES = os.path.join(INSTALL, "mbaid_msgs")
+MESSAGES = [os.path.join(INSTALL, name) for name in ("mbaid_msgs", "tf2_msgs")]
 PACKAGE = os.path.join(INSTALL, "mbaid_ros")
 SITE_PACKAGES = os.path.join("lib", "python{version}", "site-packages")
 
@@ -56,10 +56,11 @@ def prepend(name, paths):
 
 # After `. install/setup.bash` everything is there already; while that script runs, it asks this Python what is missing.
 if os.environ.get("MBAID_ROS_SOURCED") != sys.prefix:
-    prepend("AMENT_PREFIX_PATH", existing(PACKAGE, MESSAGES, sys.prefix))
-    prepend("LD_LIBRARY_PATH", existing(os.path.join(MESSAGES, "lib")))
+    prepend("AMENT_PREFIX_PATH", existing(PACKAGE, *MESSAGES, sys.prefix))
+    prepend("LD_LIBRARY_PATH", existing(*(os.path.join(messages, "lib") for messages in MESSAGES)))
     # The package as colcon installs it with links (build/) or with copies (install/), and its messages.
-    sys.path += existing({build!r}, os.path.join(PACKAGE, SITE_PACKAGES), os.path.join(MESSAGES, SITE_PACKAGES))
+    packages = [PACKAGE, *MESSAGES]
+    sys.path += existing({build!r}, *(os.path.join(package, SITE_PACKAGES) for package in packages))
 """
 
 # Start-up files run in the order of their names: this one has to come before the wheels' own

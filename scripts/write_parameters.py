@@ -14,9 +14,10 @@ from pathlib import Path
 
 from mbaid_ros.config.calibration import CalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import ParameterSpec, Value, specifications
+from mbaid_ros.config.parameters import named_specifications, specifications
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.specification import ParameterSpec, Value
 
 ROOT = Path(__file__).resolve().parents[1]
 PATH = ROOT / 'config' / 'estimator.yaml'
@@ -73,6 +74,10 @@ def table(declared: type) -> str:
     rows = [
         f'| `{spec.name}` | `{_written(spec.default)}` | {spec.unit} | {_meaning(spec)} |'
         for spec in specifications(declared).values()
+    ]
+    # A single thing is as all are, where nothing is said of it.
+    rows += [
+        f'| `{spec.name}` | | {spec.unit} | {_meaning(spec)} |' for spec in named_specifications(declared).values()
     ]
     return '\n'.join(['| parameter | default | unit | meaning |', '|---|---|---|---|', *rows]) + '\n'
 

@@ -153,6 +153,7 @@ class Graph:
         self._clients: dict[str, Client] = {}
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._nodes = [self.node]
 
     def start(self, name: str, *arguments: object) -> Process:
         """Start an executable of the package."""
@@ -161,6 +162,11 @@ class Graph:
         process = Process([name, *map(str, arguments)], self.environment, folder, self._lock)
         self.processes.append(process)
         return process
+
+    def add(self, node: Node) -> None:
+        """Run a node of this process, made in the context of the test's own, until the end."""
+        self._nodes.append(node)  # the executor does not keep it alive
+        self._executor.add_node(node)
 
     def collect(self, topic: str, message_type: type, profile: QoSProfile = EVERYTHING) -> list[Any]:
         """Return a list that the messages of a topic are appended to from now on."""
@@ -217,7 +223,8 @@ class Graph:
         for process in self.processes:
             process.close()
         self._executor.shutdown()
-        self.node.destroy_node()  # type: ignore[no-untyped-call]
+        for node in self._nodes:
+            node.destroy_node()  # type: ignore[no-untyped-call]
         rclpy.shutdown(context=self._context)
 
 

@@ -6,6 +6,8 @@ import numpy as np
 
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.storage import Storage
 
 KINDS = ('revolute', 'continuous', 'prismatic', 'fixed')
 
@@ -62,3 +64,15 @@ def _link(index: int) -> str:
 
 def _text(values: Array) -> str:
     return ' '.join(repr(float(value)) for value in values)
+
+
+def random_storage(rng: np.random.Generator, model: RobotModel) -> Storage:
+    """Return two wheels in one body, one in another, and a momentum that is told in the axes of a link."""
+    wheels = Storage()
+    for count in (2, 1):
+        axes = rng.normal(size=(count, 3))
+        link = model.links[int(rng.integers(len(model.links)))]
+        names = [f'wheel{wheels.count + index}' for index in range(count)]
+        unit = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        wheels += Storage.wheels(link, names, unit, rng.uniform(0.5, 2.0, count).tolist(), 0.1)
+    return wheels + Storage.told(model.link(model.last_link), 0.1)

@@ -83,6 +83,7 @@ def rviz2(words: list[str]) -> None:
     """Read the layout, of which test_layouts.py checks what it shows."""
     parser = argparse.ArgumentParser('rviz2')
     parser.add_argument('-d', '--display-config', type=Path, required=True)
+    parser.add_argument('-f', '--fixed-frame', required=True)
     layout = yaml.safe_load(parser.parse_args(words).display_config.read_text(encoding='utf-8'))
     assert layout['Visualization Manager']['Displays']
 

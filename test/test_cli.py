@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -113,3 +115,14 @@ def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str], argv: 
     assert text in captured.err
     assert captured.err.count('\n') == 1
     assert not captured.out
+
+
+@pytest.mark.parametrize(('typed', 'offered'), [('tool --ra', ['--rate']), ('tool --method ro', ['round'])])
+def test_a_shell_that_completes_gets_an_answer(tmp_path: Path, typed: str, offered: list[str]) -> None:
+    code = "from test_cli import parsing; from mbaid_ros.cli import run; run(parsing, ['x'])"
+    asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': typed, 'COMP_POINT': str(len(typed)), '_ARGCOMPLETE_IFS': '\n'}
+    answer = tmp_path / 'answer'
+    environment = {**os.environ, **asked, '_ARGCOMPLETE_STDOUT_FILENAME': str(answer)}
+    environment['PYTHONPATH'] = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    subprocess.run([sys.executable, '-c', code], env=environment, check=True, capture_output=True)
+    assert answer.read_text().split() == offered

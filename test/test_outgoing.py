@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.debris import Debris, Frame
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.bag_types import BAG_TYPES
 
@@ -32,6 +32,7 @@ def example() -> Estimate:
         budget=ErrorBudget(
             ('sensor noise', 'mount'), np.column_stack((np.linspace(0.0, 0.9, 10), np.linspace(1.0, 0.1, 10)))
         ),
+        events=(Event(1.0, 'step', np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), 'a thruster'),),
         warnings=('of the estimate',),
     )
 
@@ -57,6 +58,12 @@ def test_an_estimate_survives_the_wire_in_full() -> None:
     assert (read.angular_momentum.x, read.angular_momentum.z) == (3.0, 5.0)
     np.testing.assert_array_equal(read.momentum_covariance.reshape(6, 6), np.eye(6))
     assert (read.span.sec, read.span.nanosec) == (1, 250_000_000)
+    assert (read.phase, read.stale) == ('post_capture', False)
+    (event,) = read.events
+    assert (event.kind, event.time, event.cause) == ('step', 1.0, 'a thruster')
+    assert (event.linear.x, event.angular.z) == (1.0, 6.0)
+    # A quarter of a second before the last sample.
+    assert (event.stamp.sec, event.stamp.nanosec) == (1_699_999_999, 873_456_789)
     assert np.isnan(read.time_offset)
     assert read.warnings == ['of the estimate', 'of the run']
 

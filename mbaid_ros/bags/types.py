@@ -16,8 +16,11 @@ from rosbags.typesys.store import Typestore
 from mbaid_ros.core.errors import DataError
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
+EVENT_TYPE = 'mbaid_msgs/msg/MomentumEvent'
 # Fields that a type had not always: bags from before them are read by their own definition, without these.
-ADDED = {ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares'}}
+ADDED = {
+    ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares', 'phase', 'stale', 'events'},
+}
 _DEFINITION = re.compile(r'^\s*(?:([a-z]\w*)/)?(?:msg/)?([A-Z]\w*)', re.MULTILINE)
 
 
@@ -31,7 +34,8 @@ def message_types() -> Typestore:
         The definition of the project's own message is not found.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(_own_definition('InertiaEstimate'), ESTIMATE_TYPE))
+    for name in (EVENT_TYPE, ESTIMATE_TYPE):
+        store.register(get_types_from_msg(_own_definition(name.rpartition('/')[2]), name))
     return store
 
 

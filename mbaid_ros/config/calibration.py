@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from mbaid_ros.config.deviations import JointDeviations, mount_orientation, mount_position
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build, parameter, specifications, unknown_parameter, values_of
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.parameters import build, by_name, parameter
 
 NODE = 'calibrate'
 _OWN = ('prior.', 'unknown_links')
-_LINKS = 'prior.links.'
 
 
 @dataclass(frozen=True)
@@ -37,11 +35,19 @@ class LinkPriorConfig:
 
 
 @dataclass(frozen=True)
+class LinkPriorsConfig:
+    """The same of single links."""
+
+    own: Mapping[str, Mapping[str, float]] = by_name(LinkPriorConfig, 'link')
+
+
+@dataclass(frozen=True)
 class PriorConfig(JointDeviations, LinkPriorConfig):
     """How far links, joints and the odometry's mount may be off: one standard deviation."""
 
     mount_position_std: float = mount_position()
     mount_orientation_std: float = mount_orientation()
+    links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
 
 
 @dataclass(frozen=True)
@@ -62,16 +68,16 @@ class CalibrationParameters:
     ----------
     estimator : noise, windows, frames: as for the estimator
     calibration : CalibrationConfig
-    links : priors of single links, by name
     """
 
     estimator: EstimatorConfig
     calibration: CalibrationConfig
-    links: Mapping[str, LinkPriorConfig]
 
     def prior(self, link: str) -> LinkPriorConfig:
-        """Return the prior of a link: its own, or the one for all."""
-        return self.links.get(link, self.calibration.prior)
+        """Return the prior of a link: its own, or what is said of all."""
+        prior = self.calibration.prior
+        shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
+        return LinkPriorConfig(**{**shared, **prior.links.own.get(link, {})})
 
 
 def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
@@ -82,24 +88,6 @@ def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameter
     ParameterError
         An unknown name, or a value that is not accepted.
     """
-    of_links = {name: value for name, value in values.items() if name.startswith(_LINKS)}
-    own = {name: value for name, value in values.items() if name.startswith(_OWN) and name not in of_links}
-    rest = {name: value for name, value in values.items() if name not in own and name not in of_links}
-    config = build(CalibrationConfig, own)
-    return CalibrationParameters(build(EstimatorConfig, rest), config, _link_priors(of_links, config.prior))
-
-
-def _link_priors(values: Mapping[str, object], general: PriorConfig) -> dict[str, LinkPriorConfig]:
-    """Return the priors of single links: what is not given for one is as for all."""
-    known = specifications(LinkPriorConfig)
-    shared = {name: value for name, value in values_of(general).items() if name in known}
-    given: dict[str, dict[str, object]] = {}
-    for name, value in values.items():
-        link, _, short = name.removeprefix(_LINKS).rpartition('.')
-        if short not in known or not link:
-            raise unknown_parameter(name, {f'{_LINKS}<link>.{each}': spec for each, spec in known.items()})
-        try:
-            given.setdefault(link, dict(shared))[short] = known[short].check(value)
-        except ParameterError as error:
-            raise ParameterError(str(error).replace(f"'{short}'", f"'{name}'", 1)) from error
-    return {link: build(LinkPriorConfig, own) for link, own in given.items()}
+    own = {name: value for name, value in values.items() if name.startswith(_OWN)}
+    rest = {name: value for name, value in values.items() if name not in own}
+    return CalibrationParameters(build(EstimatorConfig, rest), build(CalibrationConfig, own))

@@ -48,6 +48,21 @@ class ThrustConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+    scale_std: float = parameter(
+        0.0,
+        'Relative standard deviation of how strong a thruster is, constant, estimated along (trajectory); 0 takes '
+        'commands as exact.',
+        minimum=0.0,
+    )
+    direction_std: float = parameter(
+        0.0,
+        'Standard deviation of how its direction is turned about each axis of its frame, constant; 0 is exact.',
+        unit='rad',
+        minimum=0.0,
+    )
+    frames: tuple[str, ...] = parameter(
+        (), 'Frames of the thrusters that these are about, each with its own; empty is the base link.'
+    )
 
 
 @dataclass(frozen=True)

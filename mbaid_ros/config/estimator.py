@@ -13,6 +13,7 @@ from mbaid_ros.config.capture import (
 )
 from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
 
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
@@ -200,24 +201,27 @@ class MarkerConfig:
 
 @dataclass(frozen=True)
 class ConvergenceConfig:
-    """When an estimate counts as converged."""
+    """When an estimate counts as converged; what is set while the node runs counts from the next window on."""
 
     relative_std: float = parameter(
         0.01,
         'Converged is when the standard deviations, relative to the size of the estimate, are below this.',
         minimum=0.0,
         exclusive_minimum=True,
+        read_only=False,
     )
     identifiable_std: float = parameter(
         0.5,
         'A parameter counts as determined by the data when its relative standard deviation is below this.',
         minimum=0.0,
         exclusive_minimum=True,
+        read_only=False,
     )
     largest_residual: float = parameter(
         2.0,
         'The data count as inconsistent when the residuals are more than this many times what the noise explains.',
         minimum=1.0,
+        read_only=False,
     )
     length: float = parameter(
         1.0,
@@ -225,6 +229,7 @@ class ConvergenceConfig:
         unit='m',
         minimum=0.0,
         exclusive_minimum=True,
+        read_only=False,
     )
 
 
@@ -234,6 +239,9 @@ class EstimatorConfig:
 
     robot_description_file: str = parameter(
         '', 'URDF file of the robot; empty means the topic robot_description instead.'
+    )
+    base_link: str = parameter(
+        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
     )
     target_link: str = parameter('', 'Link whose inertia is identified; empty means the last link of the robot.')
     method: str = parameter('trajectory', 'Identification method.', choices=METHODS)
@@ -275,6 +283,12 @@ class EstimatorConfig:
     publish_tf: bool = parameter(
         default=False,
         description='Send the frames of the links on /tf, where no robot_state_publisher does.',
+        read_only=False,
+    )
+    frame_prefix: str = parameter(
+        '',
+        'What stands before the names of links where these are frames, in what comes in and goes out, as that of '
+        'robot_state_publisher: servicer/.',
     )
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
@@ -290,6 +304,8 @@ class EstimatorConfig:
     target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
     thrust: ThrustConfig = field(default_factory=ThrustConfig)
+    orbit: OrbitConfig = field(default_factory=OrbitConfig)
+    wheels: WheelsConfig = field(default_factory=WheelsConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)

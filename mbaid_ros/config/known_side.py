@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mbaid_ros.config.deviations import JointDeviations, mount_orientation, mount_position
-from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.parameters import by_name, parameter
 
 # Parameters of a robot that is exactly its URDF, as only a simulated one is.
 EXACT = {
@@ -19,6 +20,27 @@ EXACT = {
 
 
 @dataclass(frozen=True)
+class LinkDeviations:
+    """Standard deviations of a single known link, in place of `known_links.relative_std`; 0 is exact."""
+
+    mass_relative_std: float = parameter(
+        0.01,
+        'Relative standard deviation of the mass of this link and all that is fixed to it.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    com_std: float = parameter(
+        0.01, 'Standard deviation of each coordinate of their centre of mass.', unit='m', minimum=0.0
+    )
+    inertia_relative_std: float = parameter(
+        0.01,
+        'Relative standard deviation of the elements of their inertia about the centre of mass.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
 class KnownLinksConfig:
     """How well the known bodies are known."""
 
@@ -28,35 +50,19 @@ class KnownLinksConfig:
         minimum=0.0,
         maximum=1.0,
     )
-    names: tuple[str, ...] = parameter(
-        (), 'Links with a relative standard deviation of their own, in the order of known_links.stds.'
-    )
-    stds: tuple[float, ...] = parameter(
-        (), 'Relative standard deviation of each link in known_links.names.', minimum=0.0, maximum=1.0
-    )
     calibration: str = parameter(
         '',
         'JSON file of calibrate, whose covariance of links, joints and mount counts, not relative_std, known_joints '
         'and odometry_mount; the URDF is then the one it wrote.',
     )
+    links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
 
 
 @dataclass(frozen=True)
 class KnownJointsConfig(JointDeviations):
     """How well the joints are known."""
 
-    names: tuple[str, ...] = parameter(
-        (), 'Joints with standard deviations of their own, in the order of known_joints.zero_stds and the like.'
-    )
-    zero_stds: tuple[float, ...] = parameter(
-        (), "Standard deviation of each of these joints' zeros; empty leaves zero_std.", unit='rad', minimum=0.0
-    )
-    origin_stds: tuple[float, ...] = parameter(
-        (), "Standard deviation of each of these joints' origins; empty leaves origin_std.", unit='m', minimum=0.0
-    )
-    axis_stds: tuple[float, ...] = parameter(
-        (), "Standard deviation of each of these joints' axes; empty leaves axis_std.", unit='rad', minimum=0.0
-    )
+    joints: Mapping[str, Mapping[str, float]] = by_name(JointDeviations, 'joint')
 
 
 @dataclass(frozen=True)

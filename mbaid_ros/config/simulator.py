@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.surroundings import SimulatedOrbitConfig, SimulatedWheelsConfig
 
 MOTIONS = ('passive', 'sinusoids', 'random')
 
@@ -14,7 +15,9 @@ class InitialConfig:
     """The state at time 0."""
 
     joint_positions: tuple[float, ...] = parameter(
-        (), 'Joint positions in the order of the URDF (m for a prismatic joint); empty means zero.', unit='rad'
+        (),
+        'Joint positions in the order of the URDF (m for a prismatic joint), without those that mimic; empty: zero.',
+        unit='rad',
     )
     joint_velocities: tuple[float, ...] = parameter(
         (),
@@ -48,7 +51,7 @@ class MotionConfig:
 
     kind: str = parameter(
         'passive',
-        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones); no limits apply.',
+        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones).',
         choices=MOTIONS,
     )
     amplitudes: tuple[float, ...] = parameter(
@@ -59,6 +62,11 @@ class MotionConfig:
     frequencies: tuple[float, ...] = parameter((), 'Sinusoids: frequencies, one for each amplitude.', unit='Hz')
     phases: tuple[float, ...] = parameter(
         (), 'Sinusoids: phases, one for each amplitude; empty means zero.', unit='rad'
+    )
+    within_limits: bool = parameter(
+        default=True,
+        description='Random: keep joints within the position and velocity limits of the URDF, by smaller motions; '
+        'where initial.joint_positions is empty, they start where these fit.',
     )
     seed: int = parameter(0, 'Random: the same seed gives the same motion.', minimum=0)
     terms: int = parameter(2, 'Random: sinusoids for each joint.', minimum=1, maximum=100)
@@ -80,8 +88,14 @@ class SimulatedThrustConfig:
         'Link it acts on, at the origin and in the axes of its frame; empty means the base link. The name of the '
         'odometry frame makes it one on the base that is constant in that frame.',
     )
-    force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Force.', unit='N', lengths=(3,))
-    torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Torque.', unit='N m', lengths=(3,))
+    force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded force.', unit='N', lengths=(3,))
+    torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded torque.', unit='N m', lengths=(3,))
+    scale: float = parameter(
+        1.0, 'How much stronger force and torque are than commanded.', minimum=0.0, exclusive_minimum=True
+    )
+    turn: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'By how much they are turned against the command: a rotation vector.', unit='rad', lengths=(3,)
+    )
     publish: bool = parameter(
         True,  # noqa: FBT003 - a default
         'Publish what is commanded on thrust, ten times a second while it acts.',
@@ -185,11 +199,16 @@ class SimulatorConfig:
         minimum=0,
         maximum=1000,
     )
+    base_link: str = parameter(
+        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
+    )
     target_link: str = parameter('', 'Link whose inertia is published as the truth; empty means the last link.')
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
+    orbit: SimulatedOrbitConfig = field(default_factory=SimulatedOrbitConfig)
+    wheels: SimulatedWheelsConfig = field(default_factory=SimulatedWheelsConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from mbaid_ros.core.intake.falling_frame import FallingFrame
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.intake.thrust import Thrust
@@ -74,6 +75,7 @@ class Identifier:
     twist_frame : 'child' or 'inertial', as the base's twist was read
     thrust : what is commanded; None where nothing ever is
     correlation_time : s, over which the errors of the base's poses are correlated
+    falling : what knows of the orbit; None where there is none
     """
 
     def __init__(
@@ -84,12 +86,16 @@ class Identifier:
         twist_frame: str = 'child',
         thrust: Thrust | None = None,
         correlation_time: float = 0.0,
+        *,
+        falling: FallingFrame | None = None,
     ) -> None:
         self._estimator = estimator
-        self._synchroniser = Synchroniser(maximum_gap, correlation_time)
+        view = None if falling is None else falling.falling
+        self._synchroniser = Synchroniser(maximum_gap, correlation_time, view)
         self._windows = Windows(window)
         self._twist_frame = TwistFrame(twist_frame)
         self._thrust = thrust
+        self._falling = falling
         self._window = window
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
@@ -137,6 +143,8 @@ class Identifier:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
         if self._thrust is not None:
             windows = [self._thrust.applied(window, self.origin) for window in windows]
+        if self._falling is not None:
+            windows = [self._falling.applied(window, self.origin) for window in windows]
         told = zip(windows, self._twist_frame.update(windows), strict=True)
         prepared = (self._with_rates(window, contradiction) for window, contradiction in told)
         return [window for window in prepared if window is not None]

@@ -67,6 +67,12 @@ class Samples(Stacked):
         is a measured velocity
     impulse : (N, 6) what known thrust has changed (P, L) by since the first sample, odometry frame, L about its origin:
         N s, N m s; zero where not given
+    stored : (N, c) what is read of what stores momentum inside bodies, as `Storage` has it: rad/s, N m s; none where
+        not given
+    tide : (N, 60 b) what an orbit has changed (P, L) by since the first sample, by the standard parameters of each of b
+        bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
+    thrust : (N, 24 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
+        thrusters is off its command: scale and turn (6 x 4, rows first); none where not given
     """
 
     time: Array
@@ -81,11 +87,17 @@ class Samples(Stacked):
     joint_rate_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
     rate_tilt: Array = field(default_factory=lambda: np.zeros((0, 0)))
     impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take velocities as measured, and no thrust, where nothing else is said."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
+        for name in ('stored', 'tide', 'thrust'):
+            if len(getattr(self, name)) != len(self.time):
+                object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
             object.__setattr__(self, 'joint_rate_gain', np.full(self.joint_velocity.shape, np.nan))
         if len(self.rate_tilt) != len(self.time):
@@ -107,11 +119,24 @@ class JointStream(Stacked):
     ----------
     stamp : (N,) int64 ns
     position, velocity : (N, n) in the model's joint order
+    stored : (N, c) as in Samples; none where not given
     """
 
     stamp: Stamps
     position: Array
     velocity: Array
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Take nothing as stored where nothing is said."""
+        if len(self.stored) != len(self.stamp):
+            object.__setattr__(self, 'stored', np.zeros((len(self.stamp), 0)))
+
+    def divided(self, joints: int) -> JointStream:
+        """Return the first n alone as joints; the rates of the others are what is read of stored momentum."""
+        if self.position.shape[1] == joints:
+            return self
+        return JointStream(self.stamp, self.position[:, :joints], self.velocity[:, :joints], self.velocity[:, joints:])
 
 
 @dataclass(frozen=True)

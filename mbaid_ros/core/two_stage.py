@@ -113,9 +113,9 @@ class TwoStageEstimator:
             causes=late.causes,
         )
         if not self._second.settled:
-            return early
+            return _contradicted(early) if self._restarted and not self._agreed else early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
-            return late
+            return replace(late, causes=(*early.causes, *late.causes)) if early.causes else late
         return self._compared(early, late)
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
@@ -133,8 +133,8 @@ class TwoStageEstimator:
             # A solution that is not the data's: once more, from what the first stage has found.
             self._restarted = True
             self._second.restart()
-            return early
-        return replace(late, status='inconsistent', warnings=(*late.warnings, DISAGREE))
+            return _contradicted(early)
+        return _contradicted(late)
 
     @staticmethod
     def _early(first: Estimator, window: Samples, origin: int) -> Estimate | None:
@@ -145,6 +145,11 @@ class TwoStageEstimator:
             window = with_rates(window)
         found = first.update([window], origin)
         return found[-1] if found else None
+
+
+def _contradicted(estimate: Estimate) -> Estimate:
+    """Return an estimate of one stage that the other one has contradicted, and has not agreed with since."""
+    return replace(estimate, status='inconsistent', warnings=(*estimate.warnings, DISAGREE))
 
 
 def _agree(first: Estimate, second: Estimate) -> bool:

@@ -1,6 +1,6 @@
 """Messages to arrays, many at a time: the objects of rclpy and rosbags alike, and bytes that were made into none."""
 
-from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, wrench_of
+from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.messages.refusals import (
@@ -33,5 +33,6 @@ __all__ = [
     'positions_of',
     'stamp_of',
     'stamps_of',
+    'vector_of',
     'wrench_of',
 ]

@@ -39,6 +39,13 @@ def wrench_of(message: Any) -> tuple[str, int, Array]:
     return message.header.frame_id.lstrip('/'), stamp_of(message), values
 
 
+def vector_of(message: Any) -> tuple[str, int, Array]:
+    """Return frame, stamp (ns) and (3,) numbers of a Vector3Stamped."""
+    vector = message.vector
+    values = np.array([vector.x, vector.y, vector.z], dtype=float)
+    return message.header.frame_id.lstrip('/'), stamp_of(message), values
+
+
 def numbers_of(message: Any) -> tuple[float, ...]:
     """Return position (3), orientation (4), linear and angular velocity (3 each) of an Odometry."""
     pose, twist = message.pose.pose, message.twist.twist

@@ -36,16 +36,24 @@ _Shape = JointStateShape | JointStateLayout
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 
-    Messages that hold some of the joints count until one has held all of them.
+    Messages that hold some of the joints count until one has held all of them. Wheels, which are no joints of the
+    robot, come after these: their velocities have to be there, their positions say nothing and are read as zero.
+
+    Parameters
+    ----------
+    joint_names, wheels : names
     """
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        self._names = tuple(joint_names)
+    def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = ()) -> None:
+        self._names = (*joint_names, *wheels)
+        self._first_wheel = len(joint_names)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self._complete = False  # whether a message has held all joints
+        self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
+        self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
         """Return the measurements by the joints they are of, and how many messages were dropped for what.
@@ -68,7 +76,8 @@ class JointReader:
                 earlier.append((layout, shape, run))
         streams = {}
         for joints, read in runs.items():
-            stream = _finite_joints(read, dropped)
+            wheels = [place for place, joint in enumerate(joints) if joint >= self._first_wheel]
+            stream = _finite_joints(read, wheels, dropped)
             if len(stream.stamp):
                 streams[joints] = stream
         return streams, +dropped
@@ -93,6 +102,8 @@ class JointReader:
             if len(self._layouts) > 64:
                 self._layouts.clear()
             known = self._layouts[key] = self._laid_out(key)
+            if len(self.heard) < _MOST_NAMES:
+                self.heard.update(dict.fromkeys(key))
         if len(known.joints) < len(self._names):
             self.unknown = key
             self.missing = tuple(name for name in self._names if name not in key)
@@ -103,6 +114,7 @@ class JointReader:
         joints = tuple(joint for joint, name in enumerate(self._names) if name in place)
         if any(names.count(self._names[joint]) > 1 for joint in joints):
             return _Layout(joints, _NOWHERE, NAMED_TWICE)
+        self.others = tuple(name for name in names if name not in self._names)
         refused = JOINT_MISSING if not joints and self._names else ''
         places = np.array([place[self._names[joint]] for joint in joints], dtype=np.intp)
         return _Layout(joints, places, refused)
@@ -131,18 +143,20 @@ class _Layout:
 _Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same shape
 
 
-def _finite_joints(runs: Sequence[_Run], dropped: Counter[str]) -> JointStream:
-    """Return what messages hold that have every position; others are counted."""
+def _finite_joints(runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]) -> JointStream:
+    """Return what messages hold that have every position, and the speed of every wheel; others are counted."""
     parts = [(layout, *shape.columns(messages)) for layout, shape, messages in runs]
     stream = JointStream(
         np.concatenate([stamp for _, stamp, _, _ in parts]),
         np.concatenate([layout.chosen(position) for layout, _, position, _ in parts]),
         np.concatenate([layout.chosen(velocity) for layout, _, _, velocity in parts]),
     )
-    finite = np.all(np.isfinite(stream.position), axis=1)
+    stream.position[:, wheels] = 0.0
+    finite = np.all(np.isfinite(stream.position), axis=1) & np.all(np.isfinite(stream.velocity[:, wheels]), axis=1)
     real = np.all(np.abs(stream.position) < _LARGEST_JOINT, axis=1)
     dropped[NOT_FINITE] += int(np.sum(~finite))
     dropped[NOT_REAL] += int(np.sum(finite & ~real))
     with np.errstate(invalid='ignore'):
         stream.velocity[~(np.abs(stream.velocity) < _LARGEST_VELOCITY)] = np.nan
-    return stream if np.all(real) else stream[finite & real]
+    usable = finite & real
+    return stream if np.all(usable) else stream[usable]

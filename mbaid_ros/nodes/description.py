@@ -3,12 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import KnownLinksConfig
 from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.session import Session
+
+# A robot that any method can be set up for: tells parameters that can never work from a robot description to come.
+_ANY_ROBOT = """\
+<robot name="any"><link name="base_link"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
+
+
+def check_without_robot(config: EstimatorConfig) -> None:
+    """Refuse parameters that no robot description can be used with.
+
+    Raises
+    ------
+    ParameterError
+        They contradict each other.
+    """
+    # What is about links can only be checked with the robot.
+    config = replace(config, base_link='', target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
+    Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
 
 
 class DescriptionInlet:
@@ -35,6 +58,11 @@ class DescriptionInlet:
             node.create_subscription(String, 'robot_description', take, LATCHED, event_callbacks=late)
         ]
         self.topic = str(self._subscriptions[0].topic_name)
+
+    def close(self) -> None:
+        """Receive no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
     def _subscribe_to_unlatched(self) -> None:
         if len(self._subscriptions) == 1:

@@ -50,6 +50,7 @@ class State:
     problem : why the last robot description or the last data could not be used; empty: they could
     estimate : the last one
     paused : True while no samples are taken
+    stale : why the last estimate is not followed by another one; empty: it is
     ignored : messages not handed to a session, by reason
     """
 
@@ -57,6 +58,7 @@ class State:
     problem: str = ''
     estimate: Estimate | None = None
     paused: bool = False
+    stale: str = ''
     ignored: Counter[str] = field(default_factory=Counter)
 
 
@@ -120,6 +122,28 @@ class Diagnostics:
             wanted += state.session.restarts[-1:]
         return tuple(wanted)
 
+    def silence(self, state: State) -> str:
+        """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
+        if state.paused:
+            return 'paused: no samples are taken'
+        silent = [
+            inlet.topic
+            for key, inlet in self._inlets.items()
+            if inlet.received and self._time - self._arrival[key] > STALE_AFTER
+        ]
+        return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s' if silent else ''
+
+    def awaited(self, state: State) -> list[str]:
+        """Return what has to come before there can be an estimate, by topic and type, and what would help."""
+        wanted = []
+        if state.session is None:
+            wanted.append(
+                f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
+                'the parameter robot_description_file'
+            )
+        silent = [inlet for inlet in self._inlets.values() if not inlet.received]
+        return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
+
     def _absence(self, inlet: Inlet) -> str:
         """Return that nothing has come, for how long, and what would help; it changes but a few times."""
         waited = monotonic() - self._start
@@ -172,15 +196,23 @@ class Diagnostics:
             text = state.problem or f'no robot description on {self._description_topic} yet'
             return ERROR if state.problem else WARN, text, []
         robot = state.session.robot
+        found = state.session.survey()
         values: Values = [
             ('robot', robot.model.name),
             ('target link', robot.target_link),
+            ('target link chosen', found.chosen),
             ('base link', robot.model.base_link),
+            ('known mass (kg)', f'{found.mass:.6g}'),
             ('joints', listing(robot.model.joint_names)),
+            ('joints of the messages alone', listing(found.foreign)),
+            ('joints of the robot description alone', listing(found.unheard)),
+            ('links without inertia', listing(found.without_inertia)),
+            *((f'warning {index + 1}', warning) for index, warning in enumerate(found.warnings)),
         ]
         if state.problem:
             return ERROR, state.problem, values
-        return OK, f"robot '{robot.model.name}', target link '{robot.target_link}'", values
+        text = f"robot '{robot.model.name}', target link '{robot.target_link}'"
+        return (WARN, '; '.join([text, *found.warnings]), values) if found.warnings else (OK, text, values)
 
     def _samples(self, state: State) -> Report:
         session = state.session
@@ -226,6 +258,7 @@ def _estimate(state: State) -> Report:
     if estimate is None:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     values: Values = [
+        ('stale', bool(state.stale)),
         ('method', estimate.method),
         ('stage', estimate.stage),
         ('phase', state.session.robot.phase if state.session else ''),
@@ -245,14 +278,16 @@ def _estimate(state: State) -> Report:
     if estimate.warnings:
         text = f'{text}: {estimate.warnings[0]}'
         level = max(level, WARN)
+    if state.stale:
+        return STALE, f'{text}; stale: {state.stale}', values
     return level, text, values
 
 
 def _parameters(estimate: Estimate) -> Values:
     rows: Values = []
     for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
-        spread = f' +- {std:.2g}' if np.isfinite(std) else ''
-        shown, _ = rounded(value, std)
+        shown, band = rounded(value, std)
+        spread = f' +- {band} (95 %)' if band else ''
         rows.append((f'{name} ({unit})', f'{shown}{spread}' if shown else 'not determined'))
     return rows
 

@@ -1,57 +1,26 @@
-"""The node `estimator`: joint states and odometry in, the inertia of the captured body out."""
+"""The node `estimator`, by itself or managed (a lifecycle node)."""
 
 from __future__ import annotations
 
-import gc
-import re
 import sys
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
+from rclpy.parameter import Parameter
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import KnownLinksConfig
-from mbaid_ros.config.robot import read_robot_description
-from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.nodes.clocks import clock_problems
-from mbaid_ros.nodes.description import DescriptionInlet
-from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
-from mbaid_ros.nodes.inlet import Inlet
-from mbaid_ros.nodes.markers import Display
-from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
-from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import qos, quiet_publisher
+from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.nodes.estimating import Estimating
+from mbaid_ros.nodes.parameters import changed, declare_parameters
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
-from mbaid_ros.outgoing import Frames, debris_message
-from mbaid_ros.session import Session
 
 NAME = 'estimator'
-PERIOD = 1.0  # s, of /diagnostics
-
-_NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
-
-# A robot that any method can be set up for: tells parameters that can never work from a robot description to come.
-_ANY_ROBOT = """\
-<robot name="any"><link name="base_link"><inertial><mass value="1"/>
-<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
 
 
 class EstimatorNode(Node):
-    """Converts, calls the session, publishes.
+    """Identifies from its start on.
 
     Raises
     ------
@@ -61,237 +30,23 @@ class EstimatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._log = self.get_logger()  # type: ignore[no-untyped-call]
-        self._config = declare_parameters(self, EstimatorConfig)
-        self._state = State()
-        self._restarted = 0  # how often the session had started again when that was last told
-        self._logged: set[str] = set()
-        self._report_due = False  # a report waits for the estimate of a window
-        self._awaited: int | None = None  # end of the window that one waited for
-        self._calibrated = ''  # what was last told of the robot's own bodies
-        self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
-        self._outlets = Outlets(self, with_debris=self._config.debris.report)
-        self._display = Display(self, with_frames=self._config.publish_tf)
-        self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
-        description_topic = self._use_description()
-        self._inlets = {
-            'joint_states': Inlet(self, JointState, 'joint_states', self._on_joint_state),
-            'odom': Inlet(self, Odometry, 'odom', self._on_odometry),
-        }
-        self._thrust = Inlet(self, WrenchStamped, 'thrust', self._on_thrust)
-        self._diagnostics = Diagnostics(self._inlets, self._thrust, description_topic)
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Trigger, '~/capture', self._on_capture)
-        # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
-        self.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._say_what_is_missing()
+        self._estimating = Estimating(self, declare_parameters(self, EstimatorConfig))
+        self.add_on_set_parameters_callback(self._on_parameters)
 
-    # Robot description
-
-    def _use_description(self) -> str:
-        """Read the robot description file, or subscribe; return the topic."""
-        path = self._config.robot_description_file
-        if path:
-            self._state.session = Session(self._config, read_robot_description(path))
-            return ''
-        # What is about links can only be checked with the robot.
-        config = replace(self._config, target_link='', debris=DebrisConfig(), known_links=KnownLinksConfig())
-        Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
-        return DescriptionInlet(self, self._on_description).topic
-
-    def _on_description(self, message: String) -> None:
-        state = self._state
-        if state.session is not None and state.session.robot.model.urdf == message.data:
-            state.problem = ''
-            return
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Take what may change at run time; everything else is read-only."""
         try:
-            session = Session(self._config, message.data)
+            self._estimating.adjust(changed(self, EstimatorConfig, parameters))
         except MbaidError as error:
-            kept = '; the one before stays in use' if state.session is not None else ''
-            state.problem = f'robot description refused: {error}{kept}'
-            self._warn_once(state.problem)
-            self._say_what_is_missing()
-            return
-        restarted = state.session is not None
-        state.session, state.problem = session, ''
-        robot = session.robot
-        self._log.info(f"robot '{robot.model.name}', target link '{robot.target_link}', method {self._config.method}")
-        if restarted:
-            self._start_again()
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
-    # Data
 
-    def _on_joint_state(self, message: Any) -> None:
-        session = self._open_session()
-        if session is None:
-            return
-        self._display.follow(session.robot.model, message)
-        if session.add_joint_state(message):
-            self._process(session)
+def _managed() -> Node:
+    from mbaid_ros.nodes.managed import ManagedEstimatorNode  # noqa: PLC0415 - brings message packages of its own
 
-    def _on_odometry(self, message: Any) -> None:
-        session = self._open_session()
-        if session is not None and session.add_odometry(message):
-            self._process(session)
-
-    def _on_thrust(self, message: WrenchStamped) -> None:
-        # Also while paused: it changes the momentum that the next samples have.
-        if self._state.session is not None:
-            self._state.session.add_thrust(message)
-
-    def _open_session(self) -> Session | None:
-        """Return the session if it takes messages now."""
-        state = self._state
-        if state.session is None:
-            state.ignored['no robot description'] += 1
-        elif state.paused:
-            state.ignored['paused'] += 1
-        else:
-            return state.session
-        return None
-
-    def _process(self, session: Session) -> None:
-        try:
-            estimates = session.process()
-        except DataError as error:
-            self._warn_once(str(error))
-            return
-        for estimate in last_of_each_window(estimates, self._config.window):
-            if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
-                self._follow_restart(session)
-            self._state.estimate = estimate
-            frames = self._frames(session)
-            self._outlets.publish(estimate, frames, session.robot.urdf)
-            self._tell_of_calibration(session)
-            alone = session.robot.debris(estimate)
-            if alone is not None:
-                capture = session.robot.captured(estimate)
-                self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
-            self._display.show(estimate, session.robot.target_link)
-        if estimates:
-            session.work_off()  # what can wait comes after the estimates
-            gc.collect()
-        if session.restarted != self._restarted:
-            self._follow_restart(session)
-        if estimates and self._report_due:
-            self._report()
-
-    def _follow_restart(self, session: Session) -> None:
-        """Withdraw what was published before the stamps jumped back."""
-        self._restarted = session.restarted
-        for restart in session.restarts:
-            self._warn_once(restart)
-        self._state.estimate, self._waiting = None, None
-        self._outlets.clear()
-        self._display.clear()
-        self._say_what_is_missing()
-
-    def _tell_of_calibration(self, session: Session) -> None:
-        if session.robot.calibrated and session.robot.calibrated != self._calibrated:
-            self._calibrated = session.robot.calibrated
-            self._log.info(session.robot.calibrated)
-
-    @staticmethod
-    def _frames(session: Session) -> Frames:
-        return Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
-
-    # Services
-
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._start_again()
-        response.success, response.message = True, 'everything forgotten, started again'
-        return response
-
-    def _on_capture(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        session = self._state.session
-        try:
-            if session is None:
-                raise DataError('there is no robot description yet; accepted: a capture after the first sample')
-            response.message = f'captured {session.capture():.3f} s after the first sample'
-        except DataError as error:
-            response.message = str(error)
-            return response
-        response.success = True
-        self._log.info(response.message)
-        return response
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._state.paused = bool(request.data)
-        response.success = True
-        response.message = 'paused: no samples are taken' if request.data else 'taking samples'
-        self._say_what_is_missing()
-        return response
-
-    def _start_again(self) -> None:
-        state = self._state
-        if state.session is not None:
-            state.session.reset()
-        state.estimate, state.ignored, self._restarted = None, Counter(), 0
-        self._waiting = None
-        self._logged.clear()
-        self._outlets.clear()
-        self._display.clear()
-        self._say_what_is_missing()
-
-    # Reports
-
-    def _on_timer(self) -> None:
-        session = self._state.session
-        if session is not None:
-            if session.closing not in (None, self._awaited):
-                # The estimate that comes in a moment goes first; if it does not come, the next report waits no more.
-                self._awaited, self._report_due = session.closing, True
-                return
-            # Also what no window waits for: a stream without the other one must not pile up unread.
-            self._process(session)
-        self._report()
-
-    def _report(self) -> None:
-        self._report_due = False
-        state = self._state
-        for inlet in (*self._inlets.values(), self._thrust):
-            inlet.refresh()
-        if state.session is not None:
-            for complaint in complaints(state.session):
-                self._warn_once(complaint)
-        self._say_what_is_missing()
-        clocks = self._clock_problems()
-        for problem in clocks:
-            self._warn_once(problem)
-        statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'), clocks)
-        array = DiagnosticArray(status=statuses)
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(array)
-
-    def _clock_problems(self) -> list[str]:
-        readings = {inlet.topic: inlet.timed for inlet in self._inlets.values() if inlet.timed is not None}
-        use_sim_time = bool(self.get_parameter('use_sim_time').value)
-        return clock_problems(self.get_clock().now().nanoseconds, readings, use_sim_time=use_sim_time)
-
-    def _say_what_is_missing(self) -> None:
-        """Publish, while there is no estimate, what it waits for, whenever that changes."""
-        state = self._state
-        missing = self._diagnostics.missing(state)
-        if state.estimate is not None or missing == self._waiting:
-            return
-        self._waiting = missing
-        session = state.session
-        frames = self._frames(session) if session else Frames(target_link=self._config.target_link, odometry='')
-        estimate = Estimate(
-            method=self._config.method,
-            status='waiting',
-            stamp=self.get_clock().now().nanoseconds,
-            warnings=missing,
-        )
-        self._outlets.publish(estimate, frames, '')
-
-    def _warn_once(self, text: str) -> None:
-        """Log a text, unless it differs from an earlier one in its numbers alone."""
-        key = _NUMBER.sub('#', text)
-        if key not in self._logged:
-            self._logged.add(key)
-            self._log.warning(text)
+    node: Node = ManagedEstimatorNode(NAME)
+    return node
 
 
 def _main(argv: list[str]) -> int:
@@ -303,9 +58,10 @@ def _main(argv: list[str]) -> int:
         'ros2 run mbaid_ros estimator --ros-args -p robot_description_file:=robot.urdf -p noise.joint_position:=1e-4\n'
         '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
     )
-    parser.parse(own_arguments(argv))
+    parser.add_argument('--lifecycle', action='store_true', help='be a managed node, which waits to be configured')
+    arguments = parser.parse(own_arguments(argv))
     with ros(argv) as interrupt:
-        spin(EstimatorNode(), lambda: interrupt.requested)
+        spin(_managed() if arguments.lifecycle else EstimatorNode(), lambda: interrupt.requested)
     return 0
 
 

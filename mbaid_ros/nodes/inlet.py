@@ -8,14 +8,15 @@ from typing import Any
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import qos_policy_name_from_kind
+from rclpy.qos import ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.cdr import packer
 from mbaid_ros.messages import stamp_of
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.qos import overridable, qos
 
 RMWError = rclpy_implementation.RMWError
 
@@ -26,7 +27,8 @@ class Inlet:
     """Receives messages of one topic and loses none of a reliable publisher.
 
     The subscription asks for reliable delivery. A best-effort publisher does not offer that, and the middleware says so
-    when it finds one: only then is best effort asked for, until no publisher is left.
+    when it finds one: only then is best effort asked for, until no publisher is left. A reliability that is set by a
+    parameter qos_overrides.<topic>.subscription.reliability stays as it is set.
 
     Parameters
     ----------
@@ -49,7 +51,10 @@ class Inlet:
         self.timed: tuple[int, int] | None = None  # of a recent message: stamp, and the node's clock at its arrival, ns
         self._to_be_timed = True
         self.best_effort = False
-        self._subscription = self._subscribe()
+        self._profile = qos(DEPTH)
+        self._subscription = self._subscribe(overridable())  # overrides go into the profile
+        self._set = self._profile.reliability == ReliabilityPolicy.BEST_EFFORT  # by a parameter
+        self.best_effort = self._set
 
     @property
     def topic(self) -> str:
@@ -64,19 +69,25 @@ class Inlet:
     def refresh(self) -> None:
         """Ask for reliable delivery again once the best-effort publisher is gone; time a message. Call it regularly."""
         self._to_be_timed = True
-        if self.best_effort and not self._subscription.get_publisher_count():
+        if self.best_effort and not self._set and not self._subscription.get_publisher_count():
             self._resubscribe(best_effort=False)
 
     def publishers(self) -> list[TopicEndpointInfo]:
         """Return what is known of the topic's publishers."""
         return list(self._node.get_publishers_info_by_topic(self.topic))
 
+    def close(self) -> None:
+        """Receive no more."""
+        self._node.destroy_subscription(self._subscription)
+
     def _resubscribe(self, *, best_effort: bool) -> None:
         self.best_effort = best_effort
         self._node.destroy_subscription(self._subscription)
-        self._subscription = self._subscribe()
+        # The parameters of the first subscription hold what it had: they would bring that back.
+        self._profile.reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+        self._subscription = self._subscribe(None)
 
-    def _subscribe(self) -> Subscription:
+    def _subscribe(self, overrides: QoSOverridingOptions | None) -> Subscription:
         events = SubscriptionEventCallbacks(
             incompatible_qos=None if self.best_effort else self._on_incompatible, use_default_callbacks=False
         )
@@ -84,8 +95,9 @@ class Inlet:
             self._message_type,
             self._given_topic,
             self._on_message,
-            qos(DEPTH, best_effort=self.best_effort),
+            self._profile,
             event_callbacks=events,
+            qos_overriding_options=overrides,
             raw=self._pack is not None,
         )
 

@@ -11,6 +11,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -21,7 +22,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.principal import ellipsoid_radii, principal
 from mbaid_ros.messages import positions_of, stamp_of
-from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
@@ -104,14 +105,18 @@ class LinkFrames:
     Parameters
     ----------
     model : RobotModel
+    prefix : of the frames' names
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, prefix: str = '') -> None:
         self._model = model
+        self._prefix = prefix
         self._kinematics = Kinematics(model)
         joints = ET.fromstring(model.urdf).findall('joint')
-        self._parents = {_end(joint, 'child'): _end(joint, 'parent') for joint in joints}
-        self._positions = dict.fromkeys(model.joint_names, math.nan)
+        kept = {link.name for link in model.links}
+        ends = ((_end(joint, 'child'), _end(joint, 'parent')) for joint in joints)
+        self._parents = {child: parent for child, parent in ends if child in kept and parent in kept}
+        self._positions = dict.fromkeys(model.independent_joints, math.nan)
         self._sent = -_TF_PERIOD
 
     def transforms(self, message: Any) -> list[TransformStamped]:
@@ -119,7 +124,7 @@ class LinkFrames:
         for name, value in positions_of(message).items():
             if name in self._positions:
                 self._positions[name] = value
-        positions = np.array([self._positions[name] for name in self._model.joint_names])
+        positions = self._model.positions_from(self._positions)
         stamp = stamp_of(message)
         if not np.all(np.isfinite(positions)) or 0 <= stamp - self._sent < _TF_PERIOD:
             return []
@@ -130,8 +135,8 @@ class LinkFrames:
         made = []
         for child, parent in self._parents.items():
             (rotation, position), (carrier, origin) = places[child], places[parent]
-            header = Header(stamp=Time(sec=second, nanosec=nanosecond), frame_id=parent)
-            transform = TransformStamped(header=header, child_frame_id=child)
+            header = Header(stamp=Time(sec=second, nanosec=nanosecond), frame_id=self._prefix + parent)
+            transform = TransformStamped(header=header, child_frame_id=self._prefix + child)
             transform.transform.translation = _vector(rotate_back(carrier[0], position[0] - origin[0]))
             transform.transform.rotation = _quaternion(carrier[0].T @ rotation[0])
             made.append(transform)
@@ -145,6 +150,7 @@ class Display:
     ----------
     node : Node
     with_frames : whether the links' frames are sent, too
+    prefix : of the frames' names
 
     Raises
     ------
@@ -152,11 +158,34 @@ class Display:
         Frames are asked for, but the message package for them is not installed.
     """
 
-    def __init__(self, node: Node, *, with_frames: bool) -> None:
-        self._markers = node.create_publisher(MarkerArray, '~/markers', LATCHED)
-        self._message: Any = _tf_message() if with_frames else None
-        self._tf = node.create_publisher(self._message, '/tf', qos(100)) if with_frames else None
+    def __init__(self, node: Node, *, with_frames: bool, prefix: str = '') -> None:
+        self._prefix = prefix
+        self._node = node
+        self._message: Any = None
+        self._tf: Publisher | None = None
         self._frames: tuple[RobotModel, LinkFrames] | None = None
+        self.send_frames(wanted=with_frames)
+        self._markers = quiet_publisher(node, MarkerArray, '~/markers', LATCHED)
+
+    def send_frames(self, *, wanted: bool) -> None:
+        """Begin or end to send the links' frames.
+
+        Raises
+        ------
+        ParameterError
+            Frames are asked for, but the message package for them is not installed.
+        """
+        if wanted and self._tf is None:
+            self._message = _tf_message()
+            self._tf = self._node.create_publisher(self._message, '/tf', qos(100))
+        elif not wanted and self._tf is not None:
+            self._node.destroy_publisher(self._tf)
+            self._tf = None
+
+    def close(self) -> None:
+        """Publish no more."""
+        self._node.destroy_publisher(self._markers)
+        self.send_frames(wanted=False)
 
     def show(self, estimate: Estimate, frame: str) -> None:
         """Show an estimate in the frame of the target link."""
@@ -171,7 +200,7 @@ class Display:
         if self._tf is None:
             return
         if self._frames is None or self._frames[0] is not model:
-            self._frames = (model, LinkFrames(model))
+            self._frames = (model, LinkFrames(model, self._prefix))
         transforms = self._frames[1].transforms(message)
         if transforms:
             self._tf.publish(self._message(transforms=transforms))

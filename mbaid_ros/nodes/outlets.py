@@ -45,12 +45,17 @@ class Outlets:
 
     def clear(self) -> None:
         """Forget what has been published: whoever subscribes from now on gets nothing of it."""
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
+        self.close()
         self._publishers = {
             topic: quiet_publisher(self._node, message_type, topic, LATCHED)
             for topic, message_type in self._topics.items()
         }
+
+    def close(self) -> None:
+        """Publish no more."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers = {}
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in the forms it is good for.
@@ -68,6 +73,10 @@ class Outlets:
         if is_complete(estimate):
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
             self._publish('~/robot_description', String(data=text))
+
+    def tell_stale(self, estimate: Estimate, frames: Frames, reason: str) -> None:
+        """Publish an estimate once more, as one that nothing follows for a reason."""
+        self._publish('~/estimate', estimate_message(estimate, TYPES, frames, [reason], stale=True))
 
     def publish_debris(self, message: InertiaEstimate) -> None:
         """Publish the captured body on its own."""

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mbaid_ros.config.parameters import ParameterSpec, build, specifications, values_of
+from mbaid_ros.config.parameters import build, named_specifications, specification, specifications, values_of
+from mbaid_ros.config.specification import ParameterSpec
 
 T = TypeVar('T')
 
 _SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
 
 
-def declare_parameters(node: Node, cls: type[T]) -> T:
+def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T:
     """Declare every parameter of a dataclass on a node and return an instance with the values given to the node.
 
     rclpy ignores an override whose name is not declared, and does not take a whole number for a double. Here the first
@@ -27,6 +29,8 @@ def declare_parameters(node: Node, cls: type[T]) -> T:
     node : Node
     cls : type
         A dataclass of parameters.
+    settable : bool
+        Whether also those can be set that are read but once.
 
     Raises
     ------
@@ -41,30 +45,47 @@ def declare_parameters(node: Node, cls: type[T]) -> T:
     empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
     config = build(cls, given | dict.fromkeys(empty, ()))
     values = values_of(config)
-    for spec in known.values():
-        value = values[spec.name]
+    of_things = tuple(named_specifications(cls).values())
+    for name, value in values.items():
+        spec = specification(name, known, of_things)
         if value == ():
-            _declare_empty_list(node, spec)
+            _declare_empty_list(node, spec, settable=settable)
         else:
             plain = list(value) if isinstance(value, tuple) else value
-            node.declare_parameter(spec.name, plain, _descriptor(spec), ignore_override=True)
+            node.declare_parameter(spec.name, plain, _descriptor(spec, settable=settable), ignore_override=True)
     return config
 
 
-def _declare_empty_list(node: Node, spec: ParameterSpec) -> None:
+def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
+    """Return what the parameters of a node would be with some set to other values.
+
+    Raises
+    ------
+    ParameterError
+        A value is not accepted.
+    """
+    known = specifications(cls)
+    values = {name: node.get_parameter(name).value for name in known if node.has_parameter(name)}
+    values |= {parameter.name: parameter.value for parameter in parameters if parameter.name in known}
+    return build(cls, values)
+
+
+def _declare_empty_list(node: Node, spec: ParameterSpec, *, settable: bool) -> None:
     """Declare a list by its type: rclpy takes an empty one for a list of bytes."""
     kind = Parameter.Type[spec.type.upper()]
     # Declared by type, a parameter has no value; it can be given one before it becomes read-only.
     node.declare_parameter(spec.name, kind, ignore_override=True)
     node.set_parameters([Parameter(spec.name, kind, [])])  # type: ignore[no-untyped-call]
-    descriptor = _descriptor(spec)
+    descriptor = _descriptor(spec, settable=settable)
     descriptor.name, descriptor.type = spec.name, kind.value
     node.set_descriptor(spec.name, descriptor)
 
 
-def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+def _descriptor(spec: ParameterSpec, *, settable: bool) -> ParameterDescriptor:
+    when = 'is configured' if settable else 'starts'
+    constraints = f'{spec.accepted}; read when the node {when}' if spec.read_only else spec.accepted
     descriptor = ParameterDescriptor(
-        description=spec.description, additional_constraints=spec.accepted, read_only=spec.read_only
+        description=spec.description, additional_constraints=constraints, read_only=spec.read_only and not settable
     )
     if spec.minimum is None and spec.maximum is None:
         return descriptor

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 
 def qos(depth: int, *, best_effort: bool = False, latched: bool = False) -> QoSProfile:
@@ -28,6 +31,12 @@ def qos(depth: int, *, best_effort: bool = False, latched: bool = False) -> QoSP
 
 
 LATCHED = qos(1, latched=True)
+_OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Return what lets parameters qos_overrides.<topic>.<publisher or subscription>.<policy> take effect."""
+    return QoSOverridingOptions(_OVERRIDABLE)
 
 
 def quiet_publisher(node: Node, message_type: type, topic: str, profile: QoSProfile) -> Publisher:
@@ -37,5 +46,9 @@ def quiet_publisher(node: Node, message_type: type, topic: str, profile: QoSProf
     for every message that it takes: a tenth of the work of a node that takes thousands a second.
     """
     return node.create_publisher(
-        message_type, topic, profile, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
+        message_type,
+        topic,
+        copy(profile),  # overrides go into it
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        qos_overriding_options=overridable(),
     )

@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 
-from geometry_msgs.msg import InertiaStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -59,6 +59,8 @@ class SimulatorNode(Node):
         self._inputs = list(self._outlets.values())  # what an estimator needs
         if self._run.pulse is not None and self._config.thrust.publish:
             self._outlets['thrust'] = self.create_publisher(WrenchStamped, 'thrust', qos(_DEPTH))
+        if self._run.tells_momentum:
+            self._outlets['stored_momentum'] = self.create_publisher(Vector3Stamped, 'stored_momentum', qos(_DEPTH))
         self._clock_outlet = (
             self.create_publisher(ClockMessage, '/clock', qos(10)) if self._config.publish_clock else None
         )

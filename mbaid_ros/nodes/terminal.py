@@ -115,7 +115,8 @@ def _momentum(symbol: str, unit: str, vector: Any) -> str:
 
 
 def _status(message: Any) -> str:
-    return one_line(message.status).replace('_', ' ')
+    stale = ' (stale)' if message.stale else ''
+    return one_line(message.status).replace('_', ' ') + stale
 
 
 def _method(message: Any) -> str:

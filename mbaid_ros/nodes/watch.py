@@ -6,16 +6,18 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from time import monotonic
 from typing import TextIO
 
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.nodes.terminal import drawn, line, screen
@@ -23,6 +25,8 @@ from mbaid_ros.nodes.terminal import drawn, line, screen
 NAME = 'watch'
 TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _PERIOD = 0.2  # s, between two looks at the graph for an estimator
+_PATIENCE = 5.0  # s without one, after which it is said what may be wrong
+_DEBRIS = '/debris'  # the end of a topic that is shown only if it is asked for
 
 
 class WatchNode(Node):
@@ -32,12 +36,23 @@ class WatchNode(Node):
     ----------
     wanted : name of an estimator or of its topic; empty for the first one that is found
     show : called with the message and the topic
+    hint : called with what a user should know about the graph
+    context : rclpy's, its own one where not given
     """
 
-    def __init__(self, wanted: str, show: Callable[[InertiaEstimate, str], None]) -> None:
-        super().__init__(f'{NAME}_{os.getpid()}', start_parameter_services=False)
+    def __init__(
+        self,
+        wanted: str,
+        show: Callable[[InertiaEstimate, str], None],
+        hint: Callable[[str], None],
+        context: Context | None = None,
+    ) -> None:
+        super().__init__(f'{NAME}_{os.getpid()}', context=context, start_parameter_services=False)
         self._wanted = wanted
         self._show = show
+        self._hint = hint
+        self._begin = monotonic()
+        self._hinted = False
         self._subscription: Subscription | None = None
         self.seen = 0
         self.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -47,9 +62,13 @@ class WatchNode(Node):
         if self._subscription is not None:
             return
         found = sorted(name for name, types in self.get_topic_names_and_types() if TYPE in types)
-        topic = next((name for name in found if not self._wanted or name in self._names()), None)
+        estimates = [name for name in found if not name.endswith(_DEBRIS)]
+        topic = next((name for name in (found if self._wanted else estimates) if self._fits(name)), None)
         if topic is None:
+            self._hint_at(found)
             return
+        if not self._wanted and len(estimates) > 1:
+            self._hint(f'{len(estimates)} estimators: {listing(estimates)}; shown is {topic}, NAME chooses another')
 
         def take(message: InertiaEstimate) -> None:
             self.seen += 1
@@ -57,9 +76,23 @@ class WatchNode(Node):
 
         self._subscription = self.create_subscription(InertiaEstimate, topic, take, qos(100, latched=True))
 
-    def _names(self) -> tuple[str, str]:
+    def _fits(self, topic: str) -> bool:
         absolute = '/' + self._wanted.strip('/')
-        return absolute, f'{absolute}/estimate'
+        return not self._wanted or topic in {absolute, f'{absolute}/estimate'}
+
+    def _hint_at(self, found: Sequence[str]) -> None:
+        """Say once, after a while, why there may be nothing to show."""
+        if self._hinted or monotonic() - self._begin < _PATIENCE:
+            return
+        self._hinted = True
+        if found:
+            self._hint(f"no '{self._wanted}' yet; there is {listing(found)}")
+        else:
+            domain = os.environ.get('ROS_DOMAIN_ID', '0')
+            self._hint(
+                f'no estimator in ROS_DOMAIN_ID {domain} yet; start one (ros2 run mbaid_ros estimator), or set the '
+                'domain and ROS_AUTOMATIC_DISCOVERY_RANGE that it has'
+            )
 
 
 class Screen:
@@ -126,6 +159,10 @@ def _parser() -> ArgumentParser:
     return parser
 
 
+def _hint(text: str) -> None:
+    print(f'mbaid_ros {NAME}: {one_line(text)}', file=sys.stderr, flush=True)
+
+
 def _main(argv: list[str]) -> int:
     arguments = _parser().parse(own_arguments(argv))
     wanted = arguments.estimator
@@ -133,7 +170,7 @@ def _main(argv: list[str]) -> int:
         raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")
     on_terminal = sys.stdout.isatty() and os.environ.get('TERM', 'dumb') != 'dumb' and not arguments.once
     with ros(argv) as interrupt:
-        node = WatchNode(wanted, Screen(sys.stdout) if on_terminal else Lines(sys.stdout))
+        node = WatchNode(wanted, Screen(sys.stdout) if on_terminal else Lines(sys.stdout), _hint)
         if sys.stdout.isatty():
             print(f'waiting for {wanted or "an estimator"} ...', flush=True)
         spin(node, lambda: interrupt.requested or (arguments.once and node.seen))

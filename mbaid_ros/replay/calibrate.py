@@ -26,6 +26,7 @@ from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
+from mbaid_ros.session import spin_deviations, storage, uncertain_thrusters
 
 STDOUT = '-'
 
@@ -40,7 +41,7 @@ def _calibrate(argv: list[str]) -> int:
     _check_outputs(arguments)
     parameters = _parameters(arguments)
     urdf = read_robot_description(arguments.model)
-    kernel = make_kernel(load_model(urdf), parameters)
+    kernel = make_kernel(load_model(urdf, parameters.estimator.base_link), parameters)
     settings = make_settings(kernel, parameters)
     inputs = Inputs.of(arguments)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
@@ -116,7 +117,7 @@ def make_kernel(model: RobotModel, parameters: CalibrationParameters) -> Momentu
         raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
     if not names:
         raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
-    return MomentumKernel(model, *names)
+    return MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
 
 
 def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
@@ -130,7 +131,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         A prior is about a link that is not calibrated.
     """
     names = [link.name for link in kernel.unknown]
-    for link in parameters.links:
+    for link in parameters.calibration.prior.links.own:
         if kernel.model.link(link).name not in names:
             raise ParameterError(
                 f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
@@ -139,20 +140,24 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
     return CalibrationSettings(
         noise=SensorNoise(**vars(parameters.estimator.noise)),
         priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
-        uncertainty=_uncertainty(kernel.model.joints, parameters),
+        uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,
     )
 
 
-def _uncertainty(joints: int, parameters: CalibrationParameters) -> Uncertainty:
-    """Return what the parameters say of joints, mount, stamps and momentum."""
-    prior, estimator = parameters.calibration.prior, parameters.estimator
+def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
+    """Return what the parameters say of joints, mount, wheels, thrusters, stamps and momentum."""
+    prior, estimator, joints = parameters.calibration.prior, parameters.estimator, model.joints
     return Uncertainty(
         [prior.zero_std] * joints,
         [prior.origin_std] * joints,
         [prior.axis_std] * joints,
         mount_position=prior.mount_position_std,
         mount_orientation=prior.mount_orientation_std,
+        spin_inertias=spin_deviations(estimator.wheels),
+        thrusters=uncertain_thrusters(estimator.thrust, model),
+        thrust_scale=estimator.thrust.scale_std,
+        thrust_direction=estimator.thrust.direction_std,
         time_offset=estimator.time_offset.prior_std if estimator.time_offset.estimate else 0.0,
         linear_momentum=estimator.momentum.linear_prior_std,
     )

@@ -20,6 +20,7 @@ from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions
+from mbaid_ros.session import Survey, survey
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -64,10 +65,16 @@ class Calibrated:
         return self.calibration.structure.base_parameters()
 
     @cached_property
+    def survey(self) -> Survey:
+        """What the calibration takes the robot for."""
+        heard = {name for motion in self.motions for name in motion.heard}
+        return survey(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one line each."""
         told = [warning for motion in self.motions for warning in motion.warnings]
-        return tuple(dict.fromkeys((*_about_motion(self), *_about_values(self), *told)))
+        return tuple(dict.fromkeys((*self.survey.warnings, *_about_motion(self), *_about_values(self), *told)))
 
 
 def why_not(result: Calibrated) -> str:

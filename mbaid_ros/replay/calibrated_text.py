@@ -9,7 +9,8 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.calibration.result import LinkResult
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS
+from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay.calibrated import Calibrated
 
 
@@ -34,20 +35,20 @@ def told(result: Calibrated) -> list[str]:
         f'{calibration.determined}, joints and mount among them, the data say more than the prior'
     )
     std = f'{100.0 * calibration.scale.relative_std:.2g} %'
-    lines = [determined, f'scale: total mass known to {std}, fixed by {shares or "nothing"}']
+    lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
     if np.any(calibration.stds[-6:]):
         mount = _beside(1e3 * calibration.mount[3:], 1e3 * calibration.stds[-3:])
         turn = _beside(1e3 * calibration.mount[:3], 1e3 * calibration.stds[-6:-3])
-        lines.append(f'mount of the odometry, beside the URDF: {mount} mm, {turn} mrad')
+        lines.append(f'mount of the odometry, beside the URDF: {mount} mm, {turn} mrad (95 %)')
     return lines
 
 
 def _beside(values: Array, stds: Array) -> str:
-    """Return values with their common standard deviation in a few words."""
-    return f'{" ".join(f"{each:+.2f}" for each in values)} ± {float(np.max(stds)):.2g}'
+    """Return values with their common 95 % band in a few words."""
+    return f'{" ".join(f"{each:+.2f}" for each in values)} ± {BAND * float(np.max(stds)):.2g}'
 
 
-JOINTS_HEAD = ('joint', 'zero, mrad (mm)', 'origin moved, mm', 'axis tilted, mrad')
+JOINTS_HEAD = ('joint', 'zero ± 95 %, mrad (mm)', 'origin moved ± 95 %, mm', 'axis tilted ± 95 %, mrad')
 
 
 def joint_rows(result: Calibrated) -> list[tuple[str, str, str, str]]:
@@ -73,7 +74,7 @@ def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
 
 def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
     stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
-    mass = f'{link.parameters[0]:.6g} ± {link.std[0]:.2g}'
+    mass = ' ± '.join(rounded(float(link.parameters[0]), float(link.std[0])))
     before, com, moments = 'none', '-', '-'
     if link.cad[0] > 0.0:
         before = f'{link.cad[0]:.6g}'
@@ -83,12 +84,19 @@ def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
     return one_line(link.name), f'{before} -> {mass}', com, moments, kept
 
 
-HEAD = ('body', 'mass ± std, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
+HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
 
 
 def summary(result: Calibrated) -> str:
     """Return the result as a table for a terminal."""
-    lines = [headline(result), *(f'  {each}' for each in told(result)), '', *_columns([HEAD, *rows(result)])]
+    lines = [
+        *map(one_line, result.survey.lines),
+        '',
+        headline(result),
+        *(f'  {each}' for each in told(result)),
+        '',
+        *_columns([HEAD, *rows(result)]),
+    ]
     joints = [JOINTS_HEAD, *joint_rows(result)]
     if len(joints) > 1 and np.any(result.calibration.stds[len(result.calibration.theta) : -6]):
         lines += ['', *_columns(joints)]

@@ -14,7 +14,7 @@ from pathlib import Path
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
@@ -23,7 +23,7 @@ from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
 from mbaid_ros.replay.provenance import hashes, made_by
-from mbaid_ros.replay.results import Run, as_json, summary
+from mbaid_ros.replay.results import Run, as_json, texts
 from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 
@@ -89,10 +89,11 @@ def _truths(arguments: argparse.Namespace) -> list[Truth | None]:
 
 
 def _config(arguments: argparse.Namespace) -> EstimatorConfig:
-    """Return the parameters of the file, those of the command line over them."""
+    """Return the parameters: the file's, then those of -p, then those with an argument of their own."""
     values: dict[str, object] = {}
     if arguments.params:
         values.update(load_parameter_file(arguments.params, 'estimator'))
+    values |= dict(map(parse_assignment, arguments.assignments))
     if arguments.method is not None:
         values['method'] = arguments.method
     if arguments.target is not None:
@@ -129,4 +130,4 @@ def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: S
     if arguments.json == STDOUT:
         sys.stdout.write(text)
     else:
-        print('\n\n'.join(summary(result) for result in runs))
+        print(texts(runs))

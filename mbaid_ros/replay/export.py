@@ -19,11 +19,12 @@ from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.replay import formats
 from mbaid_ros.replay.identified import Identified, read_identified
 
-FORMATS = ('urdf-link', 'urdf', 'mjcf', 'basilisk-hub', 'basilisk-effector', 'json')
-_PRINCIPAL = ('urdf-link', 'mjcf', 'json')  # formats with axes of their own for the inertia
+FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'json')
+_PRINCIPAL = ('urdf-link', 'mjcf', 'mjcf-body', 'json')  # formats with axes of their own for the inertia
 _SHAPES = {
     'urdf-link': (formats.BOX,),
     'mjcf': (formats.BOX, formats.ELLIPSOID),
+    'mjcf-body': (formats.BOX, formats.ELLIPSOID),
     'json': (formats.BOX, formats.ELLIPSOID),
 }
 
@@ -55,7 +56,7 @@ def _export(argv: list[str]) -> int:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'export',
-        'Write an identified body as a URDF link, a whole URDF, a MuJoCo body, Basilisk parameters or plain JSON.\n'
+        'Write an identified body as URDF link, whole URDF, MuJoCo model or body, Basilisk parameters or plain JSON.\n'
         'Exit code: 0 written, 4 the data contradict the model, 3 they do not determine the body, 2 bad input.',
         'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
     )
@@ -126,6 +127,8 @@ def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
         return formats.urdf_link(body, in_principal_axes=principal, shape=shape)
     if arguments.format == 'mjcf':
         return formats.mjcf(body, in_principal_axes=principal, shape=shape)
+    if arguments.format == 'mjcf-body':
+        return formats.mjcf_body(body, in_principal_axes=principal, shape=shape)
     if arguments.format == 'json':
         return formats.plain_json(body, in_principal_axes=principal, shape=shape)
     return formats.basilisk(body, effector=arguments.format == 'basilisk-effector')

@@ -92,7 +92,20 @@ def urdf_link(body: Identified, *, in_principal_axes: bool = False, shape: str =
 
 
 def mjcf(body: Identified, *, in_principal_axes: bool = False, shape: str = '') -> str:
-    """Return a <body> of a MuJoCo model with its <inertial>; an equivalent shape shows as a geom without mass."""
+    """Return a MuJoCo model with the body alone in it, floating freely; an equivalent shape shows as a geom."""
+    first, *rest = _mjcf_lines(body, in_principal_axes=in_principal_axes, shape=shape)
+    lines = [f'    {line}' for line in (first, '  <freejoint/>', *rest)]
+    head = [f'<mujoco model={_attribute(body.link)}>', '  <option gravity="0 0 0"/>', '  <worldbody>']
+    return '\n'.join([*head, *lines, '  </worldbody>', '</mujoco>', ''])
+
+
+def mjcf_body(body: Identified, *, in_principal_axes: bool = False, shape: str = '') -> str:
+    """Return the <body> of a MuJoCo model with its <inertial>, to be put into a model of one's own."""
+    return '\n'.join([*_mjcf_lines(body, in_principal_axes=in_principal_axes, shape=shape), ''])
+
+
+def _mjcf_lines(body: Identified, *, in_principal_axes: bool, shape: str) -> list[str]:
+    """Return the lines of a <body>; an equivalent shape shows as a geom without mass."""
     at = placed(body, in_principal_axes=in_principal_axes)
     if in_principal_axes:
         tensor = f'quat="{_spaced(_wxyz(at.rotation))}" diaginertia="{_spaced(at.inertia[[0, 3, 5]])}"'
@@ -109,7 +122,7 @@ def mjcf(body: Identified, *, in_principal_axes: bool = False, shape: str = '') 
             f'  <geom type="{shape}" size="{_spaced(np.maximum(half, 1e-6))}" pos="{_spaced(at.com)}" '
             f'quat="{_spaced(_wxyz(axes))}" mass="0" contype="0" conaffinity="0"/>'
         )
-    return '\n'.join([*lines, '</body>', ''])
+    return [*lines, '</body>']
 
 
 def basilisk(body: Identified, *, effector: bool) -> str:

@@ -20,11 +20,12 @@ class LastPose:
     Parameters
     ----------
     model : RobotModel
+    prefix : of the frames' names
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, prefix: str = '') -> None:
         self._model = model
-        self._carried = {link.name: link for link in model.links if link.body == 0}
+        self._carried = {prefix + link.name: link for link in model.links if link.body == 0}
         self._joint_state: dict[tuple[str, ...], Any] = {}  # the last message of each list of names
         self._odometry: Any = None
 
@@ -48,16 +49,16 @@ class LastPose:
         positions: dict[str, float] = {}
         for message in self._joint_state.values():
             positions.update(positions_of(message))
-        names = self._model.joint_names
         link = None if self._odometry is None else self._carrier(self._odometry)
-        if link is None or not all(name in positions for name in names):
+        angles = self._model.positions_from(positions)
+        if link is None or not np.all(np.isfinite(angles)):
             return None
         numbers = odometry_shape(self._odometry).columns([self._odometry])[1][0]
         position, quaternion = numbers[:3], numbers[3:7]
         if not np.all(np.isfinite(position)) or not 0.5 < np.sum(quaternion**2) < 2.0:
             return None
         rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
-        return Pose(rotation, position - rotation @ link.position, np.array([positions[name] for name in names]))
+        return Pose(rotation, position - rotation @ link.position, angles)
 
 
 def _ends(messages: Sequence[Any]) -> Sequence[Any]:

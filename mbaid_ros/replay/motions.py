@@ -24,11 +24,13 @@ class BagMotions:
     bag : path as the user gave it
     runs : motions, each as windows; stamps that jump back begin another one
     warnings : of bag, intake and data, one line each
+    heard : joints that the messages name
     """
 
     bag: str
     runs: tuple[list[Samples], ...]
     warnings: tuple[str, ...]
+    heard: tuple[str, ...] = ()
 
 
 class _Collector:
@@ -88,7 +90,7 @@ def read_motions(
             notes = _noted(session.process(), notes)
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
-    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)))
+    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.joint_reader.heard))
 
 
 def _noted(estimates: list[Estimate], notes: tuple[str, ...]) -> tuple[str, ...]:

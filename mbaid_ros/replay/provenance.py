@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_document import parse_document
 from mbaid_ros.replay.versions import version_of
 
 LARGEST_HASHED = 1_000_000_000  # bytes; more would take longer to read twice than a result is worth waiting for
@@ -67,7 +67,7 @@ def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> Made
         version=version_of('mbaid_ros'),
         command=shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv)),
         date=datetime.now(timezone.utc).isoformat(timespec='seconds'),
-        robot=RobotFile(load_model(urdf).name, model, found),
+        robot=RobotFile(parse_document(urdf).get('name', ''), model, found),
     )
 
 

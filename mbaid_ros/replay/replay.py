@@ -35,6 +35,7 @@ def _parser() -> ArgumentParser:
     add('--model', required=True, metavar='URDF', help='the robot description')
     add('--target', metavar='LINK', help='link to identify (default: the last link)')
     add('--params', metavar='YAML', help="the estimator node's ROS parameter file")
+    add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
     add('--method', metavar='METHOD', help=f'identification method: {", ".join(METHODS)}')
     add_input_arguments(parser)
     add('--json', metavar='FILE', help='write the result as JSON; - for standard output')

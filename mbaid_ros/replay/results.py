@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate, Thruster
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay import provenance
@@ -30,6 +30,7 @@ from mbaid_ros.replay.jsonable import (
     shaped_momentum,
     shaped_std,
 )
+from mbaid_ros.session import Survey
 
 HISTORY_LIMIT = 5_000
 
@@ -92,6 +93,7 @@ class Run:
     phase : in which the bag ends
     capture : what it tells, None where the bag holds none
     missing_joints : for want of which most of the joint states could not be used
+    survey : what the run takes the robot for, None where nobody has looked
     made_by : which command, None where nobody asked
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
@@ -111,6 +113,7 @@ class Run:
     phase: Phase = 'post_capture'
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()
+    survey: Survey | None = None
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
 
@@ -184,6 +187,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'time_offset': None
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': number(final.time_offset_std)},
+        'thrusters': [shaped_thruster(thruster) for thruster in final.thrusters],
         'events': events(run),
         'residual': number(final.residual),
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in likeliest(run)],
@@ -192,6 +196,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
+        'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'history': [
             {
@@ -202,6 +207,17 @@ def as_json(run: Run) -> dict[str, Any]:
             }
             for estimate in run.history
         ],
+    }
+
+
+def shaped_thruster(found: Thruster) -> dict[str, Any]:
+    """Return by how much a thruster is off its command."""
+    return {
+        'frame': found.frame,
+        'scale': found.scale,
+        'scale_std': found.scale_std,
+        'turn': found.turn.tolist(),
+        'turn_std': found.turn_std.tolist(),
     }
 
 
@@ -222,6 +238,16 @@ def events(run: Run) -> list[dict[str, Any]]:
         }
         for event in run.final.events
     ]
+
+
+def texts(runs: Sequence[Run]) -> str:
+    """Return the results for a terminal: what each run takes the robot for, where that is new, then its table."""
+    parts = []
+    for run, before in zip(runs, (None, *runs), strict=False):
+        if run.survey is not None and (before is None or run.survey != before.survey):
+            parts.append('\n'.join(map(one_line, run.survey.lines)))
+        parts.append(summary(run))
+    return '\n\n'.join(parts)
 
 
 def summary(run: Run) -> str:

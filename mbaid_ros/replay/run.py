@@ -83,7 +83,8 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _take(session.process(), session, history, writer)
-        warnings = (*bag.warnings, *intake_warnings(session))
+        survey = session.survey()
+        warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
     return Run(
         bag=path,
         target_link=session.robot.target_link,
@@ -93,6 +94,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
+        survey=survey,
         warnings=warnings,
         urdf=session.robot.urdf,
         pose=intake.pose(),
@@ -116,7 +118,7 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        self._pose = LastPose(session.robot.model)
+        self._pose = LastPose(session.robot.model, session.config.frame_prefix)
 
     def add(self, messages: Recorded) -> None:
         """Take messages."""
@@ -140,7 +142,11 @@ class _Intake:
 
 
 def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
-    frames = Frames(target_link=session.robot.target_link, odometry=session.odometry_reader.frame)
+    frames = Frames(
+        target_link=session.robot.target_link,
+        odometry=session.odometry_reader.frame,
+        prefix=session.config.frame_prefix,
+    )
     for estimate in estimates:
         history.add(estimate)
         if writer:

@@ -20,9 +20,9 @@ def write_truth(path: Path, run: SimulatedRun) -> None:
         'robot': run.model.name,
         'target_link': run.target.name,
         **_body(run.target_inertia),
-        # With thrust it is not one momentum.
+        # With thrust, or in orbit, it is not one momentum.
         'momentum': None
-        if run.pulse is not None
+        if run.pulse is not None or run.config.orbit.mean_motion > 0.0
         else {'linear': run.momentum[:3].tolist(), 'angular': run.momentum[3:].tolist()},
         'capture': _captured(run),
         'model_errors': _model_errors(run),

@@ -3,5 +3,19 @@
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import Session
+from mbaid_ros.session.surroundings import spin_deviations, storage, uncertain_thrusters
+from mbaid_ros.session.survey import Survey, survey
 
-__all__ = ['Session', 'explain', 'intake_warnings', 'make_estimator', 'missing_joints', 'obstacles']
+__all__ = [
+    'Session',
+    'Survey',
+    'explain',
+    'intake_warnings',
+    'make_estimator',
+    'missing_joints',
+    'obstacles',
+    'spin_deviations',
+    'storage',
+    'survey',
+    'uncertain_thrusters',
+]

@@ -9,6 +9,7 @@ from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.intake.outliers import OUTLIER
 from mbaid_ros.core.intake.reorder import LATE
 from mbaid_ros.core.intake.repeats import REPEATED_POSE
+from mbaid_ros.core.intake.stored_momentum import OTHER_MOMENTUM_FRAME
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
@@ -35,6 +36,10 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OUTLIER: _outliers(session),
         RATE_MISSING: 'a window needs two samples',
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
+        OTHER_MOMENTUM_FRAME: (
+            f"'{session.stored_momentum.other_frame[:60]}'; accepted: wheels.momentum_frame, "
+            f"'{config.wheels.momentum_frame}', or a link that is fixed to it"
+        ),
         FAR_THRUST: 'more than 10 s: both need the same time source',
     }
     return [f'{cause}: {details[cause]}' if details.get(cause) else cause for cause in sorted(causes)]
@@ -67,7 +72,7 @@ def obstacles(session: Session) -> list[str]:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
-            names = listing(session.robot.model.joint_names[joint] for joint in slowest)
+            names = listing(session.robot.readings[joint] for joint in slowest)
             found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
     return found
 
@@ -81,7 +86,7 @@ def missing_joints(session: Session) -> tuple[str, ...]:
 def _never_held(session: Session) -> tuple[str, ...]:
     """Return the joints that no message has held, where the joints come in parts."""
     merge = session.merge
-    return tuple(session.robot.model.joint_names[joint] for joint in merge.missing) if merge.partial else ()
+    return tuple(session.robot.readings[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:
@@ -99,7 +104,7 @@ def _outliers(session: Session) -> str:
 
 
 def _wrong_child_frame(session: Session) -> str:
-    links = [f"'{link.name}'" for link in session.robot.model.links if link.body == 0]
+    links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
     given = session.odometry_reader.other_child_frame[:60]
     return (
         f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "

@@ -12,7 +12,7 @@ from mbaid_ros.config.known_side import KnownLinksConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors, body_sizes, calibrated, declared
+from mbaid_ros.core.robot.known_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.calibrated_side import CalibratedSide
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -91,10 +91,10 @@ def known_side(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
 
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
     """Return the calibration that the parameters name, of the very robot."""
-    if config.names:
+    if config.links:
         raise ParameterError(
-            f"parameter 'known_links.names' is {config.names!r}; with 'known_links.calibration', which says it of all "
-            'bodies, none is accepted'
+            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which says "
+            'it of all bodies, none is accepted'
         )
     found = read_calibration(config.calibration)
     _require_the_same(found, model)
@@ -138,17 +138,19 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
     Raises
     ------
     ParameterError
-        Names and standard deviations differ in number, or a name is not that of a link.
+        A name is not that of a known link with mass.
     """
-    if len(config.names) != len(config.stds):
-        raise ParameterError(
-            f"parameter 'known_links.stds' has {len(config.stds)} numbers; accepted: {len(config.names)}, one for each "
-            "of 'known_links.names'"
-        )
-    stds = [config.relative_std] * len(kernel.known)
-    bodies = {link.name: link.body for link in kernel.model.links}
-    for name, std in zip(config.names, config.stds, strict=True):
+    bodies = {link.name: link.body for link in kernel.model.links if kernel.known[link.body, 0] > 0.0}
+    own: dict[int, BodyDeviations] = {}
+    for name, given in config.links.items():
         if name not in bodies:
-            raise ParameterError(f"parameter 'known_links.names' has '{name[:60]}'; accepted: {listing(bodies)}")
-        stds[bodies[name]] = std
-    return declared(kernel.known, stds)
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
+            )
+        every = BodyDeviations.relative(kernel.known[bodies[name]], config.relative_std)
+        own[bodies[name]] = BodyDeviations(
+            given.get('mass_relative_std', every.mass),
+            given.get('com_std', every.com),
+            given.get('inertia_relative_std', every.inertia),
+        )
+    return declared(kernel.known, config.relative_std, own)

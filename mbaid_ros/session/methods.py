@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
@@ -55,12 +56,39 @@ def capture_of(
         config.convergence.largest_residual,
         detect=config.capture.detect,
         calibrate=calibrate,
+        again=partial(make, kernel),
     )
     capture.time = config.capture.time or None
     return capture
 
 
-def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: KnownRobot | None = None) -> Estimator:
+def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
+    """Return the thresholds of what a method publishes."""
+    convergence = config.convergence
+    return Reporting(
+        scale=unknown_scale(kernel)[:10],
+        identifiable_std=convergence.identifiable_std,
+        converged_std=convergence.relative_std,
+        length=convergence.length,
+        largest_residual=convergence.largest_residual,
+    )
+
+
+def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None:
+    """Let what is published be judged by parameters, from the next window on."""
+    reporting.identifiable_std = convergence.identifiable_std
+    reporting.converged_std = convergence.relative_std
+    reporting.length = convergence.length
+    reporting.largest_residual = convergence.largest_residual
+
+
+def make_estimator(
+    config: EstimatorConfig,
+    kernel: MomentumKernel,
+    known: KnownRobot | None = None,
+    *,
+    judge: Callable[[EstimatorConfig, MomentumKernel], Reporting] = make_reporting,
+) -> Estimator:
     """Return the method that the parameters name.
 
     Parameters
@@ -68,6 +96,7 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: Known
     config : EstimatorConfig
     kernel : of the robot, with the errors of its known bodies
     known : how well all of the robot is known; None leaves that to the parameters
+    judge : makes the thresholds of what is published
 
     Raises
     ------
@@ -76,15 +105,8 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: Known
     """
     if not kernel.errors.count:
         kernel = kernel.doubted(declared_errors(kernel, config.known_links))
-    convergence = config.convergence
     noise = SensorNoise(**vars(config.noise))
-    reporting = Reporting(
-        scale=unknown_scale(kernel)[:10],
-        identifiable_std=convergence.identifiable_std,
-        converged_std=convergence.relative_std,
-        length=convergence.length,
-        largest_residual=convergence.largest_residual,
-    )
+    reporting = judge(config, kernel)
     if config.method == 'difference':
         return _difference(config, known or known_side(config, kernel), noise, reporting)
     if config.method == 'trajectory':
@@ -105,6 +127,11 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: Known
         if config.disturbance.constant != 'none':
             return second  # the first stage takes the momentum for constant
         return TwoStageEstimator(_difference(config, known, noise, reporting), second)
+    if config.orbit.mean_motion > 0.0:
+        raise ParameterError(
+            f"parameter 'orbit.mean_motion' is {config.orbit.mean_motion:g} rad/s with method {config.method}, which "
+            'takes the momentum for constant; accepted: 0, or methods trajectory and difference'
+        )
     paper = config.paper
     return PaperEstimator(
         kernel,
@@ -115,8 +142,8 @@ def make_estimator(config: EstimatorConfig, kernel: MomentumKernel, known: Known
             reference='first' if paper.reference == 'first' else 'previous',
             lag=paper.lag,
             total_angular_momentum=paper.total_angular_momentum,
-            settled=convergence.relative_std,
-            length=convergence.length,
+            settled=config.convergence.relative_std,
+            length=config.convergence.length,
         ),
     )
 

@@ -13,6 +13,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, joints_moved
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.known import with_known_errors
+from mbaid_ros.session.surroundings import storage
 
 
 class Robot:
@@ -39,10 +40,10 @@ class Robot:
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
         self._in_principal_axes = config.debris.frame == PRINCIPAL
-        self.model = load_model(urdf)
+        self.model = load_model(urdf, config.base_link)
         self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
-        kernel = MomentumKernel(self.model, self.target_link)
+        kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
         self.marker: AttachedFrame | None = marker_frame(config)
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
@@ -56,6 +57,11 @@ class Robot:
     def kernel(self) -> MomentumKernel:
         """The robot's momentum as it is known now, and how well."""
         return self.described if self._capture is None else self._capture.kernel
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Names of what is read: the joints that follow no other, and what stores momentum."""
+        return (*self.model.independent_joints, *self.described.storage.names)
 
     @property
     def phase(self) -> Phase:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -40,17 +41,17 @@ def self_calibration(
     """
     if not config.calibration.enabled:
         return None
-    declared = next((x for x in ('calibration', 'names') if getattr(config.known_links, x)), '')
+    declared = next(filter(None, ('calibration' * bool(config.known_links.calibration), *config.known_links.links)), '')
     if declared:
         raise ParameterError(
-            f"parameter 'known_links.{declared}' is {getattr(config.known_links, declared)!r}; with "
-            "'calibration.enabled', which finds how well all links are known, none is accepted"
+            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which finds how well all links "
+            'are known, none is accepted'
         )
     model, target = kernel.model, kernel.target
     # The target link comes first: it is what the filter has unknown after the capture.
     massive = [link for link in model.links if link.parameters[0] > 0.0 and link.name != target.name]
     links = [target, *massive]
-    robot = MomentumKernel(model, *(link.name for link in links))
+    robot = MomentumKernel(model, *(link.name for link in links)).storing(kernel.storage)
     settings = CalibrationSettings(
         noise=SensorNoise(**vars(config.noise)),
         priors=_priors(config.calibration, links),
@@ -67,14 +68,15 @@ def self_calibration(
             raise DataError(
                 'the data before it say nothing that the URDF does not; accepted: a run in which all joints move'
             )
-        after = MomentumKernel(_learnt(model, found), target.name)
+        after = MomentumKernel(_learnt(model, found), target.name).storing(kernel.storage)
         after = after.doubted(calibrated(links, found.covariance, [target.name]))
         # From here on the target link may be anything; all else is as it has been found, correlations and all.
-        before = MomentumKernel(model, target.name).doubted(found.prior.errors(1))
+        before = kernel.doubted(found.prior.errors(1))
         known = KnownRobot(before, replace(settings.uncertainty, carried=found.carried))
         return Handover(
             kernel=after,
             after=make(after, known),
+            again=partial(make, after, known),
             chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
             link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
             told=_told(found),

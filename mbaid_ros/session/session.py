@@ -4,26 +4,32 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
+from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, SensorNoise
-from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, wrench_of
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
+from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
-from mbaid_ros.session.methods import capture_of, make_estimator
+from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
+from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
+from mbaid_ros.session.survey import Survey, survey
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 MakeEstimator = Callable[..., Estimator]
@@ -51,6 +57,7 @@ class Session:
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     thrust : what commanded thrust has brought since the run began
+    stored_momentum : what a flight computer tells of it
     problem : why it takes no more messages until `reset`; empty while it does
 
     Raises
@@ -59,9 +66,10 @@ class Session:
         The robot, the target link or a combination of parameters cannot be used.
     """
 
-    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator = make_estimator) -> None:
+    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
         self.config = config
-        self._make = make
+        self._make = make or partial(make_estimator, judge=self._judge)
+        self._judged: list[Reporting] = []
         self.robot = Robot(config, urdf)
         self._threshold = round(config.time_jump_threshold * 1e9)
         self._reorder_limit = round(config.reorder_time * 1e9)
@@ -84,11 +92,12 @@ class Session:
     def readers(self) -> tuple[JointReader, OdometryReader]:
         """Return readers of this session's messages as they are before the first."""
         links = self.robot.model.links
-        attached = {link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
+        prefix = self.config.frame_prefix
+        attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
         noise = SensorNoise(**vars(self.config.noise))
-        names = frozenset(link.name for link in links)
+        names = frozenset(prefix + link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
-        return JointReader(self.robot.model.joint_names), odometry
+        return JointReader(self.robot.model.independent_joints, self.config.wheels.names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -109,6 +118,7 @@ class Session:
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
         frame, stamp, wrench = wrench_of(message)
+        frame = frame.removeprefix(self.config.frame_prefix)
         newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
         if self.thrust.changes(frame, stamp, wrench, newest):
             # What came before it is worked through without it, however the calls are spread.
@@ -116,6 +126,11 @@ class Session:
         self.thrust.command(frame, stamp, wrench, newest)
         if self.thrust.late:
             self._identifier.note(LATE_THRUST)
+
+    def add_stored_momentum(self, message: Any) -> None:
+        """Take a Vector3Stamped of what wheels or gyros store."""
+        if not self.problem:
+            self.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
@@ -132,6 +147,12 @@ class Session:
         if self.problem and not estimates:
             raise DataError(self.problem)
         return estimates
+
+    def survey(self) -> Survey:
+        """Return what the run takes the robot for, with the joints that messages have named so far."""
+        chosen = bool(self.config.target_link)
+        heard = [name for name in self.joint_reader.heard if name not in self.config.wheels.names]
+        return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
@@ -156,8 +177,16 @@ class Session:
         """Messages that were not used, by cause."""
         return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
 
-    def capture(self) -> float:
-        """Take it that the body has just been captured, and return when: s since the first sample.
+    def judge_by(self, convergence: ConvergenceConfig) -> None:
+        """Judge estimates by other thresholds, from the next window on."""
+        self.config = replace(self.config, convergence=convergence)
+        for reporting in self._judged:
+            set_thresholds(reporting, convergence)
+
+    def capture(self) -> str:
+        """Take it that the body has just been captured, and return when that was, in a sentence.
+
+        A second call moves a capture that was told too early: what has been learnt since then is forgotten.
 
         Raises
         ------
@@ -172,29 +201,37 @@ class Session:
             )
         self._ready += self._work()
         newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
-        if capture.time is not None:
-            raise DataError(
-                f'the capture was told before, at {capture.time:.6g} s; accepted: one in a run; reset begins another'
-            )
         if newest is None or not self._identifier.used:
             raise DataError('there are no samples yet; accepted: a capture after the first')
-        capture.time = (newest - self._identifier.origin) * 1e-9
-        return capture.time
+        time, before = (newest - self._identifier.origin) * 1e-9, capture.time
+        if before is None:
+            capture.time = time
+            return f'captured {time:.3f} s after the first sample'
+        if not time > before:
+            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
+        capture.move(time)
+        return (
+            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
+        )
 
     def _begin(self) -> None:
         """Make anew what a run works with."""
         config = self.config
         self.joint_reader, self.odometry_reader = self.readers()
         model, described = self.robot.model, self.robot.described
-        turning = ~np.array(model.prismatic, dtype=bool)
-        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit)
+        beside = described.storage.count
+        turning = ~np.array(model.prismatic, dtype=bool)[model.transmission.independent]
+        turning = np.append(turning, np.zeros(beside, dtype=bool))
+        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit, beside)
+        self.stored_momentum = StoredMomentum(model, config.wheels.momentum_frame)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
+        self._judged = []
         make = partial(self._make, config)
         self._capture = capture_of(config, described, make)
         self.robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9))
+        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         method = self._capture or make(described)
         self._identifier = Identifier(
             method,
@@ -203,9 +240,15 @@ class Session:
             config.twist_frame,
             self.thrust,
             config.noise.base_correlation_time,
+            falling=falling_frame(config.orbit, model),
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
+
+    def _judge(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
+        # By what counts now: a capture makes its method from the parameters of the run's begin.
+        self._judged.append(make_reporting(self.config, kernel))
+        return self._judged[-1]
 
     def _add(self, name: str, other: str, message: Any) -> bool:
         stamp = stamp_of(message)
@@ -275,17 +318,33 @@ class Session:
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
+        told = self.stored_momentum.stream()
+        if told is not None:
+            every = range(len(self.robot.readings))
+            joints[tuple(every[-told.position.shape[1] :])] = told
+        merged = self.merge.push(joints)
+        if merged is not None:
+            merged = merged.divided(len(self.robot.model.independent_joints))
         try:
-            return self._identifier.push(self.merge.push(joints), self._reorder.push(base))
+            estimates = self._identifier.push(self._all_joints(merged), self._reorder.push(base))
+            joints_there_are = self.robot.model.joint_names  # also those that follow others
+            return suspecting(estimates, [name for name in self.joint_reader.others if name not in joints_there_are])
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
+
+    def _all_joints(self, measured: JointStream | None) -> JointStream | None:
+        """Return measurements of all joints from those of the joints that follow no other."""
+        moved = self.robot.model.transmission
+        if measured is None or moved.direct:
+            return measured
+        position, velocity = moved.positions(measured.position), moved.rates(measured.velocity)
+        return replace(measured, position=position, velocity=velocity)
 
     def _unsolved(self, error: Exception) -> None:
         self._start_again(f'the equations could not be solved ({error})')
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        return (
-            self._refused + self.merge.dropped + self._reorder.dropped + self._identifier.dropped + self.thrust.dropped
-        )
+        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum)
+        return sum((part.dropped for part in parts), self._refused)

@@ -8,15 +8,16 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.session.surroundings import spin_deviations, uncertain_thrusters
 
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return what the parameters declare of joints, mount, stamps, target and momentum.
+    """Return what the parameters declare of joints, mount, wheels, stamps, target and momentum.
 
     Raises
     ------
     ParameterError
-        Names and standard deviations differ in number, a name is not that of a joint, or half of a prior is missing.
+        A name is not that of a joint, or half of a prior is missing.
     """
     mount = config.odometry_mount
     zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
@@ -26,6 +27,10 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         axes,
         mount_position=mount.position_std,
         mount_orientation=mount.orientation_std,
+        spin_inertias=spin_deviations(config.wheels),
+        thrusters=uncertain_thrusters(config.thrust, model),
+        thrust_scale=config.thrust.scale_std,
+        thrust_direction=config.thrust.direction_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         target=_prior(config.target_prior),
         linear_momentum=config.momentum.linear_prior_std,
@@ -33,20 +38,14 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
-    """Return the standard deviation of each joint's zero, origin or axis."""
-    every, own = getattr(config, f'{part}_std'), getattr(config, f'{part}_stds')
-    foreign = [name for name in config.names if name not in model.joint_names]
+    """Return the standard deviation of each joint's zero, origin or axis: its own, or that of all."""
+    foreign = [name for name in config.joints if name not in model.joint_names]
     if foreign:
         raise ParameterError(
-            f"parameter 'known_joints.names' has '{foreign[0][:60]}'; accepted: {listing(model.joint_names)}"
+            f"parameter 'known_joints.{foreign[0][:60]}' is of no joint; accepted: {listing(model.joint_names)}"
         )
-    if own and len(own) != len(config.names):
-        raise ParameterError(
-            f"parameter 'known_joints.{part}_stds' has {len(own)} numbers; accepted: {len(config.names)}, one for each "
-            "of 'known_joints.names', or none"
-        )
-    by_name = dict(zip(config.names, own, strict=False))
-    return tuple(by_name.get(name, every) for name in model.joint_names)
+    every = getattr(config, f'{part}_std')
+    return tuple(config.joints.get(name, {}).get(f'{part}_std', every) for name in model.joint_names)
 
 
 def _prior(config: TargetPriorConfig) -> TargetPrior:

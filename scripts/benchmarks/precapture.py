@@ -68,7 +68,14 @@ def _motion(moving: RobotModel, seed: int, seconds: float, rate: float) -> Truth
             'base_angular_velocity': [0.01, -0.015, 0.02],
             'zero_linear_momentum': True,
         },
-        'motion': {'kind': 'random', 'seed': seed, 'amplitude': 1.0, 'period_min': 12.0, 'period_max': 30.0},
+        'motion': {
+            'kind': 'random',
+            'within_limits': False,
+            'seed': seed,
+            'amplitude': 1.0,
+            'period_min': 12.0,
+            'period_max': 30.0,
+        },
     }
     config = build(SimulatorConfig, values)
     driven = make_motion(config, moving)

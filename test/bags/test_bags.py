@@ -67,7 +67,9 @@ def test_the_own_message_goes_there_and_back() -> None:
         header=store.types['std_msgs/msg/Header'](stamp=time, frame_id='link7'),
         method='trajectory',
         stage='difference',
+        phase='post_capture',
         status='converged',
+        stale=False,
         inertia=store.types['geometry_msgs/msg/Inertia'](
             m=1.0, com=vector(0.0, 1.0, 2.0), ixx=1.0, ixy=0.0, ixz=0.0, iyy=1.0, iyz=0.0, izz=1.0
         ),
@@ -84,6 +86,7 @@ def test_the_own_message_goes_there_and_back() -> None:
         time_offset=np.nan,
         time_offset_std=np.nan,
         consistency_correction=0.0,
+        events=[],
         samples=5,
         span=store.types['builtin_interfaces/msg/Duration'](sec=1, nanosec=0),
         warnings=['one', 'two'],

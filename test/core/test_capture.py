@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -35,7 +35,8 @@ def pieces(seed: int | None = 1) -> list[Samples]:
 
 def make(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
     robot = chaser()
-    return CaptureEstimator(robot, estimator(robot, MID, method=method), MID, margin, 2.0)
+    again = partial(estimator, robot, MID, method=method)
+    return CaptureEstimator(robot, again(), MID, margin, 2.0, again=again)
 
 
 def told(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
@@ -111,6 +112,21 @@ def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
     assert captures[0] is not None
     assert captures[1] is not None
     assert np.array_equal(captures[0].momentum, captures[1].momentum)
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_a_capture_told_too_early_can_be_moved(method: str) -> None:
+    known, moved = told(method=method), make(method=method)
+    expected = known.update(pieces(), 0)
+    moved.time = BEGIN - 4.0
+    found = []
+    for window in pieces():
+        found += moved.update([window], 0)
+        if moved.time < BEGIN and window.time[-1] > BEGIN - 0.3:
+            moved.move(BEGIN)
+    assert np.array_equal(found[-1].parameters, expected[-1].parameters)
+    assert np.array_equal(found[-1].covariance, expected[-1].covariance)
+    assert moved.phase == 'post_capture'
 
 
 def test_a_capture_is_detected() -> None:

@@ -62,7 +62,7 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
     session = Session(build(EstimatorConfig, PARAMETERS), with_bare_link())
     for topic, message in before:
         (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
-    assert session.capture() == BEGIN
+    assert session.capture() == f'captured {BEGIN:.3f} s after the first sample'
     for topic, message in after:
         (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     last = session.process()[-1]

@@ -12,8 +12,8 @@ def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
     assert (level, text) == (OK, 'converged')
     assert told['stage'] == 'difference'
     assert str(told['main causes of the variance']).startswith('link base_link (71 % of mass), zero of joint6 (60 % ')
-    assert told['mass (kg)'] == '162.000 +- 0.03'
-    assert told['com_x (m)'] == '0.33000 +- 0.0001'
+    assert told['mass (kg)'] == '162.000 +- 0.059 (95 %)'
+    assert told['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
 
 
 def test_without_a_budget_the_causes_are_empty() -> None:

@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import InertiaStamped
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -185,3 +189,80 @@ def test_one_estimate_a_window_however_many_come_at_once(at_once: int) -> None:
     calls = offline(build(EstimatorConfig, {'method': 'paper_difference'}), 'table1', run('table1', 3.0), at_once)
     published = [estimate for call in calls for estimate in last_of_each_window(call, WINDOW)]
     assert [estimate.samples for estimate in published] == [50, 100, 150, 200, 250]
+
+
+def test_an_estimate_that_nothing_follows_is_told_as_stale(graph: Graph) -> None:
+    node = start(graph)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    messages = run('table1', 6.0)
+    publish(graph, messages)
+    graph.wait(lambda: estimates and estimates[-1].stale, 'the stale estimate')
+    fresh, stale = estimates[-2:]
+    assert not fresh.stale
+    assert stale.warnings[-1] == 'no messages on /joint_states, /odom for more than 2 s'
+    assert (stale.header, stale.status, stale.samples) == (fresh.header, fresh.status, fresh.samples)
+    np.testing.assert_array_equal(stale.covariance, fresh.covariance)
+    assert 'the estimate is stale: no messages' in node.stderr
+    graph.call('/estimator/reset', Trigger, Trigger.Request())
+    graph.wait(lambda: estimates[-1].status == 'waiting', 'the reset')
+    assert not estimates[-1].stale
+
+
+def test_an_estimate_is_stale_at_once_when_paused(graph: Graph) -> None:
+    start(graph)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    messages = run('table1', 4.0)
+    publish(graph, messages)
+    graph.wait(lambda: made(estimates), 'an estimate')
+    graph.call('/estimator/pause', SetBool, SetBool.Request(data=True))
+    graph.wait(lambda: estimates[-1].stale, 'the stale estimate')
+    assert 'paused: no samples are taken' in estimates[-1].warnings
+
+
+def set_parameter(graph: Graph, name: str, value: float) -> Any:
+    """Set a number as `ros2 param set` does, and return the answer."""
+    setting = Parameter(name=name, value=ParameterValue(type=3, double_value=value))
+    return graph.call('/estimator/set_parameters', SetParameters, SetParameters.Request(parameters=[setting])).results[
+        0
+    ]
+
+
+def test_thresholds_can_be_set_while_it_runs_and_the_rest_says_why_not(graph: Graph) -> None:
+    messages = run('servicer7', 12.0, rate=50.0)
+    start(graph, 'method:=difference', robot='servicer7')
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    half = len(messages) // 2
+    publish(graph, messages[:half])
+    graph.wait(lambda: made(estimates), 'an estimate')
+    before = made(estimates)[-1]
+    assert before.status != 'converged'
+    assert set_parameter(graph, 'convergence.relative_std', 1e6).successful
+    assert set_parameter(graph, 'convergence.identifiable_std', 1e6).successful
+    publish(graph, messages[half:])
+    graph.wait(lambda: made(estimates)[-1].status in {'converged', 'inconsistent'}, 'another judgement')
+    assert made(estimates)[-1].status == 'converged'
+    assert all(made(estimates)[-1].identifiable)
+    refused = set_parameter(graph, 'convergence.relative_std', -1.0)
+    assert 'convergence.relative_std out of range' in refused.reason
+    fixed = set_parameter(graph, 'window', 2.0)
+    assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
+
+
+def test_the_quality_of_service_can_be_overridden(graph: Graph) -> None:
+    prefix = 'qos_overrides.'
+    parameters = (
+        f'{prefix}/odom.subscription.reliability:=best_effort',
+        f'{prefix}/estimator/estimate.publisher.depth:=9',
+    )
+    start(graph, *parameters, f'{prefix}/estimator/inertia.publisher.reliability:=best_effort')
+
+    def reliability(topic: str, *, of_publishers: bool = False) -> Any:
+        node = graph.node
+        found = (node.get_publishers_info_by_topic if of_publishers else node.get_subscriptions_info_by_topic)(topic)
+        return found[0].qos_profile.reliability if found else None
+
+    graph.wait(lambda: reliability('/odom') and reliability('/joint_states'), 'the subscriptions')
+    assert reliability('/odom') == ReliabilityPolicy.BEST_EFFORT
+    assert reliability('/joint_states') == ReliabilityPolicy.RELIABLE
+    graph.wait(lambda: reliability('/estimator/inertia', of_publishers=True), 'the publishers')
+    assert reliability('/estimator/inertia', of_publishers=True) == ReliabilityPolicy.BEST_EFFORT

@@ -145,7 +145,7 @@ class FakeNode:
     def __init__(self) -> None:
         self.publishers: dict[str, Publisher] = {}
 
-    def create_publisher(self, _type: type, topic: str, _qos: object) -> Publisher:
+    def create_publisher(self, _type: type, topic: str, _qos: object, **_options: Any) -> Publisher:
         """Return the publisher of a topic."""
         return self.publishers.setdefault(topic, Publisher())
 

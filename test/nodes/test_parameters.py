@@ -18,7 +18,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.parameters import declare_parameters
+from mbaid_ros.nodes.parameters import changed, declare_parameters
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,15 @@ def test_defaults_and_descriptors() -> None:
         config = declare_parameters(made, Example)
         assert config == Example()
         rate = made.describe_parameter('rate')
-        assert (rate.description, rate.additional_constraints) == ('A rate.', 'a number > 0 Hz')
+        assert (rate.description, rate.additional_constraints) == (
+            'A rate.',
+            'a number > 0 Hz; read when the node starts',
+        )
         assert rate.read_only
         assert rate.floating_point_range[0].from_value == 0.0
         assert made.describe_parameter('inner.gain').floating_point_range[0].to_value == 2.0
         assert made.describe_parameter('count').integer_range[0].from_value == 1
-        assert made.describe_parameter('shape').additional_constraints == 'round, square'
+        assert made.describe_parameter('shape').additional_constraints == 'round, square; read when the node starts'
         kinds = {name: made.get_parameter(name).type_ for name in specifications(Example)}
         assert kinds['places'] == kinds['start'] == Parameter.Type.DOUBLE_ARRAY
         assert made.describe_parameter('places').type == Parameter.Type.DOUBLE_ARRAY.value
@@ -134,3 +137,22 @@ def test_the_nodes_parameters_can_all_be_declared(cls: type) -> None:
         for name, spec in specifications(cls).items():
             assert made.get_parameter(name).type_.name == spec.type.upper(), name
             assert made.describe_parameter(name).description == spec.description
+
+
+def test_what_may_change_is_checked_by_the_same_rules() -> None:
+    with node('window:=1.0') as made:
+        declare_parameters(made, EstimatorConfig)
+        setting, other = (
+            Parameter(name, value=0.2)  # type: ignore[no-untyped-call]
+            for name in ('convergence.relative_std', 'qos_overrides.x')
+        )
+        found = changed(made, EstimatorConfig, [setting, other])
+        assert (found.convergence.relative_std, found.window) == (0.2, 1.0)
+        setting._value = -1.0
+        with pytest.raises(ParameterError, match=r"'convergence\.relative_std' is -1\.0; accepted: a number > 0"):
+            changed(made, EstimatorConfig, [setting])
+
+
+def test_the_readme_says_which_may_change() -> None:
+    changing = {name for name, spec in specifications(EstimatorConfig).items() if not spec.read_only}
+    assert changing == {'publish_tf', *(name for name in specifications(EstimatorConfig) if 'convergence.' in name)}

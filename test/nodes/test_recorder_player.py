@@ -194,7 +194,10 @@ def test_estimates_older_than_the_installed_message_are_not_played(live: Graph, 
     assert 'are older than the installed' in refused.stderr
     left_out = live.start('player', older)
     assert left_out.wait() == 0
-    assert 'without budget_causes, budget_shares, stage, standard_deviation' in left_out.stdout + left_out.stderr
+    assert (
+        'without budget_causes, budget_shares, events, phase, stage, stale, standard_deviation'
+        in left_out.stdout + left_out.stderr
+    )
 
 
 def test_only_the_topics_asked_for_are_played_with_a_clock(live: Graph, bag: Path) -> None:

@@ -20,7 +20,7 @@ from made_runs import BODY, HOSTILE, STD, budget, estimate, planar
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.qos import LATCHED
 from mbaid_ros.nodes.terminal import certainty, drawn, line, screen
-from mbaid_ros.nodes.watch import Lines, main, sign_for
+from mbaid_ros.nodes.watch import Lines, WatchNode, main, sign_for
 from mbaid_ros.outgoing import Frames, estimate_message
 
 
@@ -142,6 +142,37 @@ def test_a_named_estimator_and_only_one_update(graph: Graph) -> None:
     graph.wait(lambda: not watch.running, 'the end')
     assert 'mass 324.000' in watch.stdout
     assert watch.stdout.count('\n') == 1
+
+
+def test_two_estimators_are_listed_and_a_captured_body_is_none(graph: Graph) -> None:
+    made = [
+        graph.node.create_publisher(InertiaEstimate, f'/{name}', LATCHED)
+        for name in ('a/debris', 'a/estimate', 'b/estimate')
+    ]
+    for publisher in made:
+        publisher.publish(message(link=publisher.topic_name))
+    shown: list[str] = []
+    hints: list[str] = []
+    watch = WatchNode('', lambda _message, topic: shown.append(topic), hints.append, context=graph.node.context)
+    graph.add(watch)
+    graph.wait(lambda: shown, 'an estimate')
+    assert shown == ['/a/estimate']
+    assert hints == ['2 estimators: /a/estimate, /b/estimate; shown is /a/estimate, NAME chooses another']
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'hint'), [('', 'no estimator in ROS_DOMAIN_ID'), ('c', "no 'c' yet; there is /a/est")]
+)
+def test_it_says_why_there_is_nothing_to_show(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, wanted: str, hint: str
+) -> None:
+    monkeypatch.setattr('mbaid_ros.nodes.watch._PATIENCE', 1.0)
+    if wanted:
+        graph.node.create_publisher(InertiaEstimate, '/a/estimate', LATCHED)
+    hints: list[str] = []
+    graph.add(WatchNode(wanted, lambda _message, _topic: None, hints.append, context=graph.node.context))
+    graph.wait(lambda: hints, 'a hint')
+    assert hints[0].startswith(hint)
 
 
 def test_a_terminal_shows_the_screen(graph: Graph, tmp_path: Path) -> None:

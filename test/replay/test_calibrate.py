@@ -166,7 +166,9 @@ def test_the_report_tells_of_every_body(place: Path) -> None:
 def test_the_text_tells_what_moved_and_what_fixes_the_scale(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*(str(place / name) for name in ('before', 'again')), '--model', str(place / 'cad.urdf')]) == 0
     out = capsys.readouterr().out
-    assert out.startswith('8 bodies calibrated from ')
+    model, _, rest = out.partition('\n\n')
+    assert model == "robot 'servicer7': 'base_link' floats, 7 joints, 638.632 kg"
+    assert rest.startswith('8 bodies calibrated from ')
     assert 'momentum can determine 59 combinations of 80 parameters' in out
     assert 'warning: the scale is known to' in out  # no body was weighed
     assert re.search(r'^  link3 +\d+[.\d]* -> ', out, re.MULTILINE)
@@ -181,7 +183,7 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     files = {name: tmp_path / f'out.{name}' for name in ('json', 'urdf', 'html')}
     outputs = ['--json', str(files['json']), '--report', str(files['html']), '--output', str(files['urdf'])]
     run(place, '--params', str(tmp_path / 'exact.yaml'), *outputs, code=4)
-    assert 'so the values of 8 bodies must not be trusted' in capsys.readouterr().out.splitlines()[0]
+    assert 'so the values of 8 bodies must not be trusted' in capsys.readouterr().out.split('\n\n')[1].splitlines()[0]
     assert json.loads(files['json'].read_text())['status'] == 'inconsistent'
     assert '<p class="verdict wrong">the data contradict the model' in files['html'].read_text()
     assert not files['urdf'].exists()

@@ -82,13 +82,18 @@ def test_pinocchio_reads_the_urdf_link(
 
 
 @pytest.mark.parametrize('turn', TURNS)
+@pytest.mark.parametrize('form', ['mjcf', 'mjcf-body'])
 @pytest.mark.parametrize('options', [[], ['--principal'], ['--equivalent', 'box'], ['--equivalent', 'ellipsoid']])
 def test_mujoco_reads_the_body(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, turn: list[float], options: list[str]
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, turn: list[float], form: str, options: list[str]
 ) -> None:
     body = turned(turn)
-    text = exported(capsys, written(tmp_path, estimate(parameters=body)), '--format', 'mjcf', *options)
-    model = mujoco.MjModel.from_xml_string(f'<mujoco><worldbody>{text}</worldbody></mujoco>')
+    text = exported(capsys, written(tmp_path, estimate(parameters=body)), '--format', form, *options)
+    whole = text if form == 'mjcf' else f'<mujoco><worldbody>{text}</worldbody></mujoco>'
+    file = tmp_path / 'captured.xml'
+    file.write_text(whole)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    assert model.nq == (7 if form == 'mjcf' else 0)  # by itself it floats
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.body('link7').iquat)
     axes = rotation.reshape(3, 3)
@@ -99,7 +104,7 @@ def test_mujoco_reads_the_body(
 
 def test_the_equivalent_shape_has_the_inertia(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """MuJoCo computes the inertia of the box from its size and the mass."""
-    text = exported(capsys, written(tmp_path), '--format', 'mjcf', '--equivalent', 'box')
+    text = exported(capsys, written(tmp_path), '--format', 'mjcf-body', '--equivalent', 'box')
     body = ET.fromstring(text)
     inertial, geom = body.find('inertial'), body.find('geom')
     assert inertial is not None
@@ -212,8 +217,8 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         (['{file}', '--format', 'sdf'], 'sdf'),
         (['{file}', '--format', 'urdf'], '--format urdf needs --model URDF'),
         (['{file}', '--fill'], '--fill needs --model URDF'),
-        (['{file}', '--principal', '--format', 'basilisk-hub'], 'accepted: urdf-link, mjcf, json'),
-        (['{file}', '--equivalent', 'ellipsoid'], 'accepted: mjcf, json'),
+        (['{file}', '--principal', '--format', 'basilisk-hub'], 'accepted: urdf-link, mjcf, mjcf-body, json'),
+        (['{file}', '--equivalent', 'ellipsoid'], 'accepted: mjcf, mjcf-body, json'),
         (['{file}', '--output', '/absent/x'], "--output '/absent/x' cannot be written"),
         (['{file}', '--result', '0'], "'0' is not accepted"),
         (['{broken}'], 'is not JSON'),
@@ -233,10 +238,10 @@ def test_bad_input_is_one_line(
 
 def test_hostile_names_are_text(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = written(tmp_path, target_link=HOSTILE)
-    for form in ('urdf-link', 'mjcf'):
+    for form, key in (('urdf-link', 'name'), ('mjcf-body', 'name'), ('mjcf', 'model')):
         text = exported(capsys, file, '--format', form)
         element = ET.fromstring(text)
-        assert str(element.get('name')).startswith(PLAIN)
+        assert str(element.get(key)).startswith(PLAIN)
         assert '\x1b' not in text
         assert '<script' not in text
     code = tmp_path / 'captured.py'

@@ -24,6 +24,7 @@ from mbaid_ros.replay.report import html
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
+from mbaid_ros.session import survey
 from simulated import CONFIG, table1
 
 
@@ -80,6 +81,14 @@ def cells(text: str, row: str) -> list[str]:
     found = re.search(rf'<tr><td>{row}</td>(.*?)</tr>', text)
     assert found
     return re.findall(r'>([^<]*)</td>', found[1])
+
+
+def test_what_the_robot_was_taken_for_stands_before_the_verdict() -> None:
+    found = survey(load_model(hostile_urdf()), chosen=False)
+    text = html([brief(survey=found)])
+    assert text.index('kg</li>') < text.index('class="verdict')
+    assert '<script' not in text
+    assert 'class="model"' not in html([brief()])
 
 
 def test_a_good_run_has_every_part() -> None:

@@ -141,7 +141,7 @@ def moved_joint() -> dict[str, Any]:
             {},
             'is of claw; accepted: links of the robot',
         ),
-        (content(), {'names': ['link1'], 'stds': [0.1]}, "parameter 'known_links.names' is ('link1',)"),
+        (content(), {'link1.com_std': 0.1}, "parameter 'known_links.link1' is given; with"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(

@@ -18,6 +18,7 @@ from mbaid_ros.core.results.consistency import project
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.storage import Storage
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.state import MOMENTUM
 from mbaid_ros.core.unknowns.carried import Carried
@@ -67,7 +68,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
-    settled, motions, normals = _filtered(prior, runs, detectors, settings)
+    settled, motions, normals = _filtered(prior, kernel.storage, (runs, detectors), settings)
     belief = settled.passed.belief
     values, covariance = normals.blocks()
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
@@ -95,11 +96,16 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
 
 
 def _filtered(
-    prior: Prior, runs: Sequence[list[Samples]], detectors: Sequence[PlaneDetector], settings: CalibrationSettings
+    prior: Prior,
+    storage: Storage,
+    seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
+    settings: CalibrationSettings,
 ) -> tuple[Settled, list[Motion], Normals]:
     """Return what the filter comes to over all motions."""
+    runs, detectors = seen
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
+    robot = robot.storing(storage)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
     sensing = (settings.noise, settings.window)
     motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]

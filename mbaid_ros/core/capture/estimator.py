@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -16,6 +17,7 @@ from mbaid_ros.core.identifier import Deferring, Estimator
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 Phase = Literal['pre_capture', 'capture', 'post_capture']
@@ -39,6 +41,7 @@ class CaptureEstimator:
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
     calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
+    again : makes the method anew, where the capture may turn out to have been told too early
 
     Attributes
     ----------
@@ -57,6 +60,7 @@ class CaptureEstimator:
         *,
         detect: bool = False,
         calibrate: Calibrate | None = None,
+        again: Callable[[], Estimator] | None = None,
     ) -> None:
         self.method = after.method
         # A calibration takes poses and velocities for independent: it gets none that are derived from the poses.
@@ -68,6 +72,7 @@ class CaptureEstimator:
         self._kept: deque[Samples] = deque(maxlen=_CALIBRATED)
         self._refused = ''  # why there is no calibration
         self._after = after
+        self._again = again
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
@@ -77,6 +82,7 @@ class CaptureEstimator:
         self._latest = -np.inf  # s, end of the last window
         self._found: deque[Estimate] = deque(maxlen=_REMEMBERED)
         self._place: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
+        self._until: Samples | None = None  # the last sample before the capture
 
     @property
     def phase(self) -> Phase:
@@ -99,6 +105,7 @@ class CaptureEstimator:
             self._latest = float(window.time[-1])
             if self.time is None or self._latest < self.time - _SLACK:
                 made.append(self._before(window, origin))
+                self._until = window[-1:]
                 continue
             self._use(self.time - self._margin)
             self._waiting.clear()
@@ -106,12 +113,42 @@ class CaptureEstimator:
             if self._place is None or not self._found:
                 self._look(window, self.time)
             if window.time[0] > self.time + self._margin - _SLACK:
-                later.append(window)
+                later.append(self._since(window))
         if self._after.needs_rates:
             later = [with_rates(window) for window in later if len(window) >= FEWEST or not any(window.missing_rates)]
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
         return [*made, *map(self._with_doubts, found)]
+
+    def move(self, time: float) -> None:
+        """Take it that the capture, told too early, is at a later time (s): what was learnt since then is forgotten.
+
+        Raises
+        ------
+        ValueError
+            Nothing can make the method anew.
+        """
+        if self._again is None:
+            raise ValueError('a capture without a method to begin again with')
+        self.time, self._after, self._place = time, self._again(), None
+        self._found.clear()
+
+    def _since(self, window: Samples) -> Samples:
+        """Return a window with what the orbit has brought since the capture: what was captured was not there before."""
+        if self._until is None or not window.tide.shape[1]:
+            return window
+        return replace(window, tide=window.tide - self._until.tide)
+
+    def _until_then(self) -> Array:
+        """Return what the orbit has brought to the robot alone until the capture, (6,)."""
+        if self._until is None or not self._until.tide.shape[1]:
+            return np.zeros(6)
+        own = self._own_bodies()
+        return brought(self._until, own) - self._until.impulse[-1]
+
+    def _own_bodies(self) -> Array:
+        """Return the (n + 1, 10) standard parameters of the robot alone."""
+        return self.kernel.with_target(self.kernel.target.parameters)
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off, if it puts anything off."""
@@ -133,7 +170,8 @@ class CaptureEstimator:
             told = self._told
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], told)
         momentum, covariance = _known_part(
-            total.momentum - total.impulse - chaser.momentum, total.momentum_covariance + chaser.covariance
+            total.momentum - total.impulse - chaser.momentum - self._until_then(),
+            total.momentum_covariance + chaser.covariance,
         )
         velocity, spin = self._motion(momentum, body)
         return Capture(self.time, chaser, momentum, covariance, velocity, spin, self._told)
@@ -148,6 +186,7 @@ class CaptureEstimator:
         estimate = Estimate(
             method=self.method,
             status='waiting',
+            phase='pre_capture',
             time=time,
             stamp=origin + round(time * 1e9),
             warnings=(BEFORE,),
@@ -163,7 +202,7 @@ class CaptureEstimator:
             residual=chaser.residual,
             samples=chaser.samples,
             warnings=(*doubts, BEFORE),
-        ).after_thrust(window.impulse[-1])
+        ).after_thrust(brought(window, self._own_bodies()))
 
     def _watch(self, window: Samples) -> None:
         """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""
@@ -194,6 +233,7 @@ class CaptureEstimator:
             self._refused = f'not calibrated before the capture: {error}'
         else:
             self.kernel, self._after = self.handover.kernel, self.handover.after
+            self._again = self.handover.again
         self._kept.clear()
 
     @property

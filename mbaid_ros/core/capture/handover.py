@@ -20,6 +20,7 @@ class Handover:
     ----------
     kernel : with the calibrated bodies, and how far they may still be off
     after : the method
+    again : makes that method anew
     chaser : the robot before the capture
     link_covariance : (10, 10) of the target link's own standard parameters, None where it counts as exact
     told : the calibration in a line
@@ -27,6 +28,7 @@ class Handover:
 
     kernel: MomentumKernel
     after: Estimator
+    again: Callable[[], Estimator]
     chaser: Chaser
     link_covariance: Array | None
     told: str

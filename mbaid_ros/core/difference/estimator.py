@@ -8,6 +8,7 @@ maximum is followed at bounded cost (sliding_window). The momentum is taken for 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,20 +16,23 @@ import numpy as np
 
 from mbaid_ros.core.difference.run import Run
 from mbaid_ros.core.difference.solutions import Posterior, solutions
+from mbaid_ros.core.difference.turning_frame import TurningFrame, turning_frame
 from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.equations.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import Instant, Reporting
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
+_NOW_AND_THEN = 8  # windows of a run that is contradicted
 _WORTH_TELLING = 0.5  # share of the variance due to consider parameters
 
 
@@ -84,6 +88,9 @@ class DifferenceEstimator:
         self._plane = PlaneDetector(kernel.model)
         self._run: Run | None = None
         self._samples = 0
+        self._latest: deque[Samples] = deque(maxlen=settings.kept_windows)
+        self._suspected: TurningFrame | None = None
+        self._contradicted = 0  # windows
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -107,13 +114,38 @@ class DifferenceEstimator:
             time = float(window.time[-1])
             posteriors.append(Posterior.of(run, linear))
             instants.append(Instant(time, origin + round(time * 1e9), self._samples))
-            verdicts.append((run.event, run.contradictions))
+            self._latest.append(window)
+            verdicts.append((run.event, run.contradictions, self._suspicion(run)))
         solved, shares = solutions(posteriors)
         estimates = self._reporting.estimates(self.method, solved, instants)
         return [
-            _judged(estimate.after_thrust(window.impulse[-1]), *verdict, self._told(share))
-            for window, estimate, verdict, share in zip(windows, estimates, verdicts, shares, strict=True)
+            _judged(estimate.after_thrust(self._brought(window, solution)), *verdict, self._told(share))
+            for window, solution, estimate, verdict, share in zip(
+                windows, solved, estimates, verdicts, shares, strict=True
+            )
         ]
+
+    def _suspicion(self, run: Run) -> tuple[tuple[str, float], ...]:
+        """Return what may be wrong with a run that is contradicted: looked into now and then."""
+        if not run.contradictions or run.window.marginalised + len(run.window.windows) < len(self._latest):
+            return ()
+        if self._latest[-1].tide.shape[1]:
+            return ()  # the orbit is known
+        if self._contradicted % _NOW_AND_THEN == 0:
+            windows, space = run.window.windows, run.space
+            at = space, run.origin, run.window.x
+            latest = list(self._latest)[-len(windows) :]
+            jump = np.inf if run.event is None else run.event.time
+            found = turning_frame(windows.equations, latest, self._kernel, at, jump)
+            # The longer such a run, the further off is its solution: what it was clearest by counts.
+            if found is not None and (self._suspected is None or found.clarity > self._suspected.clarity):
+                self._suspected = found
+        self._contradicted += 1
+        return () if self._suspected is None else ((self._suspected.cause, self._suspected.gain),)
+
+    def _brought(self, window: Samples, solution: Solution) -> Array:
+        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+        return brought(window, self._kernel.with_target(solution.x[BODY]))
 
     def _running(self, start: Array) -> Run:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
@@ -152,13 +184,18 @@ class DifferenceEstimator:
 
 
 def _judged(
-    estimate: Estimate, event: Event | None, contradictions: tuple[str, ...], warnings: tuple[str, ...]
+    estimate: Estimate,
+    event: Event | None,
+    contradictions: tuple[str, ...],
+    causes: tuple[tuple[str, float], ...],
+    warnings: tuple[str, ...],
 ) -> Estimate:
     """Return the estimate with what contradicts a constant momentum, and further warnings."""
     contradicted = contradictions and estimate.status != 'not_identifiable'
     return replace(
         estimate,
         status='inconsistent' if contradicted else estimate.status,
+        causes=causes,
         events=() if event is None else (event,),
         warnings=(*estimate.warnings, *contradictions, *warnings),
     )

@@ -21,6 +21,7 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
+from mbaid_ros.core.robot.tide import of_bodies, of_link
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 UNKNOWNS = 16
@@ -44,7 +45,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
 
     Returns
     -------
-    Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 error sources
+    Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 + c error sources
     """
     samples, counts = joined(windows)
     rows = momentum_rows(kernel, samples)
@@ -56,7 +57,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.
     points = [starts_of(counts) + np.rint(part * (counts - 1)).astype(np.intp) for part in _GAUSS]
     first, second = zip(*map(np.split, _derivatives(kernel, samples[np.concatenate(points)]), (2, 2)), strict=True)
-    mean = _error_factors(samples, counts, noise)
+    mean = _error_factors(samples, counts, noise, kernel.storage.noises)
     tilt = np.sqrt(_tilts(samples, counts))[..., None] * mean
     noise_known, noise_rows = (
         np.concatenate((_by_errors(0.5 * (one + other), mean), _by_errors(0.5 * (one - other), tilt)), axis=2)
@@ -113,20 +114,30 @@ def _transport(position: Array) -> Array:
 def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     """Return how K samples' equations change with each measured quantity: y (K, 6, z, 1) and A (K, 6, z, u).
 
-    Their order: joint positions, joint velocities, base position, orientation, linear, angular velocity.
+    Their order: joint positions, joint velocities, base position, orientation, linear, angular velocity, what is read
+    of what stores momentum.
     """
-    derivative = sensitivity(kernel, kernel.states(point))
-    joints = kernel.model.joints
-    count, sources, bodies = len(point), 2 * joints + 12, derivative.target.shape[-1]
+    states = kernel.states(point)
+    derivative = sensitivity(kernel, states)
+    joints, stored = kernel.model.joints, kernel.storage.count
+    count, sources, bodies = len(point), 2 * joints + 12 + stored, derivative.target.shape[-1]
     known = np.zeros((count, 6, sources, 1))
     target = np.zeros((count, 6, sources, bodies + 6))
     # The base's position comes between the joints and the rest.
-    for there, here in ((slice(2 * joints), slice(2 * joints)), (slice(2 * joints + 3, None), slice(2 * joints, None))):
+    rest = slice(2 * joints + 3, 2 * joints + 12)
+    for there, here in ((slice(2 * joints), slice(2 * joints)), (rest, slice(2 * joints, None))):
         known[:, :, there, 0] = derivative.known[:, :, here]
         target[:, :, there, :bodies] = derivative.target[:, :, here]
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, 2 * joints : 2 * joints + 3, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, 2 * joints : 2 * joints + 3, 0] = -skew(point.impulse[:, :3])
+    if point.tide.shape[1]:
+        # Likewise L - p x P of what an orbit has brought.
+        place = slice(2 * joints, 2 * joints + 3)
+        known[:, 3:, place, 0] -= skew(of_bodies(states.tide, kernel.known)[:, :3])
+        linear = np.concatenate([of_link(states.tide, link)[:, :3] for link in kernel.unknown], axis=-1)
+        target[:, 3:, place, :bodies] -= np.moveaxis(skew(np.moveaxis(linear, 1, -1)), 1, -1)
+    known[:, :, rest.stop :, 0] = kernel.storage.columns(states.configuration.rotation)
     return known, target
 
 
@@ -138,17 +149,17 @@ def _by_errors(derivative: Array, factor: Array) -> Array:
 def _tilts(samples: Samples, counts: Counts) -> Array:
     """Return the variance of the tilt of each window's errors over that of their mean, (K, z)."""
     joints = samples.joint_position.shape[1]
-    tilt = np.ones((len(counts), 2 * joints + 12))
+    tilt = np.ones((len(counts), 2 * joints + 12 + samples.stored.shape[1]))
     tilt[:, [*range(joints, 2 * joints), *range(2 * joints + 6, 2 * joints + 12)]] = mean_of_each(
         samples.rate_tilt, counts
     )
     return tilt
 
 
-def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise) -> Array:
+def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise, stored: Array) -> Array:
     """Return the (K, z, z) factors F with F F^T the covariance of the means of a window's measurements."""
     joints = samples.joint_position.shape[1]
-    sources = 2 * joints + 12
+    sources = 2 * joints + 12 + len(stored)
     factor = np.zeros((len(counts), sources, sources))
     diagonal = np.arange(joints)
     factor[:, diagonal, diagonal] = noise.joint_position
@@ -156,7 +167,9 @@ def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise) -> Arra
     gain = mean_of_each(samples.joint_rate_gain, counts)
     derived = noise.joint_position * np.sqrt(gain)
     factor[:, joints + diagonal, joints + diagonal] = np.where(np.isnan(gain), noise.joint_velocity, derived)
-    pose, twist = slice(2 * joints, 2 * joints + 6), slice(2 * joints + 6, sources)
+    pose, twist = slice(2 * joints, 2 * joints + 6), slice(2 * joints + 6, 2 * joints + 12)
+    readings = np.arange(twist.stop, sources)
+    factor[:, readings, readings] = stored
     # White noise: the covariance of a mean is the mean covariance over the number of samples.
     factor[:, pose, pose] = np.linalg.cholesky(mean_of_each(samples.pose_covariance, counts))
     factor[:, twist, twist] = np.linalg.cholesky(mean_of_each(samples.twist_covariance, counts))

@@ -57,14 +57,16 @@ class JointMerge:
     ----------
     turning : (n,) True for joints that turn
     maximum_gap, reorder_limit : ns, longest interpolated interval, and longest wait for late messages
+    beside : how many of the n, the last ones, are no joints: they never set the stamps, and may come less often
 
     Attributes
     ----------
     dropped : measurements that were not used, by cause
     """
 
-    def __init__(self, turning: npt.NDArray[np.bool_], maximum_gap: int, reorder_limit: int) -> None:
+    def __init__(self, turning: npt.NDArray[np.bool_], maximum_gap: int, reorder_limit: int, beside: int = 0) -> None:
         self._turning = turning
+        self._joints = len(turning) - beside
         self._maximum_gap = maximum_gap
         self._reorder_limit = reorder_limit
         self._whole = _Part(tuple(range(len(turning))), turning, reorder_limit)
@@ -137,7 +139,7 @@ class JointMerge:
 
     def _merge(self) -> JointStream | None:
         """Return the measurements at the first part's stamps around which every other part has some."""
-        leader, *others = self._parts.values()
+        leader, *others = sorted(self._parts.values(), key=self._is_beside)
         streams = [part.waiting for part in others]
         if leader.waiting is None or not len(leader.waiting.stamp):
             return None
@@ -147,7 +149,9 @@ class JointMerge:
                 return None
             ready = min(ready, int(np.searchsorted(leader.waiting.stamp, stream.stamp[-1], side='right')))
         lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
-        chosen = lead.stamp[self._usable(lead.stamp, [stream.stamp for stream in streams if stream is not None])]
+        once = [not self._is_beside(part) for part in others]
+        stamps = [stream.stamp for stream in streams if stream is not None]
+        chosen = lead.stamp[self._usable(lead.stamp, stamps, once)]
         merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
         for part in others:
             if part.waiting is not None:
@@ -156,8 +160,12 @@ class JointMerge:
                 part.waiting = part.waiting[first:]
         return merged
 
-    def _usable(self, stamps: Stamps, others: list[Stamps]) -> npt.NDArray[np.bool_]:
-        """Return which stamps every other part brackets closely, each time with a message not used before.
+    def _is_beside(self, part: _Part) -> bool:
+        """Tell whether a part holds no joint."""
+        return bool(np.all(part.joints[part.own] >= self._joints))
+
+    def _usable(self, stamps: Stamps, others: list[Stamps], once: list[bool]) -> npt.NDArray[np.bool_]:
+        """Return which stamps every other part brackets closely, joints each time with a message not used before.
 
         Otherwise the same error of one message would count as that of many.
         """
@@ -171,7 +179,7 @@ class JointMerge:
         self._own[PARTNER_GAP] += int(np.sum(apart))
         usable: npt.NDArray[np.bool_] = ~early & ~apart
         for index in np.flatnonzero(usable):
-            used = [int(other[end[index]]) for other, end in zip(others, right, strict=True)]
+            used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]
             if self._used is not None and any(now <= before for now, before in zip(used, self._used, strict=True)):
                 usable[index] = False
                 self._own[OFTEN] += 1

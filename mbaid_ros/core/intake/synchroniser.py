@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
@@ -32,9 +33,17 @@ class Synchroniser:
         Longest time between two odometry stamps that is interpolated, s.
     correlation_time : float
         Time over which the errors of the poses are correlated, s.
+    view : callable, optional
+        What takes measurements of the base to an inertial frame, where that of the odometry is none.
     """
 
-    def __init__(self, maximum_gap: float, correlation_time: float = 0.0) -> None:
+    def __init__(
+        self,
+        maximum_gap: float,
+        correlation_time: float = 0.0,
+        view: Callable[[BaseStream], BaseStream] | None = None,
+    ) -> None:
+        self._view = view
         self._correlation_time = correlation_time
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
@@ -63,7 +72,10 @@ class Synchroniser:
         outliers.
         """
         self._joints = self._append(self._joints, self._later(joints))
-        self._base = self._append(self._base, self._outliers.push(self._repeats.push(self._later(base))))
+        new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
+        if new is not None and self._view is not None:
+            new = self._view(new)
+        self._base = self._append(self._base, self._outliers.push(new))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
@@ -154,6 +166,7 @@ def _at_once(joints: JointStream, base: BaseStream, time: Array, weights: tuple[
         base_angular_velocity=base.angular_velocity,
         pose_covariance=pose * base.pose_covariance,
         twist_covariance=twist * base.twist_covariance,
+        stored=joints.stored,
     )
 
 
@@ -197,6 +210,7 @@ def _hermite(
         base_angular_velocity=angular,
         pose_covariance=_blended(base.pose_covariance, ends, s, weights[0]),
         twist_covariance=_blended(base.twist_covariance, ends, s, weights[1]),
+        stored=joints.stored,
     )
 
 

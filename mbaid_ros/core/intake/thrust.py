@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
@@ -26,6 +28,17 @@ LATE_THRUST = 'thrust was told after samples that it acts on had been used: its 
 
 _FAR = 10_000_000_000  # ns, from the newest sample: another clock
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
+
+
+def _off_the_command() -> Array:
+    """Return what a unit of scale, and of turn about each axis, makes of a wrench, (4, 6, 6)."""
+    maps = np.zeros((OF_A_THRUSTER, 6, 6))
+    maps[0] = np.eye(6)
+    maps[1:, :3, :3] = maps[1:, 3:, 3:] = skew(np.eye(3))
+    return maps
+
+
+_OFF = _off_the_command()
 
 
 @dataclass(order=True)
@@ -59,6 +72,7 @@ class Thrust:
     ----------
     model : RobotModel
     hold : ns, longest time that a command counts
+    uncertain : frames of thrusters that may be off their commands
 
     Attributes
     ----------
@@ -69,10 +83,12 @@ class Thrust:
     dropped : commands that were not used, by cause
     """
 
-    def __init__(self, model: RobotModel, hold: int) -> None:
+    def __init__(self, model: RobotModel, hold: int, uncertain: Sequence[str] = ()) -> None:
         self._kinematics = Kinematics(model)
         self._links = {link.name: link for link in model.links}
         self._hold = hold
+        self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
+        self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # what has been brought, by how each is off
         self._commands: dict[str, list[_Command]] = {}
         self._origin = 0
         self._past: deque[_Part] = deque()  # windows that were used, of the last seconds
@@ -122,39 +138,56 @@ class Thrust:
         while window.time[-1] - self._past[0].end > _FAR * 1e-9:
             self._past.popleft()
         if not self.commands:
-            return window
+            return replace(window, thrust=self._brought_by_each(len(window))) if self._uncertain else window
         joined = part.joined()
+        columns = self._brought_by_each(len(window)).reshape(len(window), *self._columns.shape)
         total = np.tile(self.brought, (len(window), 1))
         for frame in list(self._commands):
             if frame not in self._links and frame != self.odometry_frame:
                 self.dropped[UNKNOWN_FRAME] += len(self._commands.pop(frame))
                 continue
             total += np.cumsum(self._pulses(frame, joined), axis=0)
+            if frame in self._uncertain:
+                columns[:, self._uncertain[frame]] += np.cumsum(self._pulses(frame, joined, _OFF), axis=0)
             self._forget(frame, origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED)
-        self.brought = total[-1]
-        return replace(window, impulse=total)
+        self.brought, self._columns = total[-1], columns[-1].copy()
+        return replace(window, impulse=total, thrust=columns.reshape(len(window), -1))
 
     def _take(self, frame: str, command: _Command) -> None:
         time = (command.stamp - self._origin) * 1e-9
         missed = [part.joined() for part in self._past if part.end > time]
         before = self._in(frame, missed)
+        before_by_each = self._in(frame, missed, _OFF)
         insort(self._commands.setdefault(frame, []), command)
         self.commands += 1
         more = self._in(frame, missed) - before
         self.brought = self.brought + more
+        if frame in self._uncertain:
+            self._columns[self._uncertain[frame]] += self._in(frame, missed, _OFF) - before_by_each
         self.late = self.late or bool(np.any(more))
 
-    def _in(self, frame: str, parts: list[Samples]) -> Array:
-        """Return what the commands of a frame bring in all of some windows, (6,)."""
-        return sum((np.sum(self._pulses(frame, part), axis=0) for part in parts), np.zeros(6))
+    def _brought_by_each(self, count: int) -> Array:
+        """Return what has been brought until now, by how each thruster is off, for so many samples, (N, 24 f)."""
+        return np.tile(self._columns.ravel(), (count, 1))
 
-    def _pulses(self, frame: str, samples: Samples) -> Array:
-        """Return what the commands of a frame bring from each of N samples to the next, (N - 1, 6)."""
+    def _in(self, frame: str, parts: list[Samples], off: Array | None = None) -> Array:
+        """Return what the commands of a frame bring in all of some windows, as `_pulses` has it."""
+        nothing = np.zeros(6 if off is None else (6, len(off)))
+        return sum((np.sum(self._pulses(frame, part, off), axis=0) for part in parts), nothing)
+
+    def _pulses(self, frame: str, samples: Samples, off: Array | None = None) -> Array:
+        """Return what the commands of a frame bring from each of N samples to the next, (N - 1, 6).
+
+        With (k, 6, 6) maps of the wrenches, what these would bring, (N - 1, 6, k).
+        """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
+        if off is not None:
+            impulses = np.einsum('kij,nj->nik', off, impulses)
         if not np.any(impulses):
             return impulses
         gain = self._gain(frame, samples)
-        return np.einsum('nij,nj->ni', 0.5 * (gain[1:] + gain[:-1]), impulses)
+        mean = 0.5 * (gain[1:] + gain[:-1])
+        return np.einsum('nij,nj->ni', mean, impulses) if off is None else mean @ impulses
 
     def _impulse(self, frame: str, time: Array) -> Array:
         """Return the impulses (N, 6), in the frame's axes, of its commands from the first sample until N times, s."""

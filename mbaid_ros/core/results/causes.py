@@ -10,5 +10,9 @@ SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:
     """Return what a force and torque may be that are constant in inertial or in the base's axes."""
-    likely = 'inertial axes: a tilted table, drag or a leak' if axes == 'inertial' else 'base axes: a leak or thrust'
+    likely = (
+        'inertial axes: a tilted table, drag, a leak or gravity in orbit'
+        if axes == 'inertial'
+        else 'base axes: a leak or thrust'
+    )
     return f'a force or torque that is constant in {likely}'

@@ -51,6 +51,24 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Thruster:
+    """By how much a thruster is off its command.
+
+    Attributes
+    ----------
+    frame : in which it is commanded
+    scale, scale_std : how much stronger it is than that (1: as commanded)
+    turn, turn_std : (3,) rad, by which it is turned, in the axes of its frame
+    """
+
+    frame: str
+    scale: float
+    scale_std: float
+    turn: Array
+    turn_std: Array
+
+
+@dataclass(frozen=True)
 class Estimate:
     """The state of an identification after a window (or a sample, for the paper's methods).
 
@@ -70,7 +88,9 @@ class Estimate:
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
     samples : number of samples used
+    phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
+    thrusters : what has been found of each thruster that may be off its command
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
         the data would be without it (log-likelihood)
@@ -93,7 +113,9 @@ class Estimate:
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
     samples: int = 0
+    phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
+    thrusters: tuple[Thruster, ...] = ()
     budget: ErrorBudget | None = None
     causes: tuple[tuple[str, float], ...] = ()
     events: tuple[Event, ...] = ()

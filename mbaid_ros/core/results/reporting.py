@@ -84,9 +84,9 @@ class Instant:
     samples: int
 
 
-@dataclass(frozen=True)
+@dataclass
 class Reporting:
-    """The thresholds of what is published.
+    """The thresholds of what is published; they may change between two windows.
 
     Attributes
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import momentum, regressor
+from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 
 
@@ -26,6 +28,10 @@ class BodyStates:
     body_twist : (N, n + 1, 6) twist of every body
     known : (N, n + 1, 10) standard parameters of the known bodies
     rotation, position, twist : (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
+    storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
+    tide : (N, n + 1, 6, 10) what an orbit has changed (P, L_b) by, by each body's standard parameters in its own frame;
+        (N, 0, 6, 10) without one
+    thrust : (N, f, 6, 4) what thrust has changed (P, L_b) by, by how much each thruster is off its command
     """
 
     configuration: Configuration
@@ -34,16 +40,30 @@ class BodyStates:
     rotation: Array
     position: Array
     twist: Array
+    storage: Storage
+    readings: Array
+    tide: Array
+    thrust: Array
 
     def __getitem__(self, index: slice | Array) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
         configuration = Configuration(*(getattr(self.configuration, x.name)[index] for x in fields(Configuration)))
-        return BodyStates(configuration, *(getattr(self, x.name)[index] for x in fields(self)[1:]))
+        parts = {x.name: getattr(self, x.name) for x in fields(self)[1:] if x.name != 'storage'}
+        cut = {name: values[index] for name, values in parts.items()}
+        return BodyStates(configuration=configuration, storage=self.storage, **cut)
+
+    @property
+    def momenta(self) -> Array:
+        """(P, L) of each known body, what is stored in it included, (N, n + 1, 6)."""
+        momenta = momentum(self.known, self.body_twist)
+        if self.storage.count:
+            momenta[..., 3:] += self.storage.momenta(self.configuration.rotation, self.readings)
+        return momenta
 
     @property
     def known_momentum(self) -> Array:
-        """(P_k, L_k) of all known bodies, (N, 6)."""
-        return np.sum(momentum(self.known, self.body_twist), axis=1)
+        """(P_k, L_k) of all known bodies, what is stored in any included, (N, 6)."""
+        return np.sum(self.momenta, axis=1)
 
     @property
     def regressor(self) -> Array:
@@ -78,6 +98,7 @@ class MomentumKernel:
     unknown : all of them
     known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
     errors : how far these may be off; none where nothing is said
+    storage : what stores momentum inside bodies; nothing does where nothing is said
 
     Raises
     ------
@@ -92,6 +113,7 @@ class MomentumKernel:
         self.kinematics = Kinematics(model)
         self.known = model.body_parameters(without=(target, *others))
         self.errors = KnownErrors()
+        self.storage = Storage()
 
     def corrected(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
@@ -112,15 +134,40 @@ class MomentumKernel:
         other.errors = errors
         return other
 
+    def with_target(self, parameters: Array) -> Array:
+        """Return the (n + 1, 10) standard parameters of all bodies, of (10,) those of the target link in its frame."""
+        known = self.known.copy()
+        known[self.target.body] += express(parameters, self.target.rotation, self.target.position)
+        return known
+
+    def storing(self, storage: Storage) -> MomentumKernel:
+        """Return a kernel of a robot that stores momentum inside bodies."""
+        other = copy(self)
+        other.storage = storage
+        return other
+
     def states(self, samples: Samples) -> BodyStates:
         """Return the states of all bodies at N samples."""
         twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
-        return self.states_of(samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
+        motion = (samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
+        states = self.states_of(*motion, samples.stored)
+        if not samples.tide.shape[1] and not samples.thrust.shape[1]:
+            return states
+        place = samples.base_position
+        return replace(states, tide=about(samples.tide, place), thrust=about(samples.thrust, place, OF_A_THRUSTER))
 
     def states_of(
-        self, base_rotation: Array, joint_position: Array, joint_velocity: Array, base_twist: Array
+        self,
+        base_rotation: Array,
+        joint_position: Array,
+        joint_velocity: Array,
+        base_twist: Array,
+        readings: Array | None = None,
     ) -> BodyStates:
-        """Return the states of all bodies for (N, 3, 3), (N, n), (N, n), (N, 6) in odometry axes."""
+        """Return the states of all bodies for (N, 3, 3), (N, n), (N, n), (N, 6) in odometry axes.
+
+        Without (N, c) readings of what stores momentum, nothing is stored.
+        """
         configuration = self.kinematics.configure(base_rotation, joint_position)
         body_twist = self.kinematics.body_twists(configuration, joint_velocity, base_twist)
         rotation, position = configuration.link(self.target)
@@ -131,4 +178,8 @@ class MomentumKernel:
             rotation=rotation,
             position=position,
             twist=body_twist[:, self.target.body],
+            storage=self.storage,
+            readings=np.zeros((len(joint_position), self.storage.count)) if readings is None else readings,
+            tide=np.zeros((len(joint_position), 0, 6, 10)),
+            thrust=np.zeros((len(joint_position), 0, 6, OF_A_THRUSTER)),
         )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, express
 
 # Part of the largest variance (all parameters in units of their own deviation) from which one is rounding.
@@ -44,23 +45,53 @@ def body_sizes(parameters: Array) -> Array:
 
     The mass; the mass times distance of the CoM and radius of gyration together; the mean moment of inertia.
     """
-    mass, com = parameters[0], physical(parameters)[1:4]
-    mean = float(parameters[[4, 7, 9]].sum()) / 3.0
-    gyration = np.sqrt(max(mean, 0.0) / mass)
-    return np.concatenate(([mass], np.full(3, mass * max(float(np.linalg.norm(com)), gyration)), np.full(6, mean)))
+    mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
+    return np.concatenate(([mass], np.full(3, mass * _size(parameters)), np.full(6, mean)))
 
 
-def declared(known: Array, stds: Sequence[float]) -> KnownErrors:
-    """Return independent errors of a relative size.
+def _size(parameters: Array) -> float:
+    """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
+    gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0, 0.0) / parameters[0])
+    return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
+
+
+@dataclass(frozen=True)
+class BodyDeviations:
+    """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative)."""
+
+    mass: float
+    com: float
+    inertia: float
+
+    @staticmethod
+    def relative(parameters: Array, std: float) -> BodyDeviations:
+        """Return those of a body, of standard parameters (10,), whose errors are of a relative size."""
+        return BodyDeviations(std, std * _size(parameters), std)
+
+    def factor(self, parameters: Array) -> Array:
+        """Return the (10, e) factor of the covariance of the standard parameters (10,)."""
+        inertia = np.full(6, float(physical(parameters)[[4, 7, 9]].sum()) / 3.0)
+        deviation = np.concatenate(([self.mass * parameters[0]], np.full(3, self.com), self.inertia * inertia))
+        return np.asarray(np.linalg.solve(physical_jacobian(parameters), np.diag(deviation))[:, deviation > 0.0])
+
+
+def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
+    """Return independent errors of a relative size; of some bodies as they are declared.
 
     Parameters
     ----------
     known : (n + 1, 10) standard parameters of the known bodies
-    stds : (n + 1,) relative standard deviation of each body's parameters; 0 is exact
+    std : relative standard deviation of a body's parameters; 0 is exact
+    own : of single bodies, by index
     """
-    bodies = tuple(int(body) for body in np.flatnonzero((known[:, 0] > 0.0) & (np.array(stds) > 0.0)))
-    sizes = [stds[body] * body_sizes(known[body]) for body in bodies]
-    return KnownErrors(bodies, np.diag(np.concatenate([np.zeros(0), *sizes])))
+    own = own or {}
+    factors = {
+        int(body): own[body].factor(known[body]) if body in own else np.diag(np.full(10, std) * body_sizes(known[body]))
+        for body in np.flatnonzero(known[:, 0] > 0.0)
+        if body in own or std > 0.0
+    }
+    uncertain = {body: factor for body, factor in factors.items() if factor.size}
+    return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()) if uncertain else np.zeros((0, 0)))
 
 
 def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:

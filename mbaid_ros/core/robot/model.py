@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,8 +11,9 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
+from mbaid_ros.core.robot.mimic import Transmission, transmission
 from mbaid_ros.core.robot.parser_words import kept_words
-from mbaid_ros.core.robot.urdf import Inertial, read_inertials
+from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, read_description
 
 _COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 
@@ -52,7 +53,11 @@ class RobotModel:
     axes : (n, 3) unit axis of joint j in its own frame
     prismatic : (n,) True where joint j slides
     continuous : (n,) True where joint j turns without limits
-    links : every link of the URDF
+    limits : (n,) how far and how fast each joint may go
+    transmission : which joints follow others
+    links : every link of the URDF that the floating one carries
+    described_joints : every joint of the URDF, fixed ones among them
+    dropped : what of the URDF is left out, and why, a line each
     """
 
     name: str
@@ -64,17 +69,31 @@ class RobotModel:
     axes: Array
     prismatic: tuple[bool, ...]
     continuous: tuple[bool, ...]
+    limits: tuple[Limit, ...]
+    transmission: Transmission
     links: tuple[Link, ...]
+    described_joints: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
 
     @property
     def base_link(self) -> str:
-        """Name of the root link, whose frame the odometry locates."""
+        """Name of the link that floats, whose frame the odometry locates."""
         return self.links[0].name
 
     @property
     def joints(self) -> int:
         """Number n of movable joints."""
         return len(self.joint_names)
+
+    @cached_property
+    def independent_joints(self) -> tuple[str, ...]:
+        """Names of the joints that follow no other: those that sensors have to tell of."""
+        return tuple(self.joint_names[place] for place in self.transmission.independent)
+
+    def positions_from(self, known: Mapping[str, float]) -> Array:
+        """Return the (n,) joint positions that measured ones give, by name; NaN for joints that none of these moves."""
+        measured = [known.get(name, np.nan) for name in self.independent_joints]
+        return self.transmission.positions(np.array(measured))
 
     @cached_property
     def last_link(self) -> str:
@@ -144,16 +163,23 @@ def express(parameters: Array, rotation: Array, position: Array) -> Array:
     return expressed
 
 
-def load_model(urdf: str) -> RobotModel:
+def load_model(urdf: str, base_link: str = '') -> RobotModel:
     """Read a robot from the text of a URDF.
+
+    Parameters
+    ----------
+    urdf : str
+    base_link : str
+        Name of the link that floats; empty means the root, or what a root 'world' carries.
 
     Raises
     ------
     ModelError
         The document cannot be used; the message names the link, joint or value.
     """
-    inertials = read_inertials(urdf)
-    model = parse(urdf)
+    description = read_description(urdf, base_link)
+    model = _built(description)
+    names = tuple(model.names[2:])
     count = model.njoints - 2  # without pinocchio's universe and the free-flyer
     placements = [model.jointPlacements[index + 2] for index in range(count)]
     subspaces = [_motion_subspace(model.joints[index + 2]) for index in range(count)]
@@ -161,7 +187,7 @@ def load_model(urdf: str) -> RobotModel:
     return RobotModel(
         name=model.name,
         urdf=urdf,
-        joint_names=tuple(model.names[2:]),
+        joint_names=names,
         parents=tuple(model.parents[index + 2] - 1 for index in range(count)),
         rotations=np.array([placement.rotation for placement in placements]).reshape(count, 3, 3),
         positions=np.array([placement.translation for placement in placements]).reshape(count, 3),
@@ -170,22 +196,30 @@ def load_model(urdf: str) -> RobotModel:
         ),
         prismatic=prismatic,
         continuous=tuple(model.joints[index + 2].nq == 2 for index in range(count)),
-        links=_links(model, inertials),
+        limits=tuple(description.limits[name] for name in names),
+        transmission=transmission(names, description.mimics),
+        links=_links(model, description.inertials),
+        described_joints=description.joints,
+        dropped=description.dropped,
     )
 
 
-def parse(urdf: str) -> pinocchio.Model:
-    """Return pinocchio's free-flying model of a URDF, without gravity.
+def parse(urdf: str, base_link: str = '') -> pinocchio.Model:
+    """Return pinocchio's free-flying model of a URDF, without gravity; joints that mimic others move by themselves.
 
     Raises
     ------
     ModelError
-        Pinocchio does not accept the document.
+        The document cannot be used.
     """
+    return _built(read_description(urdf, base_link))
+
+
+def _built(description: Description) -> pinocchio.Model:
     complaints: list[str] = []
     try:
         with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(urdf, pinocchio.JointModelFreeFlyer())
+            model = pinocchio.buildModelFromXML(description.text, pinocchio.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         reason = ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).split()) or 'no reason given'
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error

@@ -17,6 +17,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, rotate_back, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.tide import about, of_bodies, of_link
 from mbaid_ros.core.samples import Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
@@ -94,6 +95,10 @@ def momentum_rows(kernel: MomentumKernel, samples: Samples) -> MomentumRows:
         _put_momentum(rows.known[:, part], bodies, known)
         for link, regressor in zip(kernel.unknown, rows.regressors, strict=True):
             _put_regressor(regressor[..., part], _motion_of(link, kernel, bodies))
+        if kernel.storage.count:
+            _add_stored(rows.known[3:, part], bodies, kernel, samples.stored[part])
+    if samples.tide.shape[1]:
+        _take_off_tide(rows, kernel, samples)
     return rows
 
 
@@ -157,6 +162,23 @@ def _put_momentum(total: Array, bodies: _Motion, known: _Known) -> None:
     for body in range(1, len(linear)):  # one by one: how numpy sums depends on the number of samples
         total[:3] += linear[body]
         total[3:] += angular[body]
+
+
+def _add_stored(total: Array, bodies: _Motion, kernel: MomentumKernel, readings: Array) -> None:
+    """Add the angular momentum that is stored in bodies to a (3, N) one."""
+    storage, axial = kernel.storage, kernel.kinematics.axial
+    for place, body in enumerate(storage.bodies):
+        x, y, z = storage.inertias[place] * (axial[body].T @ storage.axes[place])
+        along, across, up = bodies.axes[body]
+        total += (along * x + across * y + up * z) * readings[:, place]
+
+
+def _take_off_tide(rows: MomentumRows, kernel: MomentumKernel, samples: Samples) -> None:
+    """Take off what an orbit has brought: what is left is constant."""
+    columns = about(samples.tide, samples.base_position)
+    rows.known[:] -= of_bodies(columns, kernel.known).T
+    for link, regressor in zip(kernel.unknown, rows.regressors, strict=True):
+        regressor[:] -= np.moveaxis(of_link(columns, link), 0, -1)
 
 
 def _put_regressor(matrix: Array, link: _Motion) -> None:

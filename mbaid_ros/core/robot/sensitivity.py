@@ -60,7 +60,7 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
     """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
     members, owner, twists = _moving(kernel, states)
     composite = members @ states.known
-    momenta = members @ momentum(states.known, states.body_twist)  # of what the joints move, and of the whole
+    momenta = members @ states.momenta  # of what the joints move, and of the whole
     joint_twist = states.configuration.joint_twist
     return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
 
@@ -70,7 +70,7 @@ def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[A
     subtrees = kernel.kinematics.ancestors.T
     joint_twist = states.configuration.joint_twist
     composite = inertia_matrix(subtrees @ states.known)
-    momenta = subtrees @ momentum(states.known, states.body_twist)
+    momenta = subtrees @ states.momenta
     # As in `_moving`: the carrier's velocity is held.
     carried = motion_cross(joint_twist, states.body_twist[:, 1:])
     moved = composite @ np.stack((carried, joint_twist), axis=-1)

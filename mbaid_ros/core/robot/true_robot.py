@@ -33,7 +33,7 @@ def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()
     for link, before in zip(changed.links, model.links, strict=True):
         if link is not before:
             text = replace_inertial(text, link.name, physical(link.parameters))
-    return load_model(text)
+    return load_model(text, model.base_link)
 
 
 def _displaced(model: RobotModel, origins: Array, tilts: Array) -> str:

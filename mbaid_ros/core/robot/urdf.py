@@ -1,4 +1,4 @@
-"""The checks a robot description must pass before pinocchio reads it, and the inertia of each single link.
+"""The robot in a robot description, checked before pinocchio reads it: what floats, and the inertia of each link.
 
 Pinocchio merges the links that fixed joints join; the inertia of one of them alone is read here.
 """
@@ -6,16 +6,19 @@ Pinocchio merges the links that fixed joints join; the inertia of one of them al
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NoReturn
 from xml.etree import ElementTree as ET
 
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ModelError, listing
+from mbaid_ros.core.robot.mimic import Mimic
+from mbaid_ros.core.robot.tree import Branch, carried, floating_link, read_tree
+from mbaid_ros.core.robot.urdf_document import names_of, parse_document, refuse
+from mbaid_ros.core.robot.urdf_numbers import number, number_or, quantity, triple
 
 SUPPORTED_JOINTS = ('revolute', 'continuous', 'prismatic', 'fixed')
-_LONGEST_REASON = 1_000
 
 
 @dataclass(frozen=True)
@@ -28,194 +31,200 @@ class Inertial:
     inertia: tuple[float, ...]
 
 
-def read_inertials(text: str) -> dict[str, Inertial]:
-    """Return the inertials of a URDF's links, after checking that it is a free-floating tree with physical masses.
+@dataclass(frozen=True)
+class Limit:
+    """How far (rad or m) and how fast (rad/s or m/s) a joint may go; infinite where nothing is said."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot that floats, as its document says.
+
+    Attributes
+    ----------
+    text : the document without what is above the link that floats and without massless <inertial>s, as it was written
+        where there is nothing of both
+    base_link : the link that floats
+    inertials : by link; links without mass are not in it
+    joints : names of all joints of the document, fixed ones and those left out among them
+    mimics, limits : by joint; those that have none are not in it
+    dropped : what is left out, and why, a line each
+    """
+
+    text: str
+    base_link: str
+    inertials: dict[str, Inertial]
+    joints: tuple[str, ...]
+    mimics: dict[str, Mimic]
+    limits: dict[str, Limit]
+    dropped: tuple[str, ...]
+
+
+def read_description(text: str, base_link: str = '') -> Description:
+    """Return what a URDF says of a robot.
 
     Parameters
     ----------
     text : str
         The URDF document.
-
-    Returns
-    -------
-    dict
-        By link name; links without <inertial> are not in it.
+    base_link : str
+        Name of the link that floats; empty means the root, or what a root 'world' carries.
 
     Raises
     ------
     ModelError
-        The document is not XML, not a robot, not a tree, fixed to the world, or has an unsupported joint or mass.
+        The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses that cannot be
+        used; the message has all of these.
     """
-    robot = _parse(text)
-    links = _names(robot, 'link')
+    robot = parse_document(text)
+    links = names_of(robot, 'link')
     if not links:
-        _refuse('the robot description has no <link>')
+        refuse('the robot description has no <link>')
     if len(links) > limits.LINKS:
-        _refuse(f'the robot description has {len(links)} links; at most {limits.LINKS} are accepted')
-    _names(robot, 'joint')
-    parents = _check_joints(robot, set(links))
-    roots = [name for name in links if name not in parents]
-    tied = set(links) - _descendants(roots, parents)
-    if tied:
-        _refuse(f'joints tie links in a loop: {listing(sorted(tied))}; the robot must be a tree')
-    if len(roots) != 1:
-        _refuse(f'the robot description must have one root link, not {len(roots)}: {listing(roots)}')
-    if roots[0] == 'world':
-        _refuse("root link 'world' fixes the robot to the ground; the base must float: remove 'world' and its joint")
-    inertials = {link.get('name', ''): _inertial(link) for link in robot.findall('link')}
-    return {name: inertial for name, inertial in inertials.items() if inertial is not None}
+        refuse(f'the robot description has {len(links)} links; at most {limits.LINKS} are accepted')
+    joints = names_of(robot, 'joint')
+    branches, problems = read_tree(robot, links)
+    _refuse_all(problems)
+    massive = {link.get('name', '') for link in robot.findall('link') if _claims_mass(link)}
+    base = floating_link(links, branches, massive, base_link)
+    dropped = _cut_off(robot, base, branches)
+    inertials, massless = _inertials(robot, problems)
+    mimics, bounds = _joints(robot, problems)
+    _refuse_all(problems)
+    changed = bool(dropped) or massless
+    return Description(
+        text=ET.tostring(robot, encoding='unicode') if changed else text,
+        base_link=base,
+        inertials=inertials,
+        joints=tuple(joints),
+        mimics=mimics,
+        limits=bounds,
+        dropped=dropped,
+    )
 
 
-def _refuse(reason: str) -> NoReturn:
-    line = ' '.join(reason[: 2 * _LONGEST_REASON].split())
-    raise ModelError(line if len(line) <= _LONGEST_REASON else f'{line[: _LONGEST_REASON - 3]}...')
+def _refuse_all(problems: list[str]) -> None:
+    """Refuse a document for all that is wrong with it, in one line."""
+    if len(problems) > 1:
+        refuse(f'the robot description has {len(problems)} problems: {"; ".join(problems)}')
+    if problems:
+        refuse(problems[0])
 
 
-def _parse(text: str) -> ET.Element:
-    if len(text) > limits.URDF_CHARACTERS:
-        _refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
-    if '<!DOCTYPE' in text or '<!ENTITY' in text:
-        _refuse('the robot description holds a DOCTYPE or ENTITY declaration; plain URDF is accepted')
+@contextmanager
+def _noted(problems: list[str]) -> Iterator[None]:
+    """Add what is wrong within the block to a list, and go on behind it."""
     try:
-        robot = ET.fromstring(text)
-    except (ET.ParseError, UnicodeEncodeError) as error:
-        raise ModelError(f'the robot description is not valid XML: {error}') from error
-    _check_size(robot)
-    if robot.tag != 'robot':
-        _refuse(f"the robot description's root element is <{robot.tag}>; <robot> is accepted")
-    if not robot.get('name'):
-        _refuse('the robot description gives <robot> no name')
-    return robot
+        yield
+    except ModelError as error:
+        problems.append(str(error))
 
 
-def _check_size(robot: ET.Element) -> None:
-    """Refuse what pinocchio's parser takes minutes for: it looks at all attributes of an element for each of them."""
-    level, count, depth = [robot], 0, 0
-    while level:
-        count, depth = count + len(level), depth + 1
-        if count > limits.URDF_ELEMENTS:
-            _refuse(f'the robot description has more than {limits.URDF_ELEMENTS} elements, which is the limit')
-        if depth > limits.URDF_DEPTH:
-            _refuse(f'the robot description nests elements more than {limits.URDF_DEPTH} deep, which is the limit')
-        for element in level:
-            if len(element.attrib) > limits.ELEMENT_ATTRIBUTES:
-                _refuse(
-                    f'an element <{element.tag[:40]}> has {len(element.attrib)} attributes; at most '
-                    f'{limits.ELEMENT_ATTRIBUTES} are accepted'
-                )
-        level = [child for element in level for child in element]
+def _claims_mass(link: ET.Element) -> bool:
+    mass = link.find('inertial/mass')
+    return mass is not None and mass.get('value', '').strip(' 0.+-') != ''
 
 
-def _names(robot: ET.Element, kind: str) -> list[str]:
-    """Return the names of the elements of a kind, each there and given once."""
-    names = [element.get('name', '') for element in robot.findall(kind)]
-    if '' in names:
-        _refuse(f'a <{kind}> has no name')
-    longest = max(names, key=len, default='')
-    if len(longest) > limits.NAME_CHARACTERS:
-        _refuse(
-            f"{kind} '{longest[:40]}...' has a name of {len(longest)} characters; at most "
-            f'{limits.NAME_CHARACTERS} are accepted'
-        )
-    duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
-    if duplicates:
-        _refuse(f'{kind} names given twice: {listing(duplicates)}')
-    return names
+def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple[str, ...]:
+    """Take all that the floating link does not carry out of a document; return what that is."""
+    kept = carried(base, branches)
+    links = [link for link in robot.findall('link') if link.get('name', '') not in kept]
+    if not links:
+        return ()
+    names = {branch.joint for child, branch in branches.items() if child not in kept or child == base}
+    for element in (*links, *(joint for joint in robot.findall('joint') if joint.get('name', '') in names)):
+        robot.remove(element)
+    gone = listing(link.get('name', '') for link in links)
+    return (f"'{base}' floats; left out of the robot description is what it does not carry: {gone}",)
 
 
-def _descendants(roots: list[str], parents: dict[str, str]) -> set[str]:
-    children: dict[str, list[str]] = {}
-    for child, parent in parents.items():
-        children.setdefault(parent, []).append(child)
-    reached, waiting = set(roots), list(roots)
-    while waiting:
-        new = children.get(waiting.pop(), [])
-        reached.update(new)
-        waiting += new
-    return reached
+def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inertial], bool]:
+    """Return the inertials of the links that have mass, and whether there were others, which are taken out."""
+    inertials, massless = {}, False
+    for link in robot.findall('link'):
+        element = link.find('inertial')
+        if element is None:
+            continue
+        with _noted(problems):
+            inertial = _inertial(link.get('name', ''), element)
+            if inertial is None:
+                link.remove(element)
+                massless = True
+            else:
+                inertials[link.get('name', '')] = inertial
+    return inertials, massless
 
 
-def _check_joints(robot: ET.Element, links: set[str]) -> dict[str, str]:
-    """Return the parent link of every child link."""
-    parents: dict[str, str] = {}
+def _inertial(name: str, inertial: ET.Element) -> Inertial | None:
+    """Return an <inertial>, None where its mass is zero: a frame, which many write so."""
+    what = f"link '{name}' has"
+    mass = quantity(what, inertial.find('mass'), 'value', 'mass')
+    if mass < 0.0:
+        refuse(f'{what} mass {mass:g} kg; a number of 0 or above is accepted')
+    if mass == 0.0:
+        return None
+    origin = inertial.find('origin')
+    inertia = inertial.find('inertia')
+    return Inertial(
+        mass=mass,
+        xyz=triple(f'{what} inertial origin', origin, 'xyz'),
+        rpy=triple(f'{what} inertial origin', origin, 'rpy'),
+        inertia=tuple(quantity(what, inertia, key) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')),
+    )
+
+
+def _joints(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Mimic], dict[str, Limit]]:
+    """Return what joints follow, and their limits."""
+    mimics, bounds = {}, {}
     for joint in robot.findall('joint'):
-        name = joint.get('name', '')
-        kind = joint.get('type', '')
-        if kind not in SUPPORTED_JOINTS:
-            _refuse(f"joint '{name}' is of type '{kind}'; accepted are {listing(SUPPORTED_JOINTS)}")
-        if joint.find('mimic') is not None:
-            _refuse(f"joint '{name}' mimics another; only independent joints are accepted")
-        _check_placement(joint, f"joint '{name}' has", kind)
-        ends = {}
-        for role in ('parent', 'child'):
-            element = joint.find(role)
-            ends[role] = element.get('link', '') if element is not None else ''
-            if ends[role] not in links:
-                _refuse(f"joint '{name}' names {role} link '{ends[role]}', which is not defined")
-        if ends['child'] in parents:
-            _refuse(f"link '{ends['child']}' has two parent joints; the robot must be a tree")
-        parents[ends['child']] = ends['parent']
-    return parents
+        name, kind = joint.get('name', ''), joint.get('type', '')
+        with _noted(problems):
+            _check_kind(joint, name, kind)
+            _check_placement(joint, f"joint '{name}' has", kind)
+            if kind == 'fixed':
+                continue
+            bounds[name] = _limit(joint, f"joint '{name}' has limit", kind)
+            mimic = joint.find('mimic')
+            if mimic is not None:
+                what = f"joint '{name}' has mimic"
+                gain, offset = number_or(1.0, what, mimic, 'multiplier'), number_or(0.0, what, mimic, 'offset')
+                mimics[name] = Mimic(mimic.get('joint', ''), gain, offset)
+    return mimics, bounds
+
+
+def _check_kind(joint: ET.Element, name: str, kind: str) -> None:
+    if kind in SUPPORTED_JOINTS:
+        return
+    child = joint.find('child')
+    advice = ''
+    if kind in {'floating', 'planar'} and child is not None:
+        advice = (
+            f"; make it fixed, or let parameter base_link be '{child.get('link', '')}' if the robot floats from there"
+        )
+    refuse(f"joint '{name}' is of type '{kind}'; accepted are {listing(SUPPORTED_JOINTS)}{advice}")
 
 
 def _check_placement(joint: ET.Element, what: str, kind: str) -> None:
     """Check the numbers that pinocchio's parser would refuse without a word on where they stand."""
     for key in ('xyz', 'rpy'):
-        _triple(f'{what} origin', joint.find('origin'), key)
-    if kind == 'fixed':
-        return
-    axis = joint.find('axis')
-    if not any(_triple(f'{what} axis', axis, 'xyz', '1 0 0')):
-        _refuse(f'{what} an axis of length zero')
+        triple(f'{what} origin', joint.find('origin'), key)
+    if kind != 'fixed' and not any(triple(f'{what} axis', joint.find('axis'), 'xyz', '1 0 0')):
+        refuse(f'{what} an axis of length zero')
+
+
+def _limit(joint: ET.Element, what: str, kind: str) -> Limit:
+    """Return a joint's limits; where lower is not below upper, or velocity not above 0, they are not meant."""
+    limit = joint.find('limit')
     if kind in {'revolute', 'prismatic'}:
         for key in ('effort', 'velocity'):
-            _number(f'{what} limit', joint.find('limit'), key)
-
-
-def _inertial(link: ET.Element) -> Inertial | None:
-    inertial = link.find('inertial')
-    if inertial is None:
-        return None
-    what = f"link '{link.get('name', '')}' has"
-    mass = _quantity(what, inertial.find('mass'), 'value', 'mass')
-    if mass <= 0.0:
-        _refuse(f'{what} mass {mass:g} kg; a number above 0 is accepted (leave out <inertial> for none)')
-    origin = inertial.find('origin')
-    inertia = inertial.find('inertia')
-    return Inertial(
-        mass=mass,
-        xyz=_triple(f'{what} inertial origin', origin, 'xyz'),
-        rpy=_triple(f'{what} inertial origin', origin, 'rpy'),
-        inertia=tuple(_quantity(what, inertia, key) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')),
-    )
-
-
-def _number(what: str, element: ET.Element | None, key: str, name: str = '') -> float:
-    text = element.get(key, '') if element is not None else ''
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        _refuse(f"{what} {name or key} '{text}'; a finite number is accepted")
-    return value
-
-
-def _quantity(what: str, element: ET.Element | None, key: str, name: str = '') -> float:
-    value = _number(what, element, key, name)
-    if abs(value) > limits.QUANTITY:
-        _refuse(f'{what} {name or key} {value:g}; at most {limits.QUANTITY:g} is accepted')
-    return value
-
-
-def _triple(what: str, element: ET.Element | None, key: str, default: str = '0 0 0') -> tuple[float, ...]:
-    text = element.get(key, default) if element is not None else default
-    try:
-        values = tuple(float(part) for part in text.split())
-    except ValueError:
-        values = ()
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        _refuse(f"{what} {key} '{text}'; three finite numbers are accepted")
-    if max(map(abs, values)) > limits.LENGTH:
-        _refuse(f"{what} {key} '{text}'; numbers up to {limits.LENGTH:g} are accepted")
-    return values
+            number(what, limit, key)
+    elif limit is None:
+        return Limit()
+    velocity = number_or(0.0, what, limit, 'velocity')
+    lower, upper = (number_or(0.0, what, limit, key) for key in ('lower', 'upper'))
+    speed = velocity if velocity > 0.0 else math.inf
+    return Limit(lower, upper, speed) if kind != 'continuous' and lower < upper else Limit(velocity=speed)

@@ -18,6 +18,8 @@ from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.core.simulation.surroundings import Surroundings
+from mbaid_ros.core.simulation.wheels import Wheels
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Target:
 def with_target(model: RobotModel, target: Target) -> RobotModel:
     """Return the robot with the target in its hand."""
     together = model.link(target.link).parameters + standard(target.body)
-    return load_model(replace_inertial(model.urdf, target.link, physical(together)))
+    text = replace_inertial(model.urdf, target.link, physical(together))
+    return load_model(text, model.base_link)
 
 
 class CaptureSimulation:
@@ -55,6 +58,7 @@ class CaptureSimulation:
     initial : state at time 0
     step : s, of the integrator
     target : Target
+    surroundings : what else acts on its bodies
 
     Attributes
     ----------
@@ -69,15 +73,25 @@ class CaptureSimulation:
         The robot, or the target in its hand, cannot be simulated.
     """
 
-    def __init__(self, model: RobotModel, motion: Sinusoids, initial: State, step: float, target: Target) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        motion: Sinusoids,
+        initial: State,
+        step: float,
+        target: Target,
+        surroundings: Surroundings | None = None,
+    ) -> None:
         self.target = target
-        self._before = Simulation(model, motion, initial, step)
+        self._before = Simulation(model, motion, initial, step, surroundings=surroundings)
         self.joined = with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
-        at = Simulation(model, motion, initial, step).advance(np.array([target.time]))
+        at = Simulation(model, motion, initial, step, surroundings=surroundings).advance(np.array([target.time]))
+        around = surroundings or Surroundings()
         self.brought = _momentum(model, at, target)
-        self.momentum: Array = total_momentum(model, at)[0] + self.brought
-        self._after = Simulation(self.joined, motion.later(target.time), _joined(self.joined, at, self.momentum), step)
+        self.momentum: Array = total_momentum(model, at, around.wheels)[0] + self.brought
+        start, later = _joined(self.joined, at, self.momentum, around.wheels), around.later(target.time)
+        self._after = Simulation(self.joined, motion.later(target.time), start, step, surroundings=later)
 
     def advance(self, instants: Array) -> Truth:
         """Return the true motion at instants (s, in order), and forget what lies before the last of them.
@@ -108,13 +122,13 @@ def _momentum(model: RobotModel, at: Truth, target: Target) -> Array:
     return np.concatenate((linear, cross(centre, linear) + inertia @ target.spin))
 
 
-def _joined(model: RobotModel, at: Truth, momentum: Array) -> State:
+def _joined(model: RobotModel, at: Truth, momentum: Array, wheels: Wheels | None) -> State:
     """Return the state with the same poses and joint rates, and the base's twist that gives the momentum."""
     # The momentum is linear in the twist: a base at rest and six unit twists tell how.
     twists = np.concatenate((np.zeros((1, 6)), np.eye(6)))
     seven = at[np.zeros(7, dtype=int)]
     momenta = total_momentum(
-        model, replace(seven, base_linear_velocity=twists[:, :3], base_angular_velocity=twists[:, 3:])
+        model, replace(seven, base_linear_velocity=twists[:, :3], base_angular_velocity=twists[:, 3:]), wheels
     )
     twist = np.linalg.solve((momenta[1:] - momenta[0]).T, momentum - momenta[0])
     velocity = np.concatenate((twist, at.joint_velocity[0]))

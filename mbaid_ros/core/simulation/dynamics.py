@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.simulation.effects import Effect, Instant
 from mbaid_ros.core.simulation.push import Push
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
@@ -38,6 +39,7 @@ _STAGES = tuple(
 _WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
+_OF_A_PLACE = ('rotation', 'translation')
 _DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
 
 
@@ -75,6 +77,7 @@ class Dynamics:
     ----------
     model : RobotModel
     push : what acts on it from outside
+    effects : what else acts on its bodies
 
     Raises
     ------
@@ -82,9 +85,9 @@ class Dynamics:
         The mass matrix is singular or not positive: something that moves has no inertia.
     """
 
-    def __init__(self, model: RobotModel, push: Push | None = None) -> None:
+    def __init__(self, model: RobotModel, push: Push | None = None, effects: Sequence[Effect] = ()) -> None:
         self.model = model
-        self._pinocchio = parse(model.urdf)
+        self._pinocchio = parse(model.urdf, model.base_link)
         self._data = self._pinocchio.createData()
         joints = list(self._pinocchio.joints)[2:]
         self._place = np.array([joint.idx_q for joint in joints], dtype=int)
@@ -94,15 +97,18 @@ class Dynamics:
         self._inertial = push if push is not None and push.body is None else None
         if push is not None and push.body is not None:
             self._act(push.body, push.force, push.torque)
+        self._effects = tuple(effects)
+        self._pushed = np.array([force.vector for force in self._forces])[1:]
         self._refuse_singular()
 
-    def acceleration(self, state: State, torque: Array) -> Array:
+    def acceleration(self, state: State, torque: Array, time: float = 0.0) -> Array:
         """Return the acceleration under joint torques.
 
         Parameters
         ----------
         state : State
         torque : (n,) N m, or N for a prismatic joint
+        time : s, which the effects depend on
 
         Returns
         -------
@@ -115,20 +121,20 @@ class Dynamics:
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
-        if self._inertial is not None:
-            self._act(0, *self._inertial.on_base(state.base_position, state.base_orientation))
+        self._act_all(time, state, configuration)
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
             raise ModelError(_DIVERGED)
         return np.array(result)
 
-    def torque(self, state: State, joint_acceleration: Array) -> Array:
+    def torque(self, state: State, joint_acceleration: Array, time: float = 0.0) -> Array:
         """Return the joint torques that give the joints an acceleration while the base floats (computed torque).
 
         Parameters
         ----------
         state : State
         joint_acceleration : (n,) rad/s^2 or m/s^2
+        time : s, which the effects depend on
 
         Returns
         -------
@@ -136,14 +142,18 @@ class Dynamics:
         """
         configuration = self._configuration(state)
         acceleration = np.concatenate((np.zeros(6), joint_acceleration))
-        # Nothing pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
-        push = pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[:6]
+        if self._effects:
+            self._act_all(time, state, configuration)
+        forces = (self._forces,) if self._effects else ()
+        # Nothing else pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
+        motion = (self._pinocchio, self._data, configuration, state.velocity)
+        push = pinocchio.rnea(*motion, acceleration, *forces)[:6]
         pinocchio.crba(self._pinocchio, self._data, configuration)
         try:
             acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
         except np.linalg.LinAlgError as error:
             raise ModelError(_DIVERGED) from error
-        return np.array(pinocchio.rnea(self._pinocchio, self._data, configuration, state.velocity, acceleration)[6:])
+        return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
         """Return the state one Runge-Kutta step (Butcher's, order 6) later.
@@ -174,11 +184,29 @@ class Dynamics:
         for stage in range(1, len(_NODES)):
             moved = length * (_STAGES[stage] @ slopes[:stage])
             reached = _moved(state, moved[:size], state.velocity + moved[size:])
-            torque = law(time + _NODES[stage] * length, reached)
+            instant = time + _NODES[stage] * length
             slopes[stage, :size] = _chart_rate(reached, moved[3:6])
-            slopes[stage, size:] = self.acceleration(reached, torque)
+            slopes[stage, size:] = self.acceleration(reached, law(instant, reached), instant)
         moved = length * (_WEIGHTS @ slopes)
         return _moved(state, moved[:size], state.velocity + moved[size:])
+
+    def _act_all(self, time: float, state: State, configuration: Array) -> None:
+        """Tell pinocchio of everything that acts and depends on time or state."""
+        inertial = None
+        if self._inertial is not None:
+            inertial = self._inertial.on_base(state.base_position, state.base_orientation)
+        if self._effects:
+            pinocchio.forwardKinematics(self._pinocchio, self._data, configuration)
+            places = list(self._data.oMi)[1:]
+            rotation, position = (np.array([getattr(each, part) for each in places]) for part in _OF_A_PLACE)
+            now = Instant(time, rotation, position, state.velocity[3:6])
+            wrenches = self._pushed + sum(effect.wrenches(now) for effect in self._effects)
+            if inertial is not None:
+                wrenches[0] += np.concatenate(inertial)
+            for body, wrench in enumerate(wrenches):
+                self._act(body, wrench[:3], wrench[3:])
+        elif inertial is not None:
+            self._act(0, *inertial)
 
     def _act(self, body: int, force: Array, torque: Array) -> None:
         """Tell pinocchio what acts on a body from outside, in its axes."""

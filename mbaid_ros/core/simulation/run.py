@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from mbaid_ros.core.simulation.dynamics import Dynamics, State
 from mbaid_ros.core.simulation.hermite import Nodes
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.push import Push
+from mbaid_ros.core.simulation.surroundings import Surroundings
+from mbaid_ros.core.simulation.wheels import Wheels
 from mbaid_ros.core.stacked import Stacked
 
 # An instant this close to a step of the integrator (in steps) is that step.
@@ -33,6 +35,7 @@ class Truth(Stacked):
     base_position : (N, 3) m, origin of the base link in the odometry frame
     base_orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame, continuous in time
     base_linear_velocity, base_angular_velocity : (N, 3) m/s, rad/s, of the base link's origin, in base axes
+    wheel_speed : (N, w) rad/s, of wheels inside the base; none where not given
     """
 
     time: Array
@@ -43,6 +46,12 @@ class Truth(Stacked):
     base_orientation: Array
     base_linear_velocity: Array
     base_angular_velocity: Array
+    wheel_speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Take it that there are no wheels where nothing is said."""
+        if self.wheel_speed.shape[:-1] != self.time.shape:
+            object.__setattr__(self, 'wheel_speed', np.zeros((*self.time.shape, 0)))
 
 
 class Simulation:
@@ -58,6 +67,7 @@ class Simulation:
     initial : state at time 0
     step : s, of the integrator
     push : what acts on the robot from outside all the time
+    surroundings : what else acts on its bodies
 
     Raises
     ------
@@ -66,14 +76,24 @@ class Simulation:
     """
 
     def __init__(
-        self, model: RobotModel, motion: Motion, initial: State, step: float, push: Push | None = None
+        self,
+        model: RobotModel,
+        motion: Motion,
+        initial: State,
+        step: float,
+        push: Push | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         self.model = model
         self.motion = motion
         self.step = step
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
-        self._dynamics = Dynamics(model, None if push is None else push.about(self._origin))
+        around = surroundings or Surroundings()
+        self._wheels = around.wheels
+        self._dynamics = Dynamics(
+            model, None if push is None else push.about(self._origin), around.effects(model, self._origin)
+        )
         start = replace(initial, base_position=np.zeros(3))
         self._first = 0  # index of the first step kept
         self._states = [start]
@@ -114,11 +134,12 @@ class Simulation:
             time = index * self.step
             state = self._dynamics.step(time, self._states[-1], self._accelerations[-1], self.step, self._torque)
             self._states.append(state)
-            self._accelerations.append(self._dynamics.acceleration(state, self._torque(time + self.step, state)))
+            torque = self._torque(time + self.step, state)
+            self._accelerations.append(self._dynamics.acceleration(state, torque, time + self.step))
 
     def _torque(self, time: float, state: State) -> Array:
         command = self.motion.command(time, state.joint_position, state.joint_velocity)
-        return np.zeros(self.model.joints) if command is None else self._dynamics.torque(state, command)
+        return np.zeros(self.model.joints) if command is None else self._dynamics.torque(state, command, time)
 
     def _truth(self, instants: Array, values: Array, rates: Array) -> Truth:
         """Return what the interpolated curve (position, quaternion, joints) and its rates say."""
@@ -139,6 +160,7 @@ class Simulation:
             base_orientation=orientation,
             base_linear_velocity=linear,
             base_angular_velocity=angular,
+            wheel_speed=np.zeros((len(instants), 0)) if self._wheels is None else self._wheels.speeds(instants),
         )
 
 
@@ -166,13 +188,14 @@ def _nodes(step: float, states: list[State], accelerations: list[Array]) -> Node
     )
 
 
-def total_momentum(model: RobotModel, truth: Truth) -> Array:
+def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None) -> Array:
     """Return the momentum of the whole robot, from the masses of its URDF.
 
     Parameters
     ----------
     model : RobotModel
     truth : of N instants
+    wheels : whose momentum counts, too
 
     Returns
     -------
@@ -187,6 +210,8 @@ def total_momentum(model: RobotModel, truth: Truth) -> Array:
     bodies = express(model.body_parameters(), configuration.rotation, configuration.position)
     total: Array = momentum(bodies, twists).sum(axis=1)
     total[:, 3:] += cross(truth.base_position, total[:, :3])
+    if wheels is not None:
+        total[:, 3:] += quaternions.rotate(orientation, wheels.stored(truth.wheel_speed))
     return total
 
 

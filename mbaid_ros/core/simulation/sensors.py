@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +29,14 @@ class JointReadings:
     ----------
     time : (N,) s since the start of the run
     position, velocity, effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
+    wheel_speed : (N, w) rad/s
     """
 
     time: Array
     position: Array
     velocity: Array
     effort: Array
+    wheel_speed: Array
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,24 @@ class Sensors:
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
     errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    wheel_noise : rad/s, of the speed of wheels inside the base
+    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
     """
 
-    def __init__(self, noise: SensorNoise, seed: int, errors: ModelErrors | None = None) -> None:
+    def __init__(
+        self,
+        noise: SensorNoise,
+        seed: int,
+        errors: ModelErrors | None = None,
+        wheel_noise: float = 0.0,
+        view: Callable[[Truth], Truth] | None = None,
+    ) -> None:
         self.noise = noise
         self._errors = errors
-        streams = np.random.SeedSequence(seed).spawn(6)
-        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope = (
+        self._wheel_noise = wheel_noise
+        self._view = view
+        streams = np.random.SeedSequence(seed).spawn(7)
+        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope, self._tachometer = (
             np.random.default_rng(stream) for stream in streams
         )
 
@@ -88,6 +102,7 @@ class Sensors:
             position=truth.joint_position + _white(self._encoder, noise.joint_position, truth.joint_position),
             velocity=truth.joint_velocity + _white(self._rate, noise.joint_velocity, truth.joint_velocity),
             effort=truth.joint_effort,
+            wheel_speed=truth.wheel_speed + _white(self._tachometer, self._wheel_noise, truth.wheel_speed),
         )
 
     def base(self, truth: Truth) -> BaseReadings:
@@ -111,7 +126,8 @@ class Sensors:
         )
 
     def _without_noise(self, truth: Truth) -> Truth:
-        return truth if self._errors is None else misread(truth, self._errors)
+        seen = truth if self._view is None else self._view(truth)
+        return seen if self._errors is None else misread(seen, self._errors)
 
 
 class SensedSimulation:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.push import Push
 from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,25 @@ class Pulse:
     ----------
     begin, end : s since the start of the run
     link : None for the odometry frame
-    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
+    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes, as commanded
+    scale : how much stronger it is than that
+    turn : (3,) rad, rotation vector by which it is turned against that
     """
 
     begin: float
     end: float
     link: Link | None
     wrench: Array
+    scale: float = 1.0
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def actual(self) -> Array:
+        """The (6,) force and torque that act."""
+        if self.scale == 1.0 and not self.turn.any():
+            return self.wrench
+        rotation = self.scale * exp(self.turn)
+        return np.concatenate((rotation @ self.wrench[:3], rotation @ self.wrench[3:]))
 
 
 class ThrustSimulation:
@@ -43,6 +56,7 @@ class ThrustSimulation:
     initial : state at time 0
     step : s, of the integrator
     pulse : Pulse
+    surroundings : what else acts on its bodies
 
     Attributes
     ----------
@@ -54,15 +68,24 @@ class ThrustSimulation:
         The robot's mass matrix is singular.
     """
 
-    def __init__(self, model: RobotModel, motion: Motion, initial: State, step: float, pulse: Pulse) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        motion: Motion,
+        initial: State,
+        step: float,
+        pulse: Pulse,
+        surroundings: Surroundings | None = None,
+    ) -> None:
         self._model, self._motion, self._step = model, motion, step
+        self._surroundings = surroundings or Surroundings()
         self.pulse = pulse
         self._changes: list[tuple[float, Push | None]] = [
-            (pulse.begin, Push.on(pulse.link, pulse.wrench)),
+            (pulse.begin, Push.on(pulse.link, pulse.actual)),
             (pulse.end, None),
         ]
         self._start = 0.0
-        self._simulation = Simulation(model, motion, initial, step)
+        self._simulation = Simulation(model, motion, initial, step, surroundings=surroundings)
 
     def advance(self, instants: Array) -> Truth:
         """Return the true motion at instants (s, in order), and forget what lies before the last of them.
@@ -82,7 +105,8 @@ class ThrustSimulation:
             parts.append(part[: len(part) - 1])
             instants = instants[~early]
             self._start = time
-            self._simulation = Simulation(self._model, self._motion.later(time), _state(part), self._step, push)
+            now = (self._motion.later(time), _state(part), self._step, push, self._surroundings.later(time))
+            self._simulation = Simulation(self._model, *now)
         parts.append(self._now(instants))
         return Truth.concatenate(parts)
 

@@ -120,7 +120,7 @@ def _models(
         *_pose_measurement(errors, pose, point.readings),
         stack.pose_covariance / stack.samples + of_joints,
         *_twist_measurement(errors, prediction, middle, point, twist),
-        _twist_covariance(stack, middle, of_joints),
+        _twist_covariance(stack, middle, of_joints, noise.stored),
         transition=_state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
         process=noise.process,
@@ -232,14 +232,18 @@ def _twist_measurement(
     return value + readings @ point.readings, _state_rows(mean, readings)
 
 
-def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array) -> Array:
-    """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes."""
+def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes.
+
+    That of what is read of stored momentum, with a factor (B, 6, c), is white in the predicted twist.
+    """
     count, weight = len(middle), _weights(len(middle))
     axes = np.zeros_like(of_joints)
     axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
     white = count * np.sum(weight**2) / stack.samples
     telescoped = _telescoped(count, stack.windows[0].spacing)
-    return white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
+    covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
+    return covariance + white * (stored @ np.swapaxes(stored, -1, -2)) if stored.shape[-1] else covariance
 
 
 @cache

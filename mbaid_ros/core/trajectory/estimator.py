@@ -11,11 +11,12 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.causes import PULSE, SYMPTOM, constant_force
-from mbaid_ros.core.results.estimate import Estimate, Event, Status
+from mbaid_ros.core.results.estimate import Estimate, Event, Status, Thruster
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
@@ -29,6 +30,7 @@ from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
+from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.verdict.judgement import MOST_JUMPS, Evidence, Judgement, judge
 
@@ -65,11 +67,13 @@ class TrajectorySettings:
 class _Solved:
     """What a run has led to by an instant.
 
-    `track` is the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
+    `mean` is the state, `track` the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
     """
 
+    mean: Array
     solution: Solution
     instant: Instant
+    thrusters: tuple[Thruster, ...]
     track: Track
     judgement: Judgement
     events: tuple[Event, ...]
@@ -109,9 +113,18 @@ class TrajectoryEstimator:
         solved = [one for one in found if isinstance(one, _Solved)]
         estimates = iter(self._reported(solved))
         return [
-            (next(estimates) if isinstance(one, _Solved) else one).after_thrust(window.impulse[-1])
+            next(estimates).after_thrust(self._brought(window, one))
+            if isinstance(one, _Solved)
+            else one.after_thrust(window.impulse[-1])
             for window, one in zip(windows, found, strict=True)
         ]
+
+    def _brought(self, window: Samples, solved: _Solved) -> Array:
+        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+        kernel = self._kernel
+        if window.tide.shape[1]:
+            kernel = self._layout.point(solved.mean).side.kernel
+        return brought(window, kernel.with_target(solved.mean[BODY]))
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
@@ -217,7 +230,9 @@ class TrajectoryEstimator:
         )
         found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
         budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
-        return _Solved(solution, now, track, judgement, found, self._delay(moments), budget)
+        return _Solved(
+            moments.mean, solution, now, self._thrusters(moments), track, judgement, found, self._delay(moments), budget
+        )
 
     def _evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
         """Return what the run says of its model."""
@@ -254,6 +269,20 @@ class TrajectoryEstimator:
                 return float(value[0]), float(deviation[0])
         return np.nan, np.nan
 
+    def _thrusters(self, moments: Moments) -> tuple[Thruster, ...]:
+        """Return by how much thrusters have turned out to be off their commands."""
+        found: list[Thruster] = []
+        for unknown, place in zip(self._layout.unknowns, self._layout.places, strict=True):
+            if isinstance(unknown, Thrusters):
+                values = (unknown.factor @ moments.mean[place]).reshape(-1, OF_A_THRUSTER)
+                # Each number of the state is one of these, in units of its prior.
+                stds = np.abs(unknown.factor @ moments.deviation[place]).reshape(values.shape)
+                found += [
+                    Thruster(frame, 1.0 + float(value[0]), float(std[0]), value[1:], std[1:])
+                    for frame, value, std in zip(unknown.frames, values, stds, strict=True)
+                ]
+        return tuple(found)
+
     def _reported(self, solved: list[_Solved]) -> list[Estimate]:
         """Return the estimates of solutions."""
         if not solved:
@@ -280,6 +309,7 @@ def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
         budget=budget if known else None,
         causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
         events=solved.events,
+        thrusters=solved.thrusters,
         warnings=(*warnings, *judgement.reasons),
         time_offset=solved.delay[0],
         time_offset_std=solved.delay[1],

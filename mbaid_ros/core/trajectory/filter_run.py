@@ -27,8 +27,10 @@ _GROWN, _KNOWN = 40, 0.1
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _PART = 300  # of these, done at a time
-# Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere.
-_HELD = 16.0
+# Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere. Then what moves are
+# the directions known as well as this, relative to typical sizes, and those that are so far off that their square, what
+# is left of second order, is more than a tenth of a standard deviation. An unknown's unit is about 1 % of its size.
+_HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 
 class FilterRun:
@@ -240,21 +242,30 @@ class FilterRun:
         return self._layout.point(moments.mean, moments.deviation)
 
     def _held(self, belief: Belief) -> Point:
-        """Return the point at which windows are linearised: the estimate, as it was until it has moved from there.
+        """Return the point at which windows are linearised: held until the estimate has moved, then moved along.
 
-        Each window sees nothing along some directions, of all masses and momenta growing together, say; linearised at
-        another point, these are others by d, the way between the points, and together the windows would tell of either
-        as much as the ones before weigh d (trajectory.md, eq. 6). Hence all of the estimate moves, and before d weighs
-        much: a single number that leaves its interval may be hundreds of standard deviations from what the windows
-        say of it and the others together.
+        Each window sees nothing along some directions g: of all masses and momenta growing together, say, or of CoM
+        and odometry mount displaced together. Linearised at another point these are others, and together the windows
+        would tell of either (trajectory.md, eq. 6). So what is well known stays near the estimate in every combination
+        of its numbers, and what is hardly known stays where it is, unless it is far.
         """
         assert self._point is not None, 'there is a bank'
         moments = Moments.of(belief, self._variables)
         first, count = self._variables.poses, len(self._variables.scale)
-        moved = self._variables.gather[first:] @ (moments.mean - self._reference)
-        distance = belief.root[first:, first:count] @ moved
+        gather, root = self._variables.gather[first:], belief.root[first:, first:count]
+        distance = root @ (gather @ (moments.mean - self._reference))
         if distance @ distance <= _HELD:
             return self._point
         self._reference = moments.mean.copy()
+        state = moments.mean.copy()
+        state[self._layout.parameters] = self._point.parameters
+        state[self._layout.readings] = self._point.readings
+        unit = np.ones(count - first)
+        unit[self._variables.own - first :] = _UNIT
+        information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
+        deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
+        offset = directions.T @ (unit * (gather @ (moments.mean - state)))
+        moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
+        state += self._variables.spread[:, first:] @ (directions @ np.where(moving, offset, 0.0) / unit)
         # What follows has to be linked to the windows before: at their readings.
-        return self._layout.beside(moments.mean, self._point)
+        return self._layout.beside(state, self._point)

@@ -9,7 +9,7 @@ by side along a second axis, which the shapes below leave out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class Midpoints(Stacked):
     turn : (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
     step : (J - 1, 3) m, displacement from each knot to the next
     impulse : (J - 1, 6) as of the knots, the mean of both
+    stored : (J - 1, c) readings of what stores momentum inside bodies
+    tide, thrust : (J - 1, 60 b), (J - 1, 24 f) as of the knots, the mean of both
     """
 
     joint_position: Array
@@ -39,12 +41,22 @@ class Midpoints(Stacked):
     turn: Array
     step: Array
     impulse: Array
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Take nothing as stored, no orbit and no uncertain thrust where nothing is said."""
+        for name in ('stored', 'tide', 'thrust'):
+            if getattr(self, name).shape[:-1] != self.turn.shape[:-1]:
+                object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
 
     @property
     def flat(self) -> Midpoints:
         """The intervals of several windows, one after the other along one axis."""
-        intervals = self.turn[..., 0].shape
-        return Midpoints(*(values.reshape(-1, *values.shape[len(intervals) :]) for values in vars(self).values()))
+        intervals = self.turn[..., 0]
+        count, axes = intervals.size, intervals.ndim
+        return Midpoints(*(values.reshape(count, *values.shape[axes:]) for values in vars(self).values()))
 
 
 def midpoints(knots: Knots, spacing: float) -> Midpoints:
@@ -55,7 +67,8 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     the neighbour's correction serves.
     """
     joints = knots.joint_position.shape[-1]
-    moving = _centre(np.concatenate((knots.joint_position, knots.base_position, knots.base_twist), axis=-1), knots)
+    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored)
+    moving = _centre(np.concatenate(parts, axis=-1), knots)
     midway = _midway(moving)
     rotation = _centre_rotation(knots)
     turn = _turns(rotation)
@@ -69,16 +82,21 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         joint_velocity=(turning - _second_difference(turning) / 24.0) / spacing,
         base_rotation=exp(half) @ rotation[:-1],
         base_position=midway[..., joints : joints + 3],
-        base_twist=midway[..., joints + 3 :],
+        base_twist=midway[..., joints + 3 : joints + 9],
         turn=turn,
         step=difference[..., joints : joints + 3],
-        # It may jump, which the corrections are not for.
-        impulse=0.5 * (knots.impulse[1:] + knots.impulse[:-1]),
+        impulse=_mean(knots.impulse, knots),
+        stored=midway[..., joints + 9 :],
+        tide=_mean(knots.tide, knots),
+        thrust=_mean(knots.thrust, knots),
     )
 
 
 def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
-    """Return the joints' motion `late` s after the midpoints, to third order, with the base's at the midpoints."""
+    """Return the joints' motion `late` s after the midpoints, to third order, with the base's at the midpoints.
+
+    What is stored inside bodies is read with the joints, and is late with them.
+    """
     rate = middle.joint_velocity
     second = gradient(rate) / spacing
     third = gradient(second) / spacing
@@ -86,6 +104,7 @@ def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoin
         middle,
         joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
         joint_velocity=rate + late * (second + late / 2.0 * third),
+        stored=middle.stored + late / spacing * gradient(middle.stored),
     )
 
 
@@ -106,6 +125,12 @@ def _centre(values: Array, knots: Knots) -> Array:
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     centred = values - offset * gradient(values)
     return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+
+
+def _mean(values: Array, knots: Knots) -> Array:
+    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    centred = values - knots.offset[..., None] * gradient(values)
+    return np.asarray(0.5 * (centred[1:] + centred[:-1]))
 
 
 def _centre_rotation(knots: Knots) -> Array:

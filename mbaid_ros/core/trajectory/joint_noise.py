@@ -30,12 +30,15 @@ class JointNoise(Stacked):
     ----------
     pose : (B, 6, n) factor of the covariance of the mean pose
     by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the unknowns that the prediction depends on
-    process : (B, 6, n) factor of the covariance of what accumulates on the way to the next window
+    process : (B, 6, n + c) factor of the covariance of what accumulates on the way to the next window, by the noise of
+        joints and of the c readings of what stores momentum
+    stored : (B, 6, c) factor of the covariance of the twist, by the noise of one reading of each of these
     """
 
     pose: Array
     by_unknowns: Array
     process: Array
+    stored: Array
 
 
 def joint_noise(
@@ -77,9 +80,20 @@ def joint_noise(
     # What is left behind at position level: the turn of A itself, and what F makes of A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
-    whole = JointNoise(deviation * middle, deviation[..., None] * by_unknowns, deviation * length * remainder)
+    process, stored = deviation * length * remainder, np.zeros((*middle.shape[:-1], 0))
+    if kernel.storage.count:
+        stored = _by_readings(bodies[index[1]])
+        samples = np.concatenate([stack.samples for stack in stacks])
+        process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
+    whole = JointNoise(deviation * middle, deviation[..., None] * by_unknowns, process, stored)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]
+
+
+def _by_readings(bodies: Bodies) -> Array:
+    """Return what the noise of one reading of each that stores momentum makes of the twist, (N, 6, c)."""
+    columns = bodies.mobility @ bodies.storage.columns(bodies.configuration.rotation)
+    return np.asarray(columns[:, ANGULAR_FIRST] * bodies.storage.noises)
 
 
 def _places(inside: slice) -> Integers:

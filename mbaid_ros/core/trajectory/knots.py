@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.stacked import Stacked
 
@@ -38,6 +39,8 @@ class Knots(Stacked):
     spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
+    stored : (J, c) readings of what stores momentum inside bodies
+    tide, thrust : (J, 60 b), (J, 24 f) as in Samples, L about the run's origin
     """
 
     joint_position: Array
@@ -47,6 +50,9 @@ class Knots(Stacked):
     spread: Array
     offset: Array
     impulse: Array
+    stored: Array
+    tide: Array
+    thrust: Array
 
     @property
     def empty(self) -> Flags:
@@ -101,15 +107,22 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     moving = [joined('joint_position'), joined('base_position') - origin]
     moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
     joints = moving[0].shape[1]
-    means = mean(np.concatenate((*moving, turns), axis=1))
+    stored = joined('stored')
+    columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
+    means = mean(np.concatenate((*moving, turns, stored, *columns), axis=1))
+    end = joints + 18
+    places = np.cumsum([end, stored.shape[1], columns[0].shape[1]])
     return Knots(
         joint_position=means[:, :joints],
-        base_rotation=exp(means[:, joints + 15 :]) @ middle,
+        base_rotation=exp(means[:, joints + 15 : end]) @ middle,
         base_position=means[:, joints : joints + 3],
         base_twist=means[:, joints + 3 : joints + 9],
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=means[:, joints + 9 : joints + 15],
+        stored=means[:, end : places[1]],
+        tide=means[:, places[1] : places[2]],
+        thrust=means[:, places[2] :],
     )
 
 
@@ -143,3 +156,10 @@ def _about(impulse: Array, origin: Array) -> Array:
     moved = impulse.copy()
     moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
     return moved
+
+
+def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
+    """Return columns of (P, L), one for each of so many numbers, with L about a point."""
+    if not brought.shape[1]:
+        return brought
+    return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)

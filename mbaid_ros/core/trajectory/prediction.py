@@ -1,7 +1,9 @@
 """The base's twist that conservation predicts from joint motion and momentum, and its derivatives.
 
 About the base's origin, in odometry axes,  M(q, R; phi) V + b(q, q', R; phi) = (P, L - p x P),  with the locked inertia
-M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi.
+M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi. What wheels
+store inside bodies is a part of b. In orbit (P, L) is what the run began with and what tide and gravity gradient have
+brought since, which is linear in the bodies' parameters as well.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
+from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.interpolation import Midpoints
@@ -71,6 +75,8 @@ class Bodies:
     configuration : Configuration
     twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
+    storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
+    tide, thrust : (N, n + 1, 6, 10), (N, f, 6, 4) as in BodyStates
     """
 
     parameters: Array
@@ -78,12 +84,18 @@ class Bodies:
     configuration: Configuration
     twist: Array
     mobility: Array
+    storage: Storage
+    readings: Array
+    tide: Array
+    thrust: Array
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
         bodies = self.configuration
         configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
-        return Bodies(self.parameters, self.target, configuration, self.twist[index], self.mobility[index])
+        cut = (self.readings[index], self.tide[index], self.thrust[index])
+        motion = configuration, self.twist[index], self.mobility[index]
+        return Bodies(self.parameters, self.target, *motion, self.storage, *cut)
 
     @cached_property
     def states(self) -> BodyStates:
@@ -95,6 +107,10 @@ class Bodies:
             express(self.parameters, bodies.rotation, bodies.position),
             *bodies.link(self.target),
             self.twist[:, self.target.body],
+            self.storage,
+            self.readings,
+            self.tide,
+            self.thrust,
         )
 
 
@@ -105,23 +121,25 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     ----------
     layout : of the state
     middle : Midpoints of N intervals, as the point's known side has them
-    point : its momentum is that before any known thrust, L about the run's origin
+    point : its momentum is that before any known thrust or orbit, L about the run's origin
     """
     parameters, kernel = point.parameters, point.side.kernel
-    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     target, kinematics = kernel.target, kernel.kinematics
-    known = kernel.known.copy()
-    known[target.body] += express(parameters[6:16], target.rotation, target.position)
+    known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     mobility, moving = whole(known, placed, body_twist)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     if layout.plane is not None:
         mobility = _in_plane(mobility, layout.plane)
-    about_base = angular - cross(middle.base_position, linear)
+    tide = about(middle.tide, middle.base_position)
+    thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
+    linear, about_base = _momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    bodies = Bodies(known, target, placed, body_twist, mobility)
+    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored, tide, thrust)
     # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
     # motion changes by.
     count = len(parameters)
@@ -129,6 +147,8 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(middle.base_position)
     right[..., 6:16] = -regressor(*placed.link(target), body_twist[:, target.body])
+    if tide.shape[1]:
+        right[..., 6:16] += of_link(tide, target)
     column = 16
     for unknown in layout.predicted:
         columns = unknown.momentum_columns(kernel, bodies.states)
@@ -142,6 +162,27 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, 3:, count + 3 :] = turned
     solved = mobility @ right
     return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
+
+
+def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, and what is known to have come since.
+
+    Parameters
+    ----------
+    middle, point : Midpoints, Point
+    known : (n + 1, 10) standard parameters of all bodies
+    brought : by tide and by thrusters that are off, as in `Bodies`
+    """
+    parameters, (tide, thrust) = point.parameters, brought
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    about_base = angular - cross(middle.base_position, linear)
+    parts = [(tide, known)] if tide.shape[1] else []
+    if thrust.shape[1] and point.side.thrust.any():
+        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
+    for columns, numbers in parts:
+        more = of_bodies(columns, numbers)
+        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
+    return linear, about_base
 
 
 def _in_plane(mobility: Array, plane: Array) -> Array:
@@ -173,8 +214,8 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
 def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
     """Return how the derivative A of the twist by the joint rates depends on the target body and the unknowns.
 
-    A joint at unit rate, where there is no momentum, makes the base move by its column of A and every body by that and
-    what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
+    A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
+    every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
 
     Parameters
     ----------
@@ -191,7 +232,9 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     each = bodies[np.repeat(np.arange(count), joints)]  # once for every joint
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
-    motion = replace(each, twist=np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added)
+    twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
+    readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
+    motion = replace(each, twist=twist, readings=readings, tide=each.tide[:, :0], thrust=thrust)
     placed = motion.configuration.link(bodies.target)
     columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
     for unknown in layout.predicted if layout.corrects_unknowns else ():

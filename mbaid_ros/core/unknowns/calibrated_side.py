@@ -13,6 +13,7 @@ from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.thrusters import thrusters
 
 _NOTHING = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
@@ -62,8 +63,11 @@ class CalibratedSide:
         values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), self.mount))
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
+        pushing = thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction)
+        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing.count
+        known = _with_others(known, others, before=int(np.count_nonzero(units[:-6])))
         if uncertainty.time_offset > 0.0:
-            known = Carried(np.append(known.mean, 0.0), block_diag(known.factor, np.eye(1)))
+            known = _with_others(known, 1, before=len(known.mean))
         doubted = kernel.doubted(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
         return doubted, replace(
             uncertainty,
@@ -74,6 +78,19 @@ class CalibratedSide:
             mount_orientation=float(orientation),
             carried=known,
         )
+
+
+def _with_others(known: Carried, count: int, *, before: int) -> Carried:
+    """Return what is known of some numbers and, put in after `before` of them, independent ones of unit variance."""
+    if not count:
+        return known
+    rows = np.arange(len(known.mean))
+    place = np.where(rows < before, rows, rows + count)
+    width = known.factor.shape[1]
+    factor = np.zeros((len(rows) + count, width + count))
+    factor[place, :width] = known.factor
+    factor[before : before + count, width:] = np.eye(count)
+    return Carried(np.insert(known.mean, before, np.zeros(count)), factor)
 
 
 def _size(deviations: Array) -> Array:

@@ -11,7 +11,9 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
+from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
 from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
+from mbaid_ros.core.unknowns.thrusters import thrusters
 from mbaid_ros.core.unknowns.time_offset import time_offset
 
 
@@ -27,6 +29,9 @@ class Uncertainty:
     target : what is known of the target body
     linear_momentum : N s, of the total linear momentum about zero; 0 where nothing is known of it
     carried : what is known of the unknowns' independent numbers together; None for nothing but their own variances
+    spin_inertias : kg m^2, of each of what stores momentum inside bodies; empty is exact
+    thrusters : frames of those that are not as commanded
+    thrust_scale, thrust_direction : of each of them: relative; rad
     """
 
     zeros: Sequence[float] = ()
@@ -38,6 +43,10 @@ class Uncertainty:
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0
     carried: Carried | None = None
+    spin_inertias: Sequence[float] = ()
+    thrusters: Sequence[str] = ()
+    thrust_scale: float = 0.0
+    thrust_direction: float = 0.0
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -47,6 +56,8 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
     every = (
         known_bodies(kernel.model, kernel.errors),
         joint_placements(kernel, *placements),
+        spin_inertias(kernel, uncertainty.spin_inertias),
+        thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction),
         odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
         time_offset(uncertainty.time_offset),
     )

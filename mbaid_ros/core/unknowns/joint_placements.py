@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
@@ -97,7 +97,7 @@ def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequen
     """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint (trajectory.md, eq. 2)."""
     carried = kernel.kinematics.ancestors.T
     inertia = inertia_matrix(carried @ states.known)
-    whole = carried @ momentum(states.known, states.body_twist)
+    whole = carried @ states.momenta
     parent = states.body_twist[:, list(parents)]
     # X x* h and X x V are linear in X: -[h] and -[V] in brackets.
     force = np.zeros((*whole.shape, 6))

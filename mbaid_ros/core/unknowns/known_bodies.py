@@ -30,11 +30,13 @@ class KnownBodies(Unknown):
     bodies: tuple[int, ...]
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return the bodies' regressors: momentum is linear in what a body is."""
+        """Return the bodies' regressors, less what an orbit has brought: momentum is linear in what a body is."""
         del kernel
         index = list(self.bodies)
         placed = states.configuration
         columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
+        if states.tide.shape[1]:
+            columns -= states.tide[:, index]
         return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, -1)
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:

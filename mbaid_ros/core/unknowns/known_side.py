@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,12 +21,14 @@ class KnownSide:
     zeros : (n,) rad or m, what is added to the measured joint positions
     mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
     delay : s, by how much the joints' stamps are late
+    thrust : (4 f,) by how much each thruster is off its command: scale, turn; empty is not at all
     """
 
     kernel: MomentumKernel
     zeros: Array
     mount: Array
     delay: float
+    thrust: Array = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def nominal(kernel: MomentumKernel) -> KnownSide:

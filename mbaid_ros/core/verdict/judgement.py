@@ -140,7 +140,9 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
-    causes += _correlated(evidence)
+    # Means of correlated noise are larger than declared, too.
+    of_noise = sum(cause.gain for cause in causes if cause.text.startswith('noise.base_'))
+    causes += _correlated(evidence, of_noise)
     if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
     causes.sort(key=lambda cause: -cause.gain)
@@ -149,8 +151,14 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     return (*causes, *walk)
 
 
-def _correlated(evidence: Evidence) -> list[Cause]:
-    """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump."""
+def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
+    """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    of_noise : gain of larger noise of the odometry, which this explains as well
+    """
     if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
         return []
     time, gain = seen_in(evidence.latest)
@@ -160,7 +168,7 @@ def _correlated(evidence: Evidence) -> list[Cause]:
     return [
         Cause(
             f'the noise of the odometry is correlated over about {told} s: set noise.base_correlation_time to {told}',
-            gain + (evidence.gain if evidence.odometry_drifts else 0.0),
+            gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0),
         )
     ]
 

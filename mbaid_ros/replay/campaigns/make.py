@@ -94,6 +94,7 @@ def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
         'joint_states': session.add_joint_state,
         'odom': session.add_odometry,
         'thrust': session.add_thrust,
+        'stored_momentum': session.add_stored_momentum,
     }
     for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
         for timed in simulated.read(float(end)):

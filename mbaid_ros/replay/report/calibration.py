@@ -18,6 +18,7 @@ def html(result: Calibrated) -> str:
     parts = [
         f'<h1>Calibration of {text(result.kernel.model.name)}</h1>',
         paragraph(', '.join(one_line(motion.bag) for motion in result.motions), 'note'),
+        listed(result.survey.lines, 'model'),
         paragraph(headline(result), f'verdict {_look(result)}'),
         listed(result.warnings, 'warnings'),
         *(paragraph(each) for each in told(result)),

@@ -32,6 +32,7 @@ p { margin: .4rem 0; } .note { color: var(--soft); font-size: .87rem; }
 .verdict.wrong { border-left-color: var(--alarm); background: var(--alarm-panel); color: var(--alarm); }
 .warnings { padding: .1rem .9rem .3rem 2rem; margin: .6rem 0; border-left: .35rem solid var(--second);
   background: var(--panel); overflow-wrap: anywhere; }
+.model { padding-left: 1.1rem; margin: .4rem 0; color: var(--soft); font-size: .87rem; overflow-wrap: anywhere; }
 .scroll { overflow-x: auto; } .scroll + .scroll { margin-top: 1.1rem; } details { margin: .7rem 0; }
 table { border-collapse: collapse; font-size: .93rem; } td, th { padding: .22rem .9rem .22rem 0; text-align: left;
   border-bottom: 1px solid var(--line); vertical-align: top; } th { color: var(--soft); font-weight: 600; }

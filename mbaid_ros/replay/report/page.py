@@ -55,6 +55,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
     matching = truth if truth is not None and not truth.why_not(run.target_link) else None
     parts = [
         f'<h2><code>{text(run.bag)}</code></h2>',
+        '' if run.survey is None else listed(run.survey.lines, 'model'),
         paragraph(
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
             f'verdict {_look(run)}',

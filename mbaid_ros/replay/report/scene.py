@@ -61,7 +61,7 @@ def scene(run: Run) -> Scene | None:
     """Return the robot in its last pose, None where that is not known."""
     if run.pose is None or not run.urdf:
         return None
-    model = load_model(run.urdf)
+    model = load_model(run.urdf, str(run.settings.get('base_link', '')))
     configuration = Kinematics(model).configure(run.pose.base_rotation[None], run.pose.joint_position[None])
     places = configuration.position[0]
     bones = [(places[parent], places[joint + 1]) for joint, parent in enumerate(model.parents)]

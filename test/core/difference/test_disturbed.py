@@ -154,9 +154,12 @@ def test_links_of_their_own_uncertainty(robot: MomentumKernel, free: Truth) -> N
     base, all_alike, arm = (
         identify(robot, part, MID, 6, **given)[-1].std[0]
         for given in (
-            {'known_links__names': ('base_link',), 'known_links__stds': (0.01,)},
+            {'known_links.base_link.mass_relative_std': 0.01},
             {'known_links__relative_std': 0.01},
-            {'known_links__relative_std': 0.01, 'known_links__names': ('base_link',), 'known_links__stds': (0.0,)},
+            {
+                'known_links__relative_std': 0.01,
+                'known_links.base_link': {'mass_relative_std': 0.0, 'com_std': 0.0, 'inertia_relative_std': 0.0},
+            },
         )
     )
     assert all_alike > base > arm
@@ -165,8 +168,9 @@ def test_links_of_their_own_uncertainty(robot: MomentumKernel, free: Truth) -> N
 @pytest.mark.parametrize(
     ('parameters', 'message'),
     [
-        ({'known_links__names': ('base_link',)}, 'known_links.stds'),
-        ({'known_links__names': ('arm',), 'known_links__stds': (0.1,)}, "'arm'; accepted: base_link"),
+        ({'known_links.arm.com_std': 0.1}, "'known_links.arm' is of no known link with mass; accepted: base_link"),
+        ({'known_links.base_link.com_std': -0.1}, "'known_links.base_link.com_std' is -0.1 m"),
+        ({'known_links.base_link.stds': 0.1}, 'unknown parameter'),
         ({'known_links__relative_std': -0.1}, 'known_links.relative_std'),
         ({'disturbance__constant': 'world'}, 'none, inertial, body'),
         ({'disturbance__constant': 'body'}, "'body' with method difference.*accepted: none, or method trajectory"),

@@ -13,7 +13,7 @@ from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors, declared
+from mbaid_ros.core.robot.known_errors import BodyDeviations, KnownErrors, declared
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.unknowns.carried import Carried
@@ -122,7 +122,7 @@ def test_the_share_of_a_part_is_what_knowing_it_would_take_away() -> None:
 
 def test_several_unknowns_stand_beside_each_other(spatial: Truth) -> None:
     servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
-    servicer = servicer.doubted(declared(servicer.known, [0.01, *[0.0] * (len(servicer.known) - 1)]))
+    servicer = servicer.doubted(declared(servicer.known, 0.0, {0: BodyDeviations.relative(servicer.known[0], 0.01)}))
     bodies, given, nothing = bodies_of(servicer), np.arange(12.0).reshape(6, 2), np.zeros(10)
     stated = Stated(np.diag([0.5, 2.0]), ('first', 'second'), given)
     both = ConsiderParameters(servicer, [bodies, stated, time_offset(0.02)])

@@ -116,3 +116,20 @@ def test_sliding_joints_do_not_wrap() -> None:
     merged = JointMerge(np.array([False]), GAP, 0).push({(0,): JointStream(np.arange(3), position, position)})
     assert merged is not None
     assert np.array_equal(merged.position, position)
+
+
+def test_what_is_no_joint_neither_sets_the_stamps_nor_costs_samples() -> None:
+    """Its messages come first, and one for five of the joints'."""
+    merger = JointMerge(np.ones(4, dtype=bool), GAP, 0, beside=2)
+    seldom = part((2, 3), TIME[::5])
+    merged = merger.push(dict([seldom, part((0, 1), TIME)]))
+    assert merged is not None
+    last = int(np.flatnonzero(TIME[::5][-1] >= TIME)[-1])
+    assert np.array_equal(merged.stamp, np.round(TIME[: last + 1] * SECOND).astype(np.int64))
+    assert merged.velocity == pytest.approx(motion(merged.stamp / SECOND)[1], abs=3e-3)
+    joints_alone = JointMerge(np.ones(4, dtype=bool), GAP, 0)
+    assert joints_alone.push(dict([seldom, part((0, 1), TIME)])) is not None
+    assert joints_alone.dropped[OFTEN] == 0  # the seldom one leads: no sample is used twice
+    divided = merged.divided(2)
+    assert np.array_equal(divided.stored, merged.velocity[:, 2:])
+    assert np.array_equal(divided.position, merged.position[:, :2])

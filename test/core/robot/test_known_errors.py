@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import body_sizes, calibrated, declared
+from mbaid_ros.core.robot.known_errors import BodyDeviations, body_sizes, calibrated, declared
 from mbaid_ros.core.robot.model import load_model
 
 LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
@@ -66,8 +67,19 @@ def test_a_factor_holds_the_covariance_whatever_the_sizes() -> None:
 
 def test_declared_errors_are_independent_and_relative() -> None:
     robot = MomentumKernel(load_model(URDF), 'tool')
-    errors = declared(robot.known, [0.01, 0.0, 0.02])
+    exact = BodyDeviations(0.0, 0.0, 0.0)
+    errors = declared(robot.known, 0.01, {1: exact})
     assert errors.bodies == (0, 2)
-    sizes = np.concatenate((0.01 * body_sizes(robot.known[0]), 0.02 * body_sizes(robot.known[2])))
+    sizes = 0.01 * np.concatenate((body_sizes(robot.known[0]), body_sizes(robot.known[2])))
     assert errors.covariance == pytest.approx(np.diag(sizes**2))
-    assert declared(robot.known, [0.0] * 3).count == 0
+    assert declared(robot.known, 0.0).count == 0
+
+
+def test_a_single_body_may_be_known_in_mass_com_and_inertia_each_by_itself() -> None:
+    robot = MomentumKernel(load_model(URDF), 'tool')
+    body = robot.known[1]
+    covariance = declared(robot.known, 0.0, {1: BodyDeviations(0.02, 0.003, 0.0)}).covariance
+    of_physical = physical_jacobian(body) @ covariance @ physical_jacobian(body).T
+    wanted = np.diag([(0.02 * body[0]) ** 2, *(0.003**2,) * 3, *(0.0,) * 6])
+    size = np.concatenate(([body[0]], np.ones(3), np.full(6, body[0])))
+    assert of_physical / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)

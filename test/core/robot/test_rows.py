@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
 from mbaid_ros.core.samples import Samples
-from random_robots import random_state, random_urdf
+from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(4)
 COUNT = 67
@@ -26,7 +28,11 @@ def random_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]
     samples = Samples(
         np.arange(count) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
     )
-    return MomentumKernel(model, model.last_link, model.links[1].name), samples
+    kernel = MomentumKernel(model, model.last_link, model.links[1].name)
+    if seed % 2:
+        kernel = kernel.storing(random_storage(rng, model))
+        samples = replace(samples, stored=rng.normal(size=(count, kernel.storage.count)))
+    return kernel, samples
 
 
 def arrays(rows: MomentumRows) -> list[Array]:

@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross, sensitivity, sensitivity_to_joints
-from random_robots import random_state, random_urdf
+from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(8)
 STEP = 1e-5
@@ -28,6 +28,9 @@ class Measured:
         # One unknown link, two or three.
         unknown = rng.choice(len(model.links), size=1 + seed % 3, replace=False)
         self.kernel = MomentumKernel(model, *(model.links[index].name for index in unknown))
+        if seed % 2:
+            self.kernel = self.kernel.storing(random_storage(rng, model))
+        self.readings = rng.normal(size=(1, self.kernel.storage.count))
         self.joints = model.joints
         position, velocity, rotation, twist = random_state(rng, model.joints, 1)
         self.position, self.velocity, self.rotation = position[0], velocity[0], rotation[0]
@@ -50,6 +53,7 @@ class Measured:
             (self.position + error[:count])[None],
             (self.velocity + error[count : 2 * count])[None],
             twist[None],
+            self.readings,
         )
 
 

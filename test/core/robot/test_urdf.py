@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import MbaidError, ModelError
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf import read_inertials
+from mbaid_ros.core.robot.model import load_model, parse
+from mbaid_ros.core.robot.urdf import read_description
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
 
 MASS = '<mass value="2"/>'
@@ -40,6 +41,7 @@ def with_origin(origin: str) -> str:
     return pair(inertial=f'<inertial>{origin}{MASS}{INERTIA}</inertial>')
 
 
+SPACE, XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"', '<xacro:include filename="arm.xacro"/>'
 LOOP = (link('b'), link('c'), joint('j', 'b', 'c'), joint('k', 'c', 'b'))
 
 # What is wrong: the description, and what the message must name.
@@ -47,7 +49,11 @@ BAD = {
     'nothing': ('', 'not valid XML'),
     'text': ('robot', 'not valid XML'),
     'cut off': (pair()[:-10], 'not valid XML'),
-    'unbound prefix': ('<robot name="r"><xacro:include/></robot>', 'unbound prefix'),
+    'unbound prefix': ('<robot name="r"><sdf:include/></robot>', 'unbound prefix'),
+    'xacro without its namespace': ('<robot name="r"><xacro:include/></robot>', 'xacro robot.urdf.xacro > robot.urdf'),
+    'xacro': (robot(XACRO, link('base')).replace('<robot ', f'<robot {SPACE} '), 'is a xacro (xacro:include)'),
+    'xacro without a name': (f'<robot {SPACE}>{XACRO}</robot>', 'is a xacro (xacro:include)'),
+    'expression of xacro': (pair('<origin xyz="0 0 ${length}"/>' + AXIS + LIMIT), "<origin> has '0 0 ${length}'"),
     'null character': ('<robot name="r">\0</robot>', 'not valid XML'),
     'lone surrogate': (robot(link('\udcff')), 'not valid XML'),
     'doctype': ('<!DOCTYPE robot SYSTEM "x">' + pair(), 'DOCTYPE or ENTITY'),
@@ -72,11 +78,33 @@ BAD = {
         robot(link('base'), link('arm'), link('hand'), joint('j', 'base', 'hand'), joint('k', 'arm', 'hand')),
         "link 'hand' has two parent joints",
     ),
-    'fixed to the world': (robot(link('world', ''), link('base'), joint('j', 'world', 'base', 'fixed')), "'world'"),
+    'on a rail to the ground': (
+        robot(link('world', ''), link('base'), joint('j', 'world', 'base', 'prismatic')),
+        "joint 'j' ties 'base' to root link 'world' by a prismatic joint",
+    ),
+    'two robots on the ground': (
+        robot(
+            link('world', ''),
+            link('a'),
+            link('b'),
+            joint('j', 'world', 'a', 'fixed'),
+            joint('k', 'world', 'b', 'fixed'),
+        ),
+        "root link 'world' carries a, b; one of them floats",
+    ),
+    'nothing but the ground': (robot(link('world')), "root link 'world' carries none"),
     'unknown parent': (robot(link('base'), joint('j', 'nowhere', 'base')), "joint 'j' names parent link 'nowhere'"),
     'unknown child': (robot(link('base'), joint('j', 'base', 'nowhere')), "joint 'j' names child link 'nowhere'"),
     'no parent': (pair().replace('<parent link="base"/>', ''), "joint 'elbow' names parent link ''"),
-    'mimic': (pair(AXIS + LIMIT + '<mimic joint="other"/>'), "joint 'elbow' mimics another"),
+    'mimics nothing': (
+        pair(AXIS + LIMIT + '<mimic joint="other"/>'),
+        "joint 'elbow' mimics 'other', which is no joint",
+    ),
+    'mimics itself': (pair(AXIS + LIMIT + '<mimic joint="elbow"/>'), "joint 'elbow' mimics joints that mimic it"),
+    'mimics by no number': (
+        pair(AXIS + LIMIT + '<mimic joint="elbow" multiplier="two"/>'),
+        "joint 'elbow' has mimic multiplier 'two'",
+    ),
     'no type': (pair().replace(' type="revolute"', ''), "joint 'elbow' is of type ''"),
     'axis of length zero': (pair('<axis xyz="0 0 0"/>' + LIMIT), "joint 'elbow' has an axis of length zero"),
     'axis of two numbers': (pair('<axis xyz="0 1"/>' + LIMIT), "joint 'elbow' has axis xyz '0 1'"),
@@ -85,7 +113,6 @@ BAD = {
     'placement no number': (pair('<origin rpy="0 a 1"/>' + AXIS + LIMIT), "joint 'elbow' has origin rpy '0 a 1'"),
     'no limit': (pair(AXIS), "joint 'elbow' has limit effort ''"),
     'no mass': (with_mass(''), "link 'arm' has mass ''"),
-    'zero mass': (with_mass('<mass value="0"/>'), "link 'arm' has mass 0 kg"),
     'negative mass': (with_mass('<mass value="-1.5"/>'), "link 'arm' has mass -1.5 kg"),
     'mass not a number': (with_mass('<mass value="nan"/>'), "link 'arm' has mass 'nan'"),
     'infinite mass': (with_mass('<mass value="inf"/>'), "link 'arm' has mass 'inf'"),
@@ -98,6 +125,10 @@ BAD = {
     'a name of two lines': (robot(link('a&#10;b'), link('a&#10;b')), 'given twice: a b'),
     'a very long name': (robot(link('x' * 999), link('x' * 999)), 'x...'),
     **{kind: (pair(kind=kind), f"joint 'elbow' is of type '{kind}'") for kind in ('floating', 'planar', 'screw')},
+    'several problems': (
+        with_mass('<mass value="-1"/>').replace('0 0 1', '0 0 0'),
+        "2 problems: link 'arm' has mass -1 kg; a number of 0 or above is accepted; joint 'elbow' has an axis",
+    ),
 }
 
 
@@ -139,10 +170,58 @@ def test_what_concerns_others_is_left_alone() -> None:
 
 
 def test_the_inertial_of_each_link_is_read_as_it_stands() -> None:
-    found = read_inertials(with_origin('<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/>'))
+    found = read_description(with_origin('<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/>')).inertials
     assert found['arm'].mass == 2.0
     assert found['arm'].xyz == (1.0, 2.0, 3.0)
     assert found['arm'].rpy == (0.1, 0.2, 0.3)
     assert found['arm'].inertia == (1.0, 0.1, 0.2, 1.5, 0.3, 1.2)
     assert found['base'].xyz == found['base'].rpy == (0.0, 0.0, 0.0)
-    assert 'base' not in read_inertials(robot(link('base', ''), link('arm'), joint('elbow', 'base', 'arm')))
+    bare = robot(link('base', ''), link('arm'), joint('elbow', 'base', 'arm'))
+    assert 'base' not in read_description(bare).inertials
+
+
+def test_a_link_of_mass_zero_is_a_frame() -> None:
+    massless = with_mass('<mass value="0.0"/>')
+    assert np.array_equal(load_model(massless).link('arm').parameters, np.zeros(10))
+    assert load_model(massless).urdf == massless
+    assert [inertia.mass for inertia in parse(massless).inertias][1:] == [2.0, 0.0]
+
+
+@pytest.mark.parametrize('kind', ['fixed', 'floating', 'planar'])
+def test_the_ground_is_left_out_and_named(kind: str) -> None:
+    arm = (link('base'), link('arm'), joint('elbow', 'base', 'arm'))
+    urdf = robot(link('world', ''), joint('anchor', 'world', 'base', kind), *arm)
+    model = load_model(urdf)
+    assert model.base_link == 'base'
+    assert model.joint_names == ('elbow',)
+    assert "'base' floats" in model.dropped[0]
+    assert 'world' in model.dropped[0]
+    assert np.array_equal(model.body_parameters(), load_model(robot(*arm)).body_parameters())
+    assert model.urdf == urdf
+
+
+def test_any_root_without_mass_is_floated_over() -> None:
+    urdf = robot(link('map', ''), link('base'), joint('anchor', 'map', 'base', 'floating'))
+    assert load_model(urdf).base_link == 'base'
+    with pytest.raises(ModelError, match="let parameter base_link be 'base'"):
+        load_model(urdf.replace('<link name="map">', f'<link name="map">{INERTIAL}'))
+
+
+def test_what_is_above_the_base_link_goes() -> None:
+    urdf = robot(
+        link('cart'),
+        *(link(name) for name in ('base', 'arm', 'lamp')),
+        joint('rail', 'cart', 'base', 'prismatic'),
+        joint('elbow', 'base', 'arm'),
+        joint('odd', 'cart', 'lamp', 'planar'),
+    )
+    model = load_model(urdf, 'base')
+    assert [each.name for each in model.links] == ['base', 'arm']
+    assert model.joint_names == ('elbow',)
+    assert 'cart, lamp' in model.dropped[0]
+    with pytest.raises(ModelError, match="parameter 'base_link' is 'trolley', which is no link; links: cart, base"):
+        load_model(urdf, 'trolley')
+
+
+def test_a_mimic_on_a_fixed_joint_means_nothing() -> None:
+    assert load_model(pair('<mimic joint="nothing"/>', 'fixed')).joints == 0

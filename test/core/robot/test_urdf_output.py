@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf import Inertial, read_inertials
+from mbaid_ros.core.robot.urdf import Inertial, read_description
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
@@ -25,7 +25,7 @@ def test_every_link_of_the_robots_takes_the_identified_inertia(name: str) -> Non
     urdf = (CONFIG / f'{name}.urdf').read_text()
     for link in load_model(urdf).links:
         changed = replace_inertial(urdf, link.name, IDENTIFIED)
-        assert read_inertials(changed) == {**read_inertials(urdf), link.name: WRITTEN}
+        assert read_description(changed).inertials == {**read_description(urdf).inertials, link.name: WRITTEN}
 
 
 def test_only_the_lines_of_the_inertial_change() -> None:
@@ -54,7 +54,7 @@ def test_any_way_to_write_a_link(link: str) -> None:
     changed = replace_inertial(FRAME.format(link=link), 'tool', IDENTIFIED)
     assert changed.startswith('<?xml')
     assert '<!-- ünd -->' in changed
-    assert read_inertials(changed) == {'tool': WRITTEN}
+    assert read_description(changed).inertials == {'tool': WRITTEN}
     assert replace_inertial(changed, 'tool', IDENTIFIED) == changed
 
 

@@ -11,7 +11,7 @@ import pytest
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf import read_inertials
+from mbaid_ros.core.robot.urdf import read_description
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from simulated import CONFIG
 
@@ -64,7 +64,7 @@ def test_the_same_values_change_nothing() -> None:
 )
 def test_what_lacks_values_is_written_anew(link: str) -> None:
     changed = change_inertial(f'<robot name="r">\n  {link}\n</robot>\n', 'tool', VALUES)
-    assert read_inertials(changed)['tool'].mass == 157.25
+    assert read_description(changed).inertials['tool'].mass == 157.25
 
 
 def test_an_unknown_link_is_refused() -> None:

@@ -77,7 +77,7 @@ def test_a_size_changes_what_it_scales_and_nothing_else(name: str) -> None:
 def test_the_spread_is_that_of_the_sizes() -> None:
     model, count = robot('servicer7'), 400
     draws = [draw(model, 'link7', ALL, generator(seed)) for seed in range(count)]
-    prior = declared(model.body_parameters(without='link7'), [ALL.links_relative_std] * (model.joints + 1))
+    prior = declared(model.body_parameters(without='link7'), ALL.links_relative_std)
     units = np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]) / np.diag(prior.factor)
     blocks = {'bodies': (units, 1.0)}
     for name in ('zero_std', 'origin_std', 'mount_position_std', 'mount_orientation_std'):
@@ -109,7 +109,7 @@ def test_bodies_that_cannot_exist_are_drawn_again() -> None:
         assert all(is_physical(link.parameters) for link in true.links if link.parameters[0] > 0.0)
     # Such a spread does ask for it: of plain draws most are no bodies.
     known = model.body_parameters(without='link7')
-    prior = declared(known, [0.4] * len(known)).factor
+    prior = declared(known, 0.4).factor
     plain = prior @ np.random.default_rng(0).standard_normal((len(prior), 50))
     assert np.mean(are_physical((plain.T.reshape(50, -1, 10) + known[:7]).reshape(-1, 10))) < 0.7
 

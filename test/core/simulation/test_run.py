@@ -28,7 +28,7 @@ def moving_arm(name: str, linear: float = 0.0) -> tuple[Simulation, Sinusoids]:
 
 def largest_difference(left: Truth, right: Truth) -> float:
     pairs = [(getattr(left, field.name), getattr(right, field.name)) for field in fields(Truth)]
-    return float(max(np.abs(a - b).max() for a, b in pairs))
+    return float(max(np.abs(a - b).max(initial=0.0) for a, b in pairs))
 
 
 def test_the_base_velocity_without_linear_momentum() -> None:

@@ -13,13 +13,15 @@ from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.tide import about, of_bodies
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
+from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
 from observed import LOW, drifting, kernel, observe
-from random_robots import random_state, random_urdf
+from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(4)
 STEP = 1e-5
@@ -34,14 +36,22 @@ class Case:
         rng = np.random.default_rng(seed)
         model = load_model(random_urdf(rng, joints=6))
         self.kernel = MomentumKernel(model, model.last_link)
+        if seed % 2:
+            self.kernel = self.kernel.storing(random_storage(rng, model))
         count = 3
         joints, rates, rotation, twist = random_state(rng, model.joints, count)
         none, thrust = np.zeros((count, 3)), np.zeros((count, 6))
-        self.middle = Midpoints(joints, rates, rotation, rng.normal(size=(count, 3)), twist, none, none, thrust)
+        stored = rng.normal(size=(count, self.kernel.storage.count))
+        place = rng.normal(size=(count, 3))
+        self.middle = Midpoints(joints, rates, rotation, place, twist, none, none, thrust, stored)
+        if seed >= 2:
+            brought = 0.1 * rng.normal(size=(count, 60 * len(self.kernel.known)))
+            self.middle = replace(self.middle, tide=brought)
         uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
-        self.layout = Layout.of(self.kernel, (known_bodies(model, errors),))
-        changes = 0.01 * rng.normal(size=errors.count)
+        wheels = spin_inertias(self.kernel, [0.1] * self.kernel.storage.count)
+        self.layout = Layout.of(self.kernel, (known_bodies(model, errors), wheels))
+        changes = 0.01 * rng.normal(size=errors.count + wheels.count)
         self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, changes))
 
     def predicted(self, point: Array) -> tuple[Prediction, Bodies]:
@@ -60,6 +70,12 @@ def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Pre
     return predict(layout, middle, layout.point(state))
 
 
+def brought(case: Case) -> Array:
+    """Return what an orbit has brought to the momentum of all bodies."""
+    columns = about(case.middle.tide, np.zeros((len(case.middle), 3)))
+    return of_bodies(columns, case.kernel.model.body_parameters()) if columns.size else np.zeros((len(columns), 6))
+
+
 def close(found: Array, expected: Array) -> None:
     assert found == pytest.approx(expected, abs=TOLERANCE * float(np.abs(expected).max()))
 
@@ -70,10 +86,11 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     model, middle = case.kernel.model, case.middle
     # Any twist at all is that of the momentum which goes with it, each instant with its own.
     states = case.kernel.states_of(
-        middle.base_rotation, middle.joint_position, middle.joint_velocity, middle.base_twist
+        middle.base_rotation, middle.joint_position, middle.joint_velocity, middle.base_twist, middle.stored
     )
     total = states.known_momentum + states.regressor @ case.kernel.target.parameters
     total[:, 3:] += cross(middle.base_position, total[:, :3])
+    total -= brought(case)
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))

@@ -14,12 +14,13 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.known_errors import declared
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.tide import of_bodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements, joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from random_robots import random_state, random_urdf
+from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
+from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(6)
 STEP = 1e-5
@@ -62,7 +63,12 @@ class Case:
         target = np.zeros_like(bodies)
         placed = kernel.target
         target[placed.body] = express(placed.parameters, placed.rotation, placed.position)
-        self.kernel = kernel.corrected(target).doubted(declared(bodies, [0.01] * len(bodies)))
+        self.kernel = kernel.corrected(target).doubted(declared(bodies, 0.01))
+        if seed % 2 and not in_plane:
+            self.kernel = self.kernel.storing(random_storage(rng, model))
+        self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))
+        # What an orbit has brought to any body, on top of its own momentum.
+        self.tide = 0.1 * rng.normal(size=(COUNT, len(bodies) if seed >= 3 and not in_plane else 0, 6, 10))
         self.joints, self.rates, self.rotation, self.twist = random_state(rng, model.joints, COUNT)
         if in_plane:
             self.rotation = exp(self.rotation[:, 0, :1] * NORMAL)
@@ -70,12 +76,13 @@ class Case:
 
     def states(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> BodyStates:
         """Return the states of a robot whose joints are elsewhere by these zeros."""
-        return kernel.states_of(self.rotation, self.joints + zeros, self.rates, self.twist)
+        states = kernel.states_of(self.rotation, self.joints + zeros, self.rates, self.twist, self.readings)
+        return replace(states, tide=self.tide)
 
     def momentum(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> Array:
         """Return the momentum of all bodies, (N, 6)."""
-        states = self.states(kernel, zeros)
-        return np.asarray(np.sum(momentum(states.known, states.body_twist), axis=1))
+        total = self.states(kernel, zeros).known_momentum
+        return total - of_bodies(self.tide, kernel.known) if self.tide.size else total
 
     def placements(self) -> JointPlacements:
         """Return the joints' placements as an unknown, all equally uncertain."""
@@ -106,6 +113,7 @@ def test_joint_placements(make: Robots, seed: int) -> None:
         # The tilts are normal to the joints' axes: what turns about these is the zeros'.
         assert np.sum(tilts * model.axes, axis=1) == pytest.approx(np.zeros(model.joints), abs=1e-12)
         elsewhere = MomentumKernel(displaced(model, each[:, 1:4], tilts), case.kernel.target.name)
+        elsewhere = elsewhere.storing(case.kernel.storage)
         return case.momentum(elsewhere.corrected(case.kernel.known - elsewhere.known), each[:, 0])
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
@@ -125,6 +133,22 @@ def test_known_bodies(make: Robots, seed: int) -> None:
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(other_momentum, np.zeros(10 * len(unknown.bodies)), 1e-2))
+
+
+@pytest.mark.parametrize('seed', [1, 3, 5])
+def test_spin_inertias(seed: int) -> None:
+    case = Case(spatial(seed), seed)
+    storage = case.kernel.storage
+    unknown = spin_inertias(case.kernel, [0.1, 0.2, 0.0, *(0.0,) * 3])
+    found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
+    close(
+        found,
+        central_difference(
+            lambda value: case.momentum(case.kernel.storing(storage.changed(value))), np.zeros(storage.count), STEP
+        ),
+    )
+    assert unknown.count == 2
+    assert unknown.causes == ('wheel:wheel0', 'wheel:wheel1')
 
 
 @pytest.mark.parametrize('seed', SEEDS)

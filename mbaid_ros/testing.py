@@ -1,0 +1,153 @@
+"""For tests with hardware in the loop: run what is needed, wait for an estimate, compare it with what is known.
+
+This module is a public interface: docs/hil.md shows its use.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from mbaid_msgs.msg import InertiaEstimate
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.results.estimate import PARAMETERS
+
+Until = Literal['estimating', 'converged', 'stale']
+_LAST_WORDS = 10.0  # s, for a process to end after it has been interrupted
+
+
+@contextmanager
+def running(executable: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run an executable of this package during a block, and interrupt it at the end if it has not ended by itself.
+
+    Parameters
+    ----------
+    executable : its name: 'estimator', 'player', ...
+    arguments : as on the command line
+    """
+    path = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / executable
+    process = subprocess.Popen([str(path), *arguments])
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(_LAST_WORDS)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def wait_for_estimate(
+    until: Until = 'converged', timeout: float = 60.0, topic: str = '/estimator/estimate'
+) -> InertiaEstimate:
+    """Return the first estimate that has come as far as is asked for.
+
+    Parameters
+    ----------
+    until : 'estimating' takes any that determines a parameter, 'converged' one of that status, 'stale' the last one
+        after the data have stopped: all that they hold is in it but for a window that is not complete
+    timeout : s
+    topic : of the estimator
+
+    Raises
+    ------
+    TimeoutError
+        There is none in time; the text has the last status and warnings.
+    """
+    context = Context()
+    rclpy.init(context=context)
+    heard: list[InertiaEstimate] = []
+    try:
+        node = Node('wait_for_estimate', context=context, start_parameter_services=False)
+        profile = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # type: ignore[no-untyped-call]
+        node.create_subscription(InertiaEstimate, topic, heard.append, profile)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+            found = next((estimate for estimate in heard if _has_come(estimate, until)), None)
+            if found is not None:
+                return found
+            del heard[:-1]
+    finally:
+        rclpy.shutdown(context=context)
+    raise TimeoutError(f'no {until} estimate on {topic} within {timeout:g} s: {_told(heard)}')
+
+
+def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict[str, float]:
+    """Return how far parameters are from what is expected, in their standard deviations; infinite where not determined.
+
+    Parameters
+    ----------
+    estimate : InertiaEstimate
+    expected : values by name: mass, com_x, com_y, com_z (kg, m, target link's frame), ixx, ..., izz (kg m^2, about the
+        centre of mass, the link's axes)
+
+    Raises
+    ------
+    ParameterError
+        A name is none of these.
+    """
+    inertia = estimate.inertia
+    values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
+    found = {}
+    for name, wanted in expected.items():
+        if name not in PARAMETERS:
+            raise ParameterError(f"parameter '{name}' is not known; accepted: {listing(PARAMETERS)}")
+        place = PARAMETERS.index(name)
+        known = bool(estimate.identifiable[place])
+        found[name] = (values[place] - wanted) / float(estimate.standard_deviation[place]) if known else float('inf')
+    return found
+
+
+def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigmas: float = 4.0) -> None:
+    """Assert that parameters are what is expected within a number of their standard deviations.
+
+    Parameters
+    ----------
+    estimate, expected : as for `deviations`
+    sigmas : four are exceeded by chance once in 16,000
+
+    Raises
+    ------
+    AssertionError
+        One is not, or the data do not determine it, or contradict the model.
+    """
+    found = deviations(estimate, expected)
+    off = [f'{name} by {number:+.1f}' for name, number in found.items() if not abs(number) <= sigmas]
+    if estimate.status == estimate.INCONSISTENT:
+        off.append('the data contradict the model')
+    if off:
+        told = f'off by more than {sigmas:g} standard deviations: {", ".join(off)}; {_told([estimate])}'
+        raise AssertionError(told)
+
+
+def _has_come(estimate: InertiaEstimate, until: Until) -> bool:
+    if until == 'stale':
+        return bool(estimate.stale)
+    if until == 'converged':
+        return bool(estimate.status == estimate.CONVERGED)
+    return estimate.status in {estimate.ESTIMATING, estimate.CONVERGED} and any(estimate.identifiable)
+
+
+def _told(heard: list[InertiaEstimate]) -> str:
+    """Return what was heard last."""
+    if not heard:
+        return 'nothing has been heard of an estimator'
+    last = heard[-1]
+    return '; '.join([f'status {last.status}, {last.samples} samples', *last.warnings])

@@ -1,0 +1,87 @@
+"""What the estimator says in its terminal, and how often."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graph import Graph
+from made_runs import estimate
+from mbaid_ros.nodes.narrator import Narrator, headline
+from mbaid_ros.session import survey
+from simulated import CONFIG, robot
+
+
+class Log:
+    """What a node logs, by level."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, str]] = []
+
+    def __getattr__(self, level: str) -> Any:
+        return lambda text: self.told.append((level, text))
+
+    def at(self, level: str) -> list[str]:
+        """Return what has been logged at a level."""
+        return [text for each, text in self.told if each == level]
+
+
+@pytest.fixture(name='log')
+def fresh_log() -> Log:
+    return Log()
+
+
+def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
+    odd = replace(survey(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
+    Narrator(log).robot(odd, 'trajectory')
+    assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
+    assert 'a guess' in log.at('info')[1]
+    assert log.at('info')[-1] == 'method trajectory'
+    assert "base 'base_link' has no inertia" in log.at('warning')[0]
+
+
+def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
+    narrator = Narrator(log)
+    course = ['waiting', 'estimating', 'estimating', 'converged', 'converged', 'estimating']
+    for time, status in enumerate(course):
+        narrator.estimate(estimate(time=float(time), status=status))
+    told = log.at('info')
+    assert [text.split(':')[0] for text in told] == [
+        'first estimate, estimating after 1.0 s',
+        'converged after 3.0 s',
+        'estimating after 5.0 s',
+    ]
+    assert 'mass 162.000 ± 0.059 kg, com_x 0.33000 ± 0.00020 m' in told[1]
+    assert ', ± 95 %, ' in told[1]
+    assert len(log.at('debug')) == len(course)
+    narrator.begin()
+    narrator.estimate(estimate(status='estimating'))
+    assert log.at('info')[-1].startswith('first estimate')
+
+
+def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -> None:
+    causes = (('the mass of link2 is off', 12.0),)
+    Narrator(log).estimate(estimate(status='inconsistent', causes=causes, residual=7.0))
+    assert log.at('warning')[0].endswith('residual 7, difference, likely cause: the mass of link2 is off')
+    nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan), warnings=('nothing moves',))
+    assert headline(nothing) == 'residual 1, difference, nothing moves'
+
+
+def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr('mbaid_ros.nodes.narrator.monotonic', lambda: now[0])
+    narrator = Narrator(log)
+    for now[0] in (104.0, 106.0, 107.0):
+        narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])
+    assert log.told == [('warning', 'waiting for /odom (nav_msgs/msg/Odometry)')]
+
+
+def test_the_terminal_of_a_node(graph: Graph) -> None:
+    node = graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG / "table1.urdf"}')
+    graph.wait(lambda: 'waiting for /odom (nav_msgs/msg/Odometry); nothing publishes it' in node.stderr, 'the wait')
+    assert '[INFO]' in node.stderr
+    assert "robot 'table1': 'base_link' floats" in node.stderr
+    assert 'waiting for /joint_states (sensor_msgs/msg/JointState)' in node.stderr

@@ -1,0 +1,73 @@
+"""The servicer in orbit, for the tests of what gravity leaves in a frame that falls along."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.orbit import Orbit
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun
+from simulated import CONFIG
+
+MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
+NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
+AWAY = [12.0, -10.0, 13.0]  # m: 20 m from the origin
+NOISE: dict[str, object] = {
+    'noise.joint_position': 1e-4,
+    'noise.joint_velocity': 1e-3,
+    'noise.base_position': 1e-3,
+    'noise.base_orientation': 1e-4,
+    'noise.base_linear_velocity': 1e-3,
+    'noise.base_angular_velocity': 1e-4,
+}
+
+
+def orbit(mean_motion: float = MEAN_MOTION) -> Orbit:
+    """Return an orbit whose directions are those of no axes."""
+    return Orbit.inertial(mean_motion, NADIR, NORMAL)
+
+
+def declared(frame: str = 'inertial', mean_motion: float = MEAN_MOTION) -> dict[str, object]:
+    """Return the parameters of an orbit, of the simulator and the estimator alike."""
+    directions = {'orbit.nadir': NADIR.tolist(), 'orbit.normal': NORMAL.tolist()} if frame == 'inertial' else {}
+    return {'orbit.mean_motion': mean_motion, 'orbit.frame': frame, **directions}
+
+
+def urdf() -> str:
+    """Return the servicer's description."""
+    return (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+
+
+def simulated(seconds: float, **parameters: object) -> SimulatedRun:
+    """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
+    values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
+    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05, **NOISE}
+    values |= {name.replace('__', '.'): value for name, value in parameters.items()}
+    return SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
+
+
+def session(**parameters: object) -> Session:
+    """Return a session of an estimator that takes the robot as exact."""
+    given = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **given}), urdf())
+
+
+def identify(run: SimulatedRun, into: Session) -> Estimate:
+    """Return the last estimate of a run."""
+    for timed in run.read(run.config.duration):
+        (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message)
+    return into.process()[-1]
+
+
+def nees(estimate: Estimate, true: Array) -> float:
+    """Return the squared error of all ten parameters in units of their covariance."""
+    error = estimate.parameters - true
+    return float(error @ np.linalg.solve(estimate.covariance, error))

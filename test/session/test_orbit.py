@@ -1,0 +1,164 @@
+"""Runs in orbit, from the simulator's messages to estimates: as good as anywhere else, in whatever frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.simulation.run import total_momentum
+from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun, make_simulation
+from orbiting import AWAY, declared, identify, nees, session, simulated, urdf
+
+SECONDS = 30.0
+LIMIT = float(chi2.isf(1e-3, 10))
+FRAMES = ('inertial', 'lvlh', 'hill')
+FAST = 0.005  # rad/s: four times the mean motion of a low orbit, so that half a minute is enough
+
+
+def given(parameters: dict[str, object]) -> dict[str, object]:
+    return {name.replace('.', '__'): value for name, value in parameters.items()}
+
+
+def momentum_now(run: SimulatedRun) -> Array:
+    """Return the true momentum at the end of the run, in the frame that falls along."""
+    simulation = make_simulation(run.config, run.robot)
+    return total_momentum(run.robot, simulation.advance(np.array([0.0, SECONDS - 0.05])))[-1]
+
+
+def within(estimate: Estimate, run: SimulatedRun) -> bool:
+    off = estimate.momentum - momentum_now(run)
+    return float(off @ np.linalg.solve(estimate.momentum_covariance, off)) < chi2.isf(1e-4, 6)
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+@pytest.mark.parametrize('frame', FRAMES)
+def test_intervals_hold(frame: str, method: str) -> None:
+    around = given(declared(frame, FAST))
+    run = simulated(SECONDS, initial__base_position=AWAY, **around)
+    into = session(method=method, **around)
+    last = identify(run, into)
+    assert last.status in {'estimating', 'converged'}
+    assert not last.events
+    assert nees(last, run.target_inertia) < LIMIT
+    # The momentum that is reported is that of now, in inertial axes; that of the begin is another one.
+    assert within(last, run)
+    off = last.momentum - run.momentum
+    assert float(off @ np.linalg.solve(last.momentum_covariance, off)) > chi2.isf(1e-12, 6)
+
+
+@pytest.mark.parametrize('frame', FRAMES)
+def test_the_orbit_costs_nothing(frame: str) -> None:
+    """Errors seed by seed, with the same noise, against those of a run that is in no orbit."""
+    ratios = []
+    for seed in range(2):
+        around = given(declared(frame))
+        run, free = simulated(SECONDS, seed=seed, initial__base_position=AWAY, **around), simulated(SECONDS, seed=seed)
+        inside, outside = identify(run, session(**around)), identify(free, session())
+        ratios.append((inside.parameters - run.target_inertia) / outside.std)
+        ratios.append((outside.parameters - free.target_inertia) / outside.std)
+        assert inside.std == pytest.approx(outside.std, rel=0.1)
+    squares = np.mean(np.square(ratios), axis=1)
+    assert np.sum(squares[::2]) < 1.1**2 * np.sum(squares[1::2])
+
+
+def test_a_gyro_is_inertial_in_a_frame_that_turns() -> None:
+    around = given(declared('lvlh', FAST))
+    run = simulated(SECONDS, initial__base_position=AWAY, orbit__twist='inertial', **around)
+    right = identify(run, session(method='difference', orbit__twist='inertial', **around))
+    assert right.status in {'estimating', 'converged'}
+    assert nees(right, run.target_inertia) < LIMIT
+    again = simulated(SECONDS, initial__base_position=AWAY, orbit__twist='inertial', **around)
+    assert nees(identify(again, session(method='difference', **around)), run.target_inertia) > LIMIT
+
+
+@pytest.mark.parametrize('frame', FRAMES)
+def test_without_the_parameter_it_is_no_quiet_error(frame: str) -> None:
+    run = simulated(SECONDS, initial__base_position=AWAY, **given(declared(frame, FAST)))
+    last = identify(run, session())
+    assert last.status == 'inconsistent' or last.events
+
+
+def test_the_known_bodies_may_be_uncertain() -> None:
+    around = given(declared('inertial', FAST))
+    run = simulated(SECONDS, initial__base_position=AWAY, model_errors__links_relative_std=0.01, **around)
+    last = identify(run, session(known_links__relative_std=0.01, **around))
+    assert last.status in {'estimating', 'converged'}
+    assert nees(last, run.target_inertia) < LIMIT
+
+
+def test_how_the_calls_are_spread_makes_no_difference() -> None:
+    around = given(declared('hill', FAST))
+    whole = identify(simulated(8.0, **around), session(method='difference', **around))
+    into, estimates = session(method='difference', **around), []
+    for timed in simulated(8.0, **around).read(8.0):
+        if (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message):
+            estimates += into.process()
+    estimates += into.process()
+    assert np.array_equal(estimates[-1].parameters, whole.parameters)
+    assert np.array_equal(estimates[-1].momentum, whole.momentum)
+
+
+def test_the_epoch_is_a_stamp() -> None:
+    """Ten seconds after the directions were as given, they have turned by a twentieth."""
+    around = given(declared('inertial', FAST))
+    run = simulated(SECONDS, initial__base_position=AWAY, **around)
+    run.start = 1_000_000_000_000
+    right = session(method='difference', orbit__epoch=1000.0, **around)
+    assert nees(identify(run, right), run.target_inertia) < LIMIT
+    again = simulated(SECONDS, initial__base_position=AWAY, **around)
+    again.start = 1_000_000_000_000
+    wrong = identify(again, session(method='difference', orbit__epoch=700.0, **around))
+    assert wrong.status == 'inconsistent' or nees(wrong, run.target_inertia) > LIMIT
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'named'),
+    [
+        ({'orbit.mean_motion': 1e-3}, "'orbit.nadir' is empty"),
+        ({'orbit.mean_motion': 1e-3, 'orbit.nadir': [0.0, 0.0, 1.0]}, "'orbit.normal' is empty"),
+        ({'orbit.mean_motion': 1e-3, 'orbit.nadir': [0.0, 0.0, 1.0], 'orbit.normal': [0.0, 1.0, 1.0]}, 'right angles'),
+        ({'orbit.mean_motion': 1e-3, 'orbit.frame': 'lvlh', 'orbit.nadir': [0.0, 0.0, 1.0]}, 'which has its own'),
+    ],
+)
+def test_orbits_that_cannot_be(parameters: dict[str, object], named: str) -> None:
+    with pytest.raises(ParameterError, match=named):
+        Session(build(EstimatorConfig, parameters), urdf())
+    with pytest.raises(ParameterError, match=named):
+        SimulatedRun(build(SimulatorConfig, parameters), urdf(), BAG_TYPES)
+
+
+def test_the_methods_of_the_paper_refuse_it() -> None:
+    with pytest.raises(ParameterError, match='method paper_difference'):
+        session(method='paper_difference', **given(declared()))
+
+
+def test_a_capture() -> None:
+    """What the captured body had before, in a run that the orbit changes the momentum of all the time."""
+    around, time = given(declared('lvlh', FAST)), 20.0
+    body = {
+        'capture__time': time,
+        'capture__mass': 140.0,
+        'capture__com': [0.1, -0.05, 0.7],
+        'capture__inertia': [40.0, 1.0, -2.0, 45.0, 1.5, 30.0],
+        'capture__linear_velocity': [0.02, -0.01, 0.015],
+        'capture__angular_velocity': [0.02, 0.01, -0.03],
+    }
+    run = simulated(50.0, initial__base_position=AWAY, **around, **body)
+    into = session(capture__time=time, **around)
+    last = identify(run, into)
+    assert last.status in {'estimating', 'converged'}
+    assert nees(last, run.target_inertia) < LIMIT
+    capture = into.robot.captured(last)
+    assert capture is not None
+    off = capture.momentum - run.brought
+    assert float(off @ np.linalg.solve(capture.covariance, off)) < chi2.isf(1e-3, 6)
+    assert np.linalg.norm(off[:3]) < 0.05 * np.linalg.norm(run.brought[:3])
