@@ -101,7 +101,13 @@ class WidePass:
         return self.layout.point(moments.mean, moments.deviation)
 
     def repeated(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Passed:
-        """Return a hypothesis linearised at points that are ever nearer to what it says: the best of these."""
+        """Return a hypothesis linearised at points that are ever nearer to what it says: the best of these.
+
+        Raises
+        ------
+        LinAlgError
+            There is no robot at the first of them.
+        """
         best: Track | None = None
         for _ in range(_REFINEMENTS):
             try:
@@ -112,7 +118,8 @@ class WidePass:
                 break  # it has led to a robot that cannot be
             if best is None or track.belief.log_likelihood > best.belief.log_likelihood:
                 best = track
-        assert best is not None, 'the first pass is at the point of the run'
+        if best is None:
+            raise np.linalg.LinAlgError('the first point is of no robot that can be')
         return best
 
     def unpredicted(self, passed: Windows, belief: Belief) -> Array:
