@@ -77,3 +77,8 @@ class Orbit:
         """Return the (N, 3, 3) gradients G of gravity, 1/s^2: at x from the origin a body falls by G x faster."""
         up = self.upward(time)
         return np.asarray(self.mean_motion**2 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
+
+
+def orbit_fixed_frame(rate: float) -> str:
+    """Return that the odometry's frame turns at a rate, rad/s, as those of an orbit do."""
+    return f'looks like gravity gradient or an orbit-fixed frame at about {rate:.2g} rad/s: set orbit.mean_motion'

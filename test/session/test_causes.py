@@ -14,17 +14,22 @@ from benchmarks.honesty.true_causes import rank
         "a joint's zero 30 mrad off",
         "a joint's sign flipped",
         'clocks 100 ppm apart',
-        'joints 200 ms late',
         'noise of the joints declared 10 x too small',
         'odometry in an orbit-fixed frame',
         'the body slips in the grasp by 5 deg',
-        'a flexible panel of 0.3 Hz',
     ],
 )
 def test_the_true_cause_is_named_first(condition: str) -> None:
     told = run((condition, 'trajectory', 0))
     assert told.status in {'inconsistent', 'not_identifiable'}
     assert rank(condition, told.causes.split('\n')) == 1
+
+
+def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves() -> None:
+    condition = 'a flexible panel of 0.3 Hz'
+    told = run((condition, 'trajectory', 0))
+    assert told.status == 'inconsistent'
+    assert rank(condition, told.causes.split('\n')) <= 2
 
 
 def test_where_nothing_is_wrong_nothing_is_named() -> None:

@@ -21,6 +21,7 @@ from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.subspace import Subspace
 from mbaid_ros.core.equations.window_rows import ANGULAR, BODY, LINEAR, joined, mean_of_each
 from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.orbit import orbit_fixed_frame
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import momentum
@@ -55,9 +56,7 @@ class TurningFrame:
     @property
     def cause(self) -> str:
         """What may be wrong, and what would help."""
-        return (
-            f'looks like gravity gradient or an orbit-fixed frame at about {self.rate:.2g} rad/s: set orbit.mean_motion'
-        )
+        return orbit_fixed_frame(self.rate)
 
 
 def turning_frame(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.orbit import orbit_fixed_frame
 from mbaid_ros.core.unknowns import suspects
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
@@ -54,7 +55,7 @@ def of_suspect(cause: str, value: Array) -> str:
         'axis': f'the axis of {name} is off by {1e3 * size:.3g} mrad: check the URDF',
         'time offset': f'the joints are stamped {1e3 * float(np.sum(value)):+.3g} ms late: check the stamps',
         suspects.SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long',
-        suspects.TURNING: f"the odometry's frame turns by {size:.3g} rad/s: an orbit's frame is not inertial",
+        suspects.TURNING: orbit_fixed_frame(size),
         suspects.CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them',
         suspects.LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',
         suspects.BIAS: f'the twist has a bias of {np.linalg.norm(value[:3]):.2g} rad/s, '

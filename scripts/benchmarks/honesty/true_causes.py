@@ -48,7 +48,7 @@ TRUE_CAUSES = {
     'a flexible panel of 0.3 Hz': r'\bHz\b',
     'fuel that sloshes at 0.1 Hz': r'\bHz\b|fuel',
     'a flexible joint of 2 Hz': r'joint4.*flexible',
-    'odometry in an orbit-fixed frame': r'odometry.*turn',
+    'odometry in an orbit-fixed frame': 'orbit-fixed frame',
 }
 
 
