@@ -26,7 +26,7 @@ from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs, add_input_arguments
 from mbaid_ros.replay.motions import BagMotions, read_motions
-from mbaid_ros.session import spin_deviations, storage, uncertain_thrusters
+from mbaid_ros.session import storage, with_surroundings
 
 STDOUT = '-'
 
@@ -148,19 +148,8 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
 def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
     """Return what the parameters say of joints, mount, wheels, thrusters, stamps and momentum."""
     prior, estimator, joints = parameters.calibration.prior, parameters.estimator, model.joints
-    return Uncertainty(
-        [prior.zero_std] * joints,
-        [prior.origin_std] * joints,
-        [prior.axis_std] * joints,
-        mount_position=prior.mount_position_std,
-        mount_orientation=prior.mount_orientation_std,
-        spin_inertias=spin_deviations(estimator.wheels),
-        thrusters=uncertain_thrusters(estimator.thrust, model),
-        thrust_scale=estimator.thrust.scale_std,
-        thrust_direction=estimator.thrust.direction_std,
-        time_offset=estimator.time_offset.prior_std if estimator.time_offset.estimate else 0.0,
-        linear_momentum=estimator.momentum.linear_prior_std,
-    )
+    every = ([prior.zero_std] * joints, [prior.origin_std] * joints, [prior.axis_std] * joints)
+    return with_surroundings(estimator, model, every, (prior.mount_position_std, prior.mount_orientation_std))
 
 
 def _motions(bag: str, parameters: CalibrationParameters, urdf: str, inputs: Inputs) -> BagMotions:

@@ -3,8 +3,9 @@
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.surroundings import spin_deviations, storage, uncertain_thrusters
+from mbaid_ros.session.surroundings import storage
 from mbaid_ros.session.survey import Survey, survey
+from mbaid_ros.session.uncertainty import with_surroundings
 
 __all__ = [
     'Session',
@@ -14,8 +15,7 @@ __all__ = [
     'make_estimator',
     'missing_joints',
     'obstacles',
-    'spin_deviations',
     'storage',
     'survey',
-    'uncertain_thrusters',
+    'with_surroundings',
 ]

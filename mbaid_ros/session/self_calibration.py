@@ -41,7 +41,8 @@ def self_calibration(
     """
     if not config.calibration.enabled:
         return None
-    declared = next(filter(None, ('calibration' * bool(config.known_links.calibration), *config.known_links.links)), '')
+    known = config.known_links
+    declared = 'calibration' if known.calibration else next(iter(known.links), '')
     if declared:
         raise ParameterError(
             f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which finds how well all links "

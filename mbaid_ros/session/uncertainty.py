@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
@@ -21,18 +24,35 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     """
     mount = config.odometry_mount
     zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
+    uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
+    return replace(uncertainty, target=_prior(config.target_prior))
+
+
+def with_surroundings(
+    config: EstimatorConfig,
+    model: RobotModel,
+    joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
+    mount: tuple[float, float],
+) -> Uncertainty:
+    """Return how uncertain joints and mount are, and what is declared of wheels, thrusters, stamps and momentum.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    model : RobotModel
+    joints : (n,) standard deviations of zeros, origins and axes
+    mount : m and rad, of the odometry's mount
+    """
+    position, orientation = mount
     return Uncertainty(
-        zeros,
-        origins,
-        axes,
-        mount_position=mount.position_std,
-        mount_orientation=mount.orientation_std,
+        *joints,
+        mount_position=position,
+        mount_orientation=orientation,
         spin_inertias=spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
         thrust_direction=config.thrust.direction_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-        target=_prior(config.target_prior),
         linear_momentum=config.momentum.linear_prior_std,
     )
 

@@ -29,6 +29,12 @@ def of_neighbours(time: float, window: float) -> float:
     return 0.0 if time <= 0.0 else 0.5 * time / window * math.expm1(-window / time) ** 2
 
 
+def cause(time: float) -> str:
+    """Return the cause: over what time (s) the odometry's noise is correlated, and what to set."""
+    shown = f'{time:.2g}'
+    return f'the noise of the odometry is correlated over about {shown} s: set noise.base_correlation_time to {shown}'
+
+
 def seen_in(window: Samples) -> tuple[float, float]:
     """Return over what time (s) the positions' errors are correlated, by how little they change, and what tells it.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.verdict.correlated import cause as correlated_cause
 from mbaid_ros.core.verdict.correlated import of_neighbours, seen_in
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 
@@ -164,13 +165,7 @@ def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
     time, gain = seen_in(evidence.latest)
     if time == 0.0:
         return []
-    told = f'{time:.2g}'
-    return [
-        Cause(
-            f'the noise of the odometry is correlated over about {told} s: set noise.base_correlation_time to {told}',
-            gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0),
-        )
-    ]
+    return [Cause(correlated_cause(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]
 
 
 def _named(cause: str) -> str:

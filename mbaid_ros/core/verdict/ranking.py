@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbaid_ros.core.verdict.correlated import cause as correlated_cause
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
@@ -35,10 +36,9 @@ def ranked(
     """
     causes = [Cause(text, gain if physical else _CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
     causes += _noise(innovations, rough)
-    time, told = correlated
+    time, gain = correlated
     if time > 0.0:
-        text = f'the noise of the odometry is correlated over about {time:.2g} s: set noise.base_correlation_time to '
-        causes.append(Cause(f'{text}{time:.2g}', misfit + told))
+        causes.append(Cause(correlated_cause(time), misfit + gain))
     if rough.outliers > _OUTLIERS:
         share = f'{1e2 * rough.outliers:.1g}'
         causes.append(Cause(f'{share} % of the poses are outliers: look at what the odometry loses', misfit))
