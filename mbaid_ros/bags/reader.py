@@ -64,8 +64,8 @@ class BagReader:
             cut = ': it was cut off before the first one' if self.warnings else ''
             raise DataError(f"bag '{self.path}' holds no messages{cut}")
 
-    def require(self, topic: str, type_name: str) -> None:
-        """Check that messages of a type are there.
+    def require(self, topic: str, *types: str) -> None:
+        """Check that messages of one of some types are there.
 
         Raises
         ------
@@ -76,8 +76,9 @@ class BagReader:
         if topic not in self.topics:
             raise DataError(f"bag '{self.path}' has no topic '{topic}'; topics: {listing(there)}")
         found = self.topics[topic]
-        if found.type != type_name:
-            raise DataError(f"topic '{topic}' of bag '{self.path}' is of type {found.type}; accepted: {type_name}")
+        if found.type not in types:
+            accepted = listing(types)
+            raise DataError(f"topic '{topic}' of bag '{self.path}' is of type {found.type}; accepted: {accepted}")
         if found.encoding != 'cdr':
             raise DataError(f"topic '{topic}' of bag '{self.path}' is encoded as {found.encoding}; accepted: cdr")
         if not found.count:

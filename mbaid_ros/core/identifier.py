@@ -26,10 +26,10 @@ JOINT_RATES_DERIVED = (
     'trajectory needs none'
 )
 TWIST_DERIVED = (
-    'Odometry without a twist: taken from the poses of each window, with the noise that implies; method trajectory '
+    'no twist of the base: taken from the poses of each window, with the noise that implies; method trajectory '
     'needs none'
 )
-POSES_ALONE = 'Odometry without a twist: the poses alone are used'
+POSES_ALONE = 'no twist of the base: the poses alone are used'
 
 
 class Estimator(Protocol):

@@ -3,6 +3,7 @@
 from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.odometry import OdometryReader
+from mbaid_ros.messages.poses import PoseReader, Source, source_of
 from mbaid_ros.messages.refusals import (
     BAD_QUATERNION,
     JOINT_MISSING,
@@ -26,11 +27,14 @@ __all__ = [
     'WRONG_CHILD_FRAME',
     'JointReader',
     'OdometryReader',
+    'PoseReader',
+    'Source',
     'joint_state_shape',
     'number_of',
     'numbers_of',
     'odometry_shape',
     'positions_of',
+    'source_of',
     'stamp_of',
     'stamps_of',
     'vector_of',

@@ -10,11 +10,12 @@ import numpy as np
 from mbaid_ros.cdr import Packet, Packets
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
+from mbaid_ros.messages.poses import BasePose
 
 
 def stamp_of(message: Any) -> int:
     """Return a message's header stamp in ns."""
-    if isinstance(message, Packet):
+    if isinstance(message, Packet | BasePose):
         return message.stamp
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

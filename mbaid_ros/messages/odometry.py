@@ -17,6 +17,7 @@ from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.covariances import usable_covariance
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.messages.fields import number_of
+from mbaid_ros.messages.poses import BasePoseShape
 from mbaid_ros.messages.refusals import BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
 from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 
@@ -24,7 +25,7 @@ _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
 _QUATERNION_TOLERANCE = 0.1
 
-_Shape = OdometryShape | OdometryLayout
+_Shape = OdometryShape | OdometryLayout | BasePoseShape
 _Columns = tuple[Stamps, Array, Array, Array]
 
 

@@ -16,6 +16,7 @@ from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.messages.fields import numbers_of, stamps_of
+from mbaid_ros.messages.poses import BasePose, BasePoseShape
 
 _PACKED = (Packet, Packets)
 
@@ -68,10 +69,12 @@ def joint_state_shape(message: Any) -> JointStateShape | JointStateLayout:
     return JointStateShape(tuple(message.name), len(message.position), len(message.velocity))
 
 
-def odometry_shape(message: Any) -> OdometryShape | OdometryLayout:
-    """Return the shape of an Odometry, or of packets together."""
+def odometry_shape(message: Any) -> OdometryShape | OdometryLayout | BasePoseShape:
+    """Return the shape of an Odometry, of packets together, or of a pose in its place."""
     if isinstance(message, _PACKED):
         return message.layout
+    if isinstance(message, BasePose):
+        return BasePoseShape(message.frame_id, message.child_frame_id)
     return OdometryShape(message.header.frame_id, message.child_frame_id)
 
 

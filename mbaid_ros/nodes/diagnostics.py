@@ -68,7 +68,7 @@ class Diagnostics:
     Parameters
     ----------
     inlets : mapping
-        The subscriptions by what they bring: 'joint_states', 'odom'.
+        The subscriptions by what they bring: 'joint_states'; 'odom' and 'pose', or 'tf'.
     thrust : Inlet
         That of the commanded thrust, which need not come.
     description_topic : str
@@ -90,7 +90,7 @@ class Diagnostics:
         """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
         now = monotonic()
         period, self._time = now - self._time, now
-        reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._inlets}
+        reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._wanted()}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples(state)
@@ -113,7 +113,7 @@ class Diagnostics:
         wanted = [state.problem] if state.problem else []
         if state.session is None and not state.problem:
             wanted.append(f'no robot description on {self._description_topic} yet')
-        wanted += [self._absence(inlet) for inlet in self._inlets.values() if not inlet.received]
+        wanted += [self._absence(inlet) for inlet in self._wanted().values() if not inlet.received]
         if state.paused:
             wanted.append('paused: no samples are taken')
         if state.session is not None and not state.session.used:
@@ -141,8 +141,20 @@ class Diagnostics:
                 f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
                 'the parameter robot_description_file'
             )
-        silent = [inlet for inlet in self._inlets.values() if not inlet.received]
+        silent = [inlet for inlet in self._wanted().values() if not inlet.received]
         return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
+
+    def _wanted(self) -> dict[str, Inlet]:
+        """Return the subscriptions without what need not come because something else locates the base."""
+        wanted = dict(self._inlets)
+        if {'odom', 'pose'} <= wanted.keys():
+            odometry, pose = wanted['odom'], wanted['pose']
+            comes = pose.received or (not odometry.publishers() and pose.publishers())
+            if comes and not odometry.received:
+                del wanted['odom']
+            elif not pose.received:
+                del wanted['pose']
+        return wanted
 
     def _absence(self, inlet: Inlet) -> str:
         """Return that nothing has come, for how long, and what would help; it changes but a few times."""
@@ -244,8 +256,9 @@ def _help(inlet: Inlet) -> str:
     publishers = inlet.publishers()
     if not publishers:
         return '; nothing publishes it: check its name, the namespaces and ROS_DOMAIN_ID'
-    others = sorted({info.topic_type for info in publishers} - {inlet.type_name})
-    return f'; its publishers send {listing(others)}, not {inlet.type_name}' if others else '; its publisher is silent'
+    others = sorted({info.topic_type for info in publishers} - set(inlet.type_names))
+    taken = ' or '.join(inlet.type_names)
+    return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
 
 
 def complaints(session: Session) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -26,6 +26,7 @@ from mbaid_ros.nodes.description import DescriptionInlet, check_without_robot
 from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
+from mbaid_ros.nodes.message_classes import tf_message
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.qos import qos, quiet_publisher
@@ -70,7 +71,7 @@ class Estimating:
         self._description = None if self._state.session else DescriptionInlet(node, self._on_description)
         self._inlets = {
             'joint_states': Inlet(node, JointState, 'joint_states', self._on_joint_state),
-            'odom': Inlet(node, Odometry, 'odom', self._on_odometry),
+            **self._base_inlets(node),
         }
         self._thrust = Inlet(node, WrenchStamped, 'thrust', self._on_thrust)
         topic = self._description.topic if self._description else ''
@@ -84,6 +85,17 @@ class Estimating:
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._say_what_is_missing()
+
+    def _base_inlets(self, node: Node) -> dict[str, Inlet]:
+        """Return the subscriptions that may locate the base."""
+        if self._config.pose.tf_child_frame:
+            message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
+            return {'tf': Inlet(node, message, '/tf', self._on_odometry)}
+        others = (PoseWithCovarianceStamped, TransformStamped)
+        return {
+            'odom': Inlet(node, Odometry, 'odom', self._on_odometry),
+            'pose': Inlet(node, PoseStamped, 'pose', self._on_odometry, others),
+        }
 
     # Robot description
 

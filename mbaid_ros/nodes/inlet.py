@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
@@ -39,11 +39,16 @@ class Inlet:
     take : callable
         Called with each message: as a packet of `mbaid_ros.cdr` where that knows the type and understands the bytes,
         which takes a fraction of the time; else as an object.
+    others : sequence of types
+        Message classes that are taken, too: of the one that a publisher turns out to have while nothing has come.
     """
 
-    def __init__(self, node: Node, message_type: type, topic: str, take: Callable[[Any], None]) -> None:
+    def __init__(
+        self, node: Node, message_type: type, topic: str, take: Callable[[Any], None], others: Sequence[type] = ()
+    ) -> None:
         self._node = node
         self._message_type = message_type
+        self._types = {type_name_of(each): each for each in (message_type, *others)}
         self._given_topic = topic
         self._take = take
         self._pack = packer(self.type_name)
@@ -64,11 +69,21 @@ class Inlet:
     @property
     def type_name(self) -> str:
         """Name of the message type: ``package/msg/Type``."""
-        return self._message_type.__module__.split('.')[0] + '/msg/' + self._message_type.__name__
+        return type_name_of(self._message_type)
+
+    @property
+    def type_names(self) -> tuple[str, ...]:
+        """Names of all types that are taken."""
+        return tuple(self._types)
 
     def refresh(self) -> None:
-        """Ask for reliable delivery again once the best-effort publisher is gone; time a message. Call it regularly."""
+        """Follow what the publishers offer, and time a message. Call it regularly.
+
+        Reliable delivery is asked for again once the best-effort publisher is gone.
+        """
         self._to_be_timed = True
+        if not self.received and len(self._types) > 1:
+            self._take_type()
         if self.best_effort and not self._set and not self._subscription.get_publisher_count():
             self._resubscribe(best_effort=False)
 
@@ -79,6 +94,15 @@ class Inlet:
     def close(self) -> None:
         """Receive no more."""
         self._node.destroy_subscription(self._subscription)
+
+    def _take_type(self) -> None:
+        """Subscribe with the type of the publishers, where that is another one that is taken."""
+        offered = [info.topic_type for info in self.publishers()]
+        wanted = [name for name in offered if name in self._types]
+        if wanted and self.type_name not in wanted:
+            self._message_type = self._types[wanted[0]]
+            self._pack = packer(self.type_name)
+            self._resubscribe(best_effort=self.best_effort)
 
     def _resubscribe(self, *, best_effort: bool) -> None:
         self.best_effort = best_effort
@@ -107,7 +131,7 @@ class Inlet:
         if message is None:
             return
         self.received += 1
-        if self._to_be_timed:
+        if self._to_be_timed and not hasattr(message, 'transforms'):
             self._to_be_timed = False
             self.timed = stamp_of(message), self._node.get_clock().now().nanoseconds
         self._take(message)
@@ -128,3 +152,8 @@ class Inlet:
         text = f'a publisher of {self.topic} offers less than asked for ({policy}): best effort is taken instead'
         self._node.get_logger().warning(text)  # type: ignore[no-untyped-call]
         self._resubscribe(best_effort=True)
+
+
+def type_name_of(message_type: type) -> str:
+    """Return the name of a ROS message class: ``package/msg/Type``."""
+    return message_type.__module__.split('.')[0] + '/msg/' + message_type.__name__

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -15,13 +14,13 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.principal import ellipsoid_radii, principal
 from mbaid_ros.messages import positions_of, stamp_of
+from mbaid_ros.nodes.message_classes import tf_message
 from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
 
 NAMESPACE = 'identified_body'
@@ -176,7 +175,7 @@ class Display:
             Frames are asked for, but the message package for them is not installed.
         """
         if wanted and self._tf is None:
-            self._message = _tf_message()
+            self._message = tf_message("parameter 'publish_tf' is true", 'false')
             self._tf = self._node.create_publisher(self._message, '/tf', qos(100))
         elif not wanted and self._tf is not None:
             self._node.destroy_publisher(self._tf)
@@ -204,16 +203,6 @@ class Display:
         transforms = self._frames[1].transforms(message)
         if transforms:
             self._tf.publish(self._message(transforms=transforms))
-
-
-def _tf_message() -> Any:
-    try:
-        return import_module('tf2_msgs.msg').TFMessage
-    except ImportError as error:
-        raise ParameterError(
-            "parameter 'publish_tf' is true, but the message package tf2_msgs is not installed; accepted: false, "
-            'or apt install ros-jazzy-tf2-msgs'
-        ) from error
 
 
 def _end(joint: ET.Element, role: str) -> str:

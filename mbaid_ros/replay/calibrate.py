@@ -43,7 +43,7 @@ def _calibrate(argv: list[str]) -> int:
     urdf = read_robot_description(arguments.model)
     kernel = make_kernel(load_model(urdf, parameters.estimator.base_link), parameters)
     settings = make_settings(kernel, parameters)
-    inputs = Inputs.of(arguments)
+    inputs = Inputs.of(arguments, transforms=bool(parameters.estimator.pose.tf_child_frame))
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:

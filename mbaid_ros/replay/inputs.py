@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+from mbaid_ros.core.errors import ParameterError
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Recorded
@@ -12,8 +14,16 @@ if TYPE_CHECKING:  # `--help` needs the defaults alone
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+# What locates the base without a twist.
+POSE_TYPES = (
+    'geometry_msgs/msg/PoseStamped',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'geometry_msgs/msg/TransformStamped',
+    'tf2_msgs/msg/TFMessage',
+)
 THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
 STORED_MOMENTUM_TYPE = 'geometry_msgs/msg/Vector3Stamped'
+ODOMETRY, POSE, TF = '/odom', '/pose', '/tf'
 # Read where a bag has it, even if not asked for.
 THRUST = '/thrust'
 STORED_MOMENTUM = '/stored_momentum'
@@ -26,23 +36,46 @@ class Inputs:
     Attributes
     ----------
     joint_states : of type sensor_msgs/JointState
-    odometry : of type nav_msgs/Odometry
+    odometry : what locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     thrust : of type geometry_msgs/WrenchStamped; empty is /thrust, where there is one
     stored_momentum : of type geometry_msgs/Vector3Stamped; empty is /stored_momentum, where there is one
     """
 
     joint_states: str = '/joint_states'
-    odometry: str = '/odom'
+    odometry: str = ''
     thrust: str = ''
     stored_momentum: str = ''
 
     @staticmethod
-    def of(arguments: argparse.Namespace) -> Inputs:
-        """Return what the arguments of `add_input_arguments` say."""
-        return Inputs(arguments.joint_states, arguments.odom, arguments.thrust, arguments.stored_momentum)
+    def of(arguments: argparse.Namespace, *, transforms: bool = False) -> Inputs:
+        """Return what the arguments of `add_input_arguments` say.
+
+        Parameters
+        ----------
+        arguments : parsed
+        transforms : whether the parameters have a transform locate the base
+
+        Raises
+        ------
+        ParameterError
+            Two topics are said to locate the base.
+        """
+        if arguments.odom and arguments.pose:
+            raise ParameterError(
+                f'--odom {arguments.odom} and --pose {arguments.pose} are given; accepted: one of them'
+            )
+        base = arguments.odom or arguments.pose or (TF if transforms else '')
+        return Inputs(arguments.joint_states, base, arguments.thrust, arguments.stored_momentum)
+
+    def found(self, bag: BagReader) -> Inputs:
+        """Return the same with the topic of a bag that locates the base."""
+        if self.odometry:
+            return self
+        of_poses = POSE in bag.topics and bag.topics[POSE].type in POSE_TYPES
+        return replace(self, odometry=POSE if of_poses and ODOMETRY not in bag.topics else ODOMETRY)
 
     def topics(self, bag: BagReader) -> tuple[str, ...]:
-        """Return what of a bag is to be read, joint states and odometry first.
+        """Return what of a bag is to be read, joint states and what locates the base first.
 
         Raises
         ------
@@ -50,7 +83,8 @@ class Inputs:
             The bag lacks a topic, or has it with another type.
         """
         bag.require(self.joint_states, JOINT_STATE_TYPE)
-        bag.require(self.odometry, ODOMETRY_TYPE)
+        base = self.found(bag).odometry
+        bag.require(base, ODOMETRY_TYPE, *POSE_TYPES)
         others = []
         for wanted, usual, kind in (
             (self.thrust, THRUST, THRUST_TYPE),
@@ -60,7 +94,7 @@ class Inputs:
                 bag.require(wanted, kind)
             if wanted or (usual in bag.topics and bag.topics[usual].type == kind):
                 others.append(wanted or usual)
-        return self.joint_states, self.odometry, *others
+        return self.joint_states, base, *others
 
     def add_to(self, session: Session, messages: Recorded) -> None:
         """Hand messages of the topics to a session."""
@@ -87,7 +121,14 @@ def add_input_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default='', metavar='TOPIC', help='Odometry that locates the base (default: /odom)')
+    add(
+        '--pose',
+        default='',
+        metavar='TOPIC',
+        help='poses that do so: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
+        'pose.tf_child_frame (default: /pose, if there is no /odom)',
+    )
     add(
         '--stored-momentum',
         default='',

@@ -81,12 +81,14 @@ def read_motions(
 
     session = Session(config, urdf, collect)
 
-    def add(messages: Recorded) -> None:
-        inputs.add_to(session, messages)
-
     notes: tuple[str, ...] = ()
     with BagReader(path) as bag:
-        for _ in feed(bag, inputs, add, progress):
+        own = inputs.found(bag)
+
+        def add(messages: Recorded) -> None:
+            own.add_to(session, messages)
+
+        for _ in feed(bag, own, add, progress):
             notes = _noted(session.process(), notes)
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from mbaid_ros.cli import ArgumentParser, one_line, run
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import ODOMETRY, Inputs
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,7 +40,7 @@ def _parser() -> ArgumentParser:
     add = parser.add_argument
     add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default=ODOMETRY, metavar='TOPIC', help='default: %(default)s')
     return parser
 
 

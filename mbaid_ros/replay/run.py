@@ -80,6 +80,7 @@ def replay_bag(
     session = Session(config, urdf)
     history = History()
     with BagReader(path) as bag:
+        inputs = inputs.found(bag)
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _take(session.process(), session, history, writer)
@@ -126,7 +127,7 @@ class _Intake:
         for topic, times in messages.times.items():
             self._arrivals[topic].add(times)
         self._pose.add_joint_states(messages.of(self._inputs.joint_states))
-        self._pose.add_odometry(messages.of(self._inputs.odometry))
+        self._pose.add_odometry(self._session.base_source.poses(messages.of(self._inputs.odometry)))
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return what arrived."""

@@ -14,6 +14,7 @@ from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
+from mbaid_ros.session.base_source import OTHER_SOURCE
 from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
@@ -32,6 +33,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or it stayed away',
+        OTHER_SOURCE: _other_source(session),
         REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
         OUTLIER: _outliers(session),
         RATE_MISSING: 'a window needs two samples',
@@ -103,10 +105,18 @@ def _outliers(session: Session) -> str:
     return f'{100.0 * share:.2g} % of the odometry are outliers' if share > _MANY_OUTLIERS else ''
 
 
+def _other_source(session: Session) -> str:
+    if session.config.pose.tf_child_frame:
+        return 'pose.tf_child_frame says that it is on /tf'
+    comes = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}
+    first = session.base_source.kind
+    return f'{comes[first]} was first' if first else 'pose.tf_child_frame says which transform it is'
+
+
 def _wrong_child_frame(session: Session) -> str:
     links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
     given = session.odometry_reader.other_child_frame[:60]
     return (
         f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "
-        'of the robot'
+        'of the robot' + ('; or pose.frame says which it is' if session.base_source.kind != 'odom' else '')
     )

@@ -25,6 +25,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
+from mbaid_ros.session.base_source import BaseSource
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
@@ -56,6 +57,7 @@ class Session:
     robot : as it is known by now
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
+    base_source : what of the messages that may locate the base does
     thrust : what commanded thrust has brought since the run began
     stored_momentum : what a flight computer tells of it
     problem : why it takes no more messages until `reset`; empty while it does
@@ -80,6 +82,7 @@ class Session:
         ignore = self.config.time_jump == 'ignore'
         self.gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in (JOINTS, ODOMETRY)}
         self.received: Counter[str] = Counter()
+        self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
         self.restarted = 0
         self.problem = ''
@@ -104,16 +107,22 @@ class Session:
         return self._add(JOINTS, ODOMETRY, message)
 
     def add_odometry(self, message: Any) -> bool:
-        """Take an Odometry without looking into it; return whether it is time for `process`."""
-        return self._add(ODOMETRY, JOINTS, message)
+        """Take an Odometry without looking into it, or what else locates the base: poses, transforms.
+
+        Return whether it is time for `process`.
+        """
+        due = [self._add(ODOMETRY, JOINTS, each) for each in self.base_source.located([message])]
+        return any(due)
 
     def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any]) -> bool:
         """Take messages of both topics, each in order, where nothing is to be decided about any of them.
 
         Return whether they have been taken; where not, they have to be added one by one as they came.
         """
-        messages = {JOINTS: joint_states, ODOMETRY: odometry}
-        return not self.problem and let_through(self.gates, self._epoch, messages)
+        if self.problem or not self.base_source.takes(odometry):
+            return False
+        messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
+        return let_through(self.gates, self._epoch, messages)
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
@@ -175,7 +184,8 @@ class Session:
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by cause."""
-        return self._earlier + self._dropped_now() + sum((gate.dropped for gate in self.gates.values()), Counter())
+        gates = sum((gate.dropped for gate in self.gates.values()), Counter(self.base_source.dropped))
+        return self._earlier + self._dropped_now() + gates
 
     def judge_by(self, convergence: ConvergenceConfig) -> None:
         """Judge estimates by other thresholds, from the next window on."""

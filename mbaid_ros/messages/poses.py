@@ -1,0 +1,104 @@
+"""What locates the base beside Odometry: poses and transforms, as motion capture publishes them; no twist in any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from mbaid_ros.cdr import Packet, Packets
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Stamps
+
+Source = Literal['odom', 'pose', 'tf']
+
+_NO_TWIST = (np.nan,) * 6
+_NOT_SET = np.zeros(36)
+
+
+@dataclass(frozen=True)
+class BasePose:
+    """A pose of a frame on the base.
+
+    Attributes
+    ----------
+    stamp : ns
+    frame_id, child_frame_id : frame that it is in, and the one that it is of
+    numbers : position (3) and orientation (4, x, y, z, w)
+    covariance : (36,); zeros where none is given
+    """
+
+    stamp: int
+    frame_id: str
+    child_frame_id: str
+    numbers: tuple[float, ...]
+    covariance: Any
+
+
+class BasePoseShape(NamedTuple):
+    """What poses of the same frames share.
+
+    Attributes
+    ----------
+    frame_id, child_frame_id : names of the frames
+    """
+
+    frame_id: str
+    child_frame_id: str
+
+    def columns(self, messages: Sequence[BasePose]) -> tuple[Stamps, Array, Array, Array]:
+        """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist, as of Odometry."""
+        numbers = np.array([(*message.numbers, *_NO_TWIST) for message in messages])
+        covariances = np.array([message.covariance for message in messages], dtype=float).reshape(-1, 36)
+        return np.array([message.stamp for message in messages]), numbers, covariances, np.zeros_like(covariances)
+
+
+def source_of(message: Any) -> Source:
+    """Return which kind of source a message that locates the base is from."""
+    if isinstance(message, Packet | Packets) or hasattr(message, 'twist'):
+        return 'odom'
+    return 'tf' if hasattr(message, 'transforms') else 'pose'
+
+
+class PoseReader:
+    """Makes poses of the base of messages that are no Odometry.
+
+    Parameters
+    ----------
+    frame : name of the frame on the base that a PoseStamped locates
+    of_transforms : name of the one that transforms locate; empty is their child frame
+    tf_parent, tf_child : frames of the transform that locates the base; an empty parent is any
+    """
+
+    def __init__(self, frame: str, of_transforms: str, tf_parent: str, tf_child: str) -> None:
+        self._frame = frame
+        self._of_transforms = of_transforms
+        self._tf_parent = tf_parent.lstrip('/')
+        self._tf_child = tf_child.lstrip('/')
+
+    def read(self, message: Any) -> Iterator[BasePose]:
+        """Yield the poses of a PoseStamped, PoseWithCovarianceStamped, TransformStamped or TFMessage."""
+        if hasattr(message, 'transforms'):
+            for each in message.transforms:
+                parent = each.header.frame_id.lstrip('/')
+                if each.child_frame_id.lstrip('/') == self._tf_child and self._tf_parent in {'', parent}:
+                    yield self._transform(each)
+        elif hasattr(message, 'transform'):
+            yield self._transform(message)
+        else:
+            pose, covariance = message.pose, _NOT_SET
+            if hasattr(pose, 'pose'):
+                pose, covariance = pose.pose, pose.covariance
+            yield _pose(message.header, self._frame, pose.position, pose.orientation, covariance)
+
+    def _transform(self, message: Any) -> BasePose:
+        transform, frame = message.transform, self._of_transforms or message.child_frame_id
+        return _pose(message.header, frame, transform.translation, transform.rotation, _NOT_SET)
+
+
+def _pose(header: Any, frame: str, position: Any, turn: Any, covariance: Any) -> BasePose:
+    stamp = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+    numbers = (position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w)
+    return BasePose(stamp, header.frame_id, frame, numbers, covariance)
