@@ -25,7 +25,7 @@ help:
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test"
-	@echo "make fuzz    set-up, then 2000 damaged bags, and as many other files, through replay (ARGS=\"--inputs N\": of each format)"
+	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
 	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"
@@ -49,7 +49,8 @@ test: lint
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal
 
 fuzz: install/.built
-	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS)
+	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS) \
+	  && python3 scripts/fuzz_messages.py $(ARGS)
 
 lint: install/.built
 	$(STEP) "ruff"

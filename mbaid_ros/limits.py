@@ -11,6 +11,8 @@ JSON_VALUES = 6_000_000  # numbers, strings, lists and objects in it
 TRUTH_CHARACTERS = 1_000_000
 DIGITS = 400  # of one number in YAML or JSON, in whatever base
 TIME = 1e6  # s: any duration that is a parameter
+SHORTEST = 1e-9  # s: any duration that is a parameter, but for 0
+SMALLEST = 1e-30  # any other number that is a parameter, but for 0; up to QUANTITY
 
 # Robot descriptions.
 URDF_CHARACTERS = 4_000_000
@@ -20,7 +22,7 @@ ELEMENT_ATTRIBUTES = 50
 LINKS = 1_000
 NAME_CHARACTERS = 500
 LENGTH = 1e6  # m, each coordinate of an origin; rad, each of its angles
-QUANTITY = 1e15  # kg, kg m^2: a mass, or an element of an inertia
+QUANTITY = 1e15  # kg, kg m^2: a mass, or an element of an inertia; any number that is a parameter
 SHAPES_DRAWN = 300
 
 # Bags.

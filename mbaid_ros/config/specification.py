@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, cast
 
+from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
 
 # Named like rclpy's Parameter.Type, in lower case.
@@ -115,13 +116,23 @@ class ParameterSpec:
 
     def _in_range(self, number: float) -> bool:
         above = self.minimum is None or number > self.minimum or (number == self.minimum and not self.exclusive_minimum)
-        return above and (self.maximum is None or number <= self.maximum)
+        return above and (self.maximum is None or number <= self.maximum) and self._has_a_size(number)
+
+    @property
+    def _smallest(self) -> float:
+        return limits.SHORTEST if self.unit == 's' else limits.SMALLEST
+
+    def _has_a_size(self, number: float) -> bool:
+        """Tell whether a number is 0 or one whose square, times another's, can still be computed with."""
+        return number == 0 or self.type == 'integer' or self._smallest <= abs(number) <= limits.QUANTITY
 
     def _refused(self, value: object) -> ParameterError:
-        words = shown(value)
-        if self.unit and isinstance(value, int | float) and not isinstance(value, bool):
-            words += f' {self.unit}'
-        return ParameterError(f"parameter '{self.name}' is {words}; accepted: {self.accepted}")
+        words, accepted = shown(value), self.accepted
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            words += f' {self.unit}' if self.unit else ''
+            if not self._has_a_size(value):
+                accepted += f', of a size from {self._smallest:g} to {self.maximum or limits.QUANTITY:g}'
+        return ParameterError(f"parameter '{self.name}' is {words}; accepted: {accepted}")
 
 
 def shown(value: object) -> str:

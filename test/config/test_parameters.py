@@ -130,3 +130,17 @@ def test_a_long_value_is_shortened() -> None:
 def test_a_number_too_large_for_a_double_is_refused() -> None:
     with pytest.raises(ParameterError, match='length'):
         build(Outer, {'length': 10**400})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('length', 1e308), ('length', -1e16), ('length', 1e-31), ('axis', [0.0, 0.0, 1e300])]
+)
+def test_a_number_that_cannot_be_squared_is_refused(name: str, value: object) -> None:
+    with pytest.raises(ParameterError, match=f"'{name}' is "):
+        build(Outer, {name: value})
+    assert build(Outer, {'length': -1e15, 'axis': [0.0, 1e-30, 0.0]}).length == -1e15
+
+
+def test_an_error_tells_the_sizes_that_are_accepted() -> None:
+    with pytest.raises(ParameterError, match=r'is 1e\+308 m; accepted: a number m, of a size from 1e-30 to 1e\+15'):
+        build(Outer, {'length': 1e308})

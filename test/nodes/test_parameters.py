@@ -153,6 +153,13 @@ def test_what_may_change_is_checked_by_the_same_rules() -> None:
             changed(made, EstimatorConfig, [setting])
 
 
+def test_what_is_known_of_single_things_stays_as_it_was_declared() -> None:
+    with node('known_links.arm.com_std:=0.5', 'known_joints.elbow.zero_std:=0.25') as made:
+        declared = declare_parameters(made, EstimatorConfig, settable=True)
+        assert changed(made, EstimatorConfig, []) == declared
+        assert declared.known_links.links == {'arm': {'com_std': 0.5}}
+
+
 def test_the_readme_says_which_may_change() -> None:
     changing = {name for name, spec in specifications(EstimatorConfig).items() if not spec.read_only}
     assert changing == {'publish_tf', *(name for name in specifications(EstimatorConfig) if 'convergence.' in name)}

@@ -32,6 +32,15 @@ def test_damaged_files_end_with_an_exit_code_and_a_line(monkeypatch: pytest.Monk
     assert all(outcome[kind].codes[2] for kind in ('URDF', 'YAML', 'JSON', 'sqlite'))
 
 
+def test_damaged_messages_leave_the_node_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing comes out of a callback, and a clean stream after ~/reset leads to the same bits as before."""
+    monkeypatch.syspath_prepend(str(CONFIG.parent / 'scripts'))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    found = runpy.run_path(str(CONFIG.parent / 'scripts' / 'fuzz_messages.py'))['on_a_graph'](20, 0, 20)
+    assert found.wrong == []
+    assert found.inputs == 20
+
+
 def test_a_definition_that_lacks_what_its_type_has_is_told(tmp_path: Path) -> None:
     whole_bag = runpy.run_path(str(CONFIG.parent / 'scripts' / 'fuzz_bags.py'))['whole_bag']
     path = tmp_path / 'bag.mcap'

@@ -1,0 +1,278 @@
+"""Send damaged messages into the node `estimator`: CDR bytes as they come from the middleware, and what they may mean.
+
+usage: fuzz_messages.py [--inputs N] [--seed N]    (with `install/setup.bash` sourced)
+
+An input is a stretch of messages of a robot, of which some are damaged: bits flipped, cut, lengths overwritten, parts
+in other places, names, stamps, numbers and covariances that are none; with wrenches and stored momenta among them.
+Nothing may come out of a callback, and estimates stay numbers. After each hundred inputs the node is reset and sent a
+clean stream: what it then publishes has to be, to the last bit, what it published of that before all this.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+from tqdm import tqdm
+
+from fuzz_bags import CONFIG, LONGEST, MEMORY, TYPES, Damage, TooLongError, cut, flipped, overwritten, spliced
+from mbaid_ros.bags import BagReader
+from mbaid_ros.nodes.estimator import EstimatorNode
+
+BAG = CONFIG.parent / 'bags' / 'table1_live'
+MESSAGES = 1200  # of the robot
+METHODS = ('difference', 'trajectory')  # by the seed
+STRETCH = 60  # messages of an input
+EVERY = 100  # inputs, after which the node has to be as it was
+CLASSES = {'joint_states': JointState, 'odom': Odometry}
+OTHERS = {'thrust': WrenchStamped, 'stored_momentum': Vector3Stamped, 'robot_description': String}
+DAMAGES: tuple[Damage, ...] = (flipped, cut, overwritten, spliced)
+NUMBERS = (0.0, -1.0, 1e-300, 1e300, -1e9, np.nan, np.inf, -np.inf)
+SECONDS = (0, -(2**31), 2**31 - 1, 1_700_000_000, 1)
+NAMES: tuple[list[str], ...] = (
+    [],
+    [''],
+    ['a'] * 4,
+    ['joint1'],
+    ['joint1'] * 9,
+    [f'n{k}' for k in range(10_000)],
+    ['x' * 100_000],
+)
+FRAMES = ('', 'odom', '/base_link', 'link4', 'x' * 1_000_000, '\n\x1b[31m', 'ä' * 1000)
+RMWError = rclpy_implementation.RMWError
+
+
+@dataclass
+class Found:
+    """What came out.
+
+    Attributes
+    ----------
+    inputs : how many went in
+    slowest : s
+    wrong : what should not have been
+    """
+
+    inputs: int = 0
+    slowest: float = 0.0
+    wrong: list[str] = field(default_factory=list)
+
+
+class Node:
+    """The node, its callbacks called as the middleware calls them, and what it publishes."""
+
+    def __init__(self) -> None:
+        self.node = EstimatorNode()
+        self.published: list[Any] = []
+        work = self.node._estimating  # noqa: SLF001 - what is looked for is what its callbacks do
+        self._work = work
+        keep = work._outlets.publish  # noqa: SLF001
+
+        def publish(estimate: Any, frames: Any, urdf: str) -> None:
+            self.published.append(estimate)
+            keep(estimate, frames, urdf)
+
+        work._outlets.publish = publish  # type: ignore[method-assign] # noqa: SLF001
+        inlets = {**work._inlets, 'thrust': work._thrust, 'stored_momentum': work._stored_momentum}  # noqa: SLF001
+        self._callbacks: dict[str, Callable[[Any], None]] = {name: inlet._on_message for name, inlet in inlets.items()}
+        self._callbacks['robot_description'] = work._on_description  # noqa: SLF001
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Hand over a message as its bytes; what the middleware itself makes nothing of does not arrive."""
+        if topic in OTHERS:
+            with contextlib.suppress(RMWError):
+                self._callbacks[topic](deserialize_message(data, OTHERS[topic]))
+        else:
+            self._callbacks[topic](data)
+
+    def report(self) -> None:
+        """Let a second be over."""
+        self._work._report()  # noqa: SLF001
+
+    def serve(self, which: int) -> None:
+        """Call one of its services."""
+        if which == 0:
+            self._work._on_capture(Trigger.Request(), Trigger.Response())  # noqa: SLF001
+        else:
+            self._work._on_pause(SetBool.Request(data=which == 1), SetBool.Response())  # noqa: SLF001
+
+    def of_clean(self, messages: list[tuple[str, bytes]]) -> list[bytes]:
+        """Return the bits of what it publishes of a stream, from ~/reset on."""
+        self._work._on_pause(SetBool.Request(data=False), SetBool.Response())  # noqa: SLF001
+        self._work._on_reset(Trigger.Request(), Trigger.Response())  # noqa: SLF001
+        self.published.clear()
+        for topic, data in messages:
+            self.send(topic, data)
+        return [bits(estimate) for estimate in self.published if estimate.samples]
+
+
+def bits(estimate: Any) -> bytes:
+    """Return all numbers and words of an estimate."""
+    numbers = (estimate.parameters, estimate.covariance, estimate.momentum, estimate.momentum_covariance)
+    words = [word.encode() for word in (estimate.status, estimate.stage, *estimate.warnings)]
+    return b''.join((*(np.asarray(each, dtype=float).tobytes() for each in numbers), *words))
+
+
+def recorded() -> list[tuple[str, bytes]]:
+    """Return the first messages of a robot, as their bytes."""
+    with BagReader(BAG) as bag:
+        return [(topic.lstrip('/'), data) for _, (topic, data, _) in zip(range(MESSAGES), bag.raw(TYPES), strict=False)]
+
+
+def meaning(topic: str, data: bytes, generator: np.random.Generator) -> bytes:
+    """Return a well-formed message that means something else."""
+    message = deepcopy(deserialize_message(data, CLASSES[topic]))
+
+    def one(values: tuple[Any, ...]) -> Any:
+        return values[int(generator.integers(0, len(values)))]
+
+    way = int(generator.integers(0, 5))
+    if way == 0:
+        message.header.stamp.sec = one(SECONDS)
+    elif way == 1:
+        message.header.frame_id = one(FRAMES)
+    elif way == 2 and topic == 'odom':
+        message.child_frame_id = one(FRAMES)
+    elif way == 2:
+        message.name = one(NAMES)
+        message.position = [one(NUMBERS)] * int(generator.choice([0, 1, len(message.name)]))
+    elif topic == 'odom':
+        part = one((message.pose, message.twist))
+        part.covariance[int(generator.integers(0, 36))] = one(NUMBERS)
+        if way == 3:
+            setattr(message.pose.pose.orientation, one(('x', 'y', 'z', 'w')), one(NUMBERS))
+    else:
+        values = one((message.position, message.velocity))
+        if len(values):
+            values[int(generator.integers(0, len(values)))] = one(NUMBERS)
+    return bytes(serialize_message(message))
+
+
+def of_others(generator: np.random.Generator) -> tuple[str, bytes]:
+    """Return a message of one of the other topics."""
+    topic = list(OTHERS)[int(generator.integers(0, 2))]
+    message = OTHERS[topic]()
+    message.header.frame_id = FRAMES[int(generator.integers(0, len(FRAMES)))]
+    message.header.stamp.sec = SECONDS[int(generator.integers(0, len(SECONDS)))]
+    vector = message.vector if topic == 'stored_momentum' else message.wrench.force
+    vector.x = NUMBERS[int(generator.integers(0, len(NUMBERS)))]
+    return topic, bytes(serialize_message(message))
+
+
+def attacked(clean: list[tuple[str, bytes]], generator: np.random.Generator) -> Iterator[tuple[str, bytes]]:
+    """Yield a stretch of messages of which some are damaged."""
+    begin = int(generator.integers(0, len(clean) - STRETCH))
+    share = float(generator.choice([0.02, 0.2, 1.0]))
+    for topic, data in clean[begin : begin + STRETCH]:
+        if generator.random() >= share:
+            yield topic, data
+        elif generator.random() < 0.1:
+            other, content = of_others(generator)
+            damaged = generator.random() < 0.5
+            yield other, DAMAGES[int(generator.integers(0, 4))](content, generator) if damaged else content
+        elif generator.random() < 0.5:
+            yield topic, meaning(topic, data, generator)
+        else:
+            yield topic, DAMAGES[int(generator.integers(0, 4))](data, generator)
+
+
+def fuzz(count: int, seed: int, every: int = EVERY) -> Found:
+    """Return what came of so many inputs, after each `every` of which the node has to be as it was."""
+    found, clean, node = Found(), recorded(), Node()
+    expected = node.of_clean(clean)
+    at_start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for number in tqdm(range(count), unit=' stretches', disable=None, leave=False):
+        generator = np.random.default_rng([seed, number])
+        begin = time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, LONGEST)
+        try:
+            for topic, data in attacked(clean, generator):
+                node.send(topic, data)
+            if generator.random() < 0.1:
+                node.serve(int(generator.integers(0, 3)))
+            node.report()
+        except Exception as reason:  # noqa: BLE001 - that none comes out is what is tested
+            found.wrong.append(f'messages {number}: {type(reason).__name__}: {reason}'[:500])
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        found.inputs += 1
+        found.slowest = max(found.slowest, time.monotonic() - begin)
+        for estimate in node.published:
+            if not np.all(np.isfinite(estimate.parameters[estimate.identifiable])):
+                found.wrong.append(f'messages {number}: {estimate.parameters} with status {estimate.status}')
+        node.published.clear()
+        if (number + 1) % every == 0 and node.of_clean(clean) != expected:
+            found.wrong.append(f'messages {number}: after ~/reset, a clean stream leads to another estimate')
+    if not expected:
+        found.wrong.append('the clean stream leads to no estimate')
+    memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - at_start) * 1024
+    if memory > MEMORY:
+        found.wrong.append(f'{memory / 1e6:.0f} MB more memory than at the start')
+    return found
+
+
+def _on_alarm(_number: int, _frame: object) -> None:
+    raise TooLongError(f'more than {LONGEST:g} s')
+
+
+@contextlib.contextmanager
+def silenced(log: Path) -> Iterator[None]:
+    """Send what the node and the middleware say to a file: what they complain of is not looked at here."""
+    sys.stderr.flush()
+    kept, file = os.dup(2), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(file, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(file)
+
+
+def on_a_graph(count: int, seed: int, every: int = EVERY) -> Found:
+    """Return what came of so many inputs of a node on a graph of its own, without anybody else."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
+    signal.signal(signal.SIGALRM, _on_alarm)
+    parameters = [
+        '-p',
+        f'robot_description_file:={CONFIG / "table1.urdf"}',
+        '-p',
+        f'method:={METHODS[seed % len(METHODS)]}',
+    ]
+    rclpy.init(args=['', '--ros-args', *parameters, '--log-level', 'error'])
+    try:
+        with tempfile.TemporaryDirectory() as folder, silenced(Path(folder) / 'log'):
+            return fuzz(count, seed, every)
+    finally:
+        rclpy.try_shutdown()  # type: ignore[attr-defined]
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--inputs', type=int, default=400, metavar='N', help='stretches (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N')
+    asked = parser.parse_args()
+    result = on_a_graph(asked.inputs, asked.seed)
+    print(f'messages: {result.inputs} inputs; slowest {result.slowest:.2f} s, {len(result.wrong)} failures')
+    print(*result.wrong[:20], sep='\n', end='\n' if result.wrong else '')
+    sys.exit(bool(result.wrong))
