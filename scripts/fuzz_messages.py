@@ -94,7 +94,9 @@ class Node:
 
         work._outlets.publish = publish  # type: ignore[method-assign] # noqa: SLF001
         inlets = {**work._inlets, 'thrust': work._thrust, 'stored_momentum': work._stored_momentum}  # noqa: SLF001
-        self._callbacks: dict[str, Callable[[Any], None]] = {name: inlet._on_message for name, inlet in inlets.items()}
+        self._callbacks: dict[str, Callable[[Any], None]] = {}
+        for name, inlet in inlets.items():
+            self._callbacks[name] = inlet._on_message  # noqa: SLF001
         self._callbacks['robot_description'] = work._on_description  # noqa: SLF001
 
     def send(self, topic: str, data: bytes) -> None:
