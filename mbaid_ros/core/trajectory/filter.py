@@ -67,8 +67,7 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
     transition[:poses, :columns] = window.transition
     transition[poses:, poses:head] = np.eye(head - poses)
     if hypothesis.force != 'none':
-        push = window.in_base_axes if hypothesis.force == 'body' else window.inertial
-        transition[poses:, columns:] = push
+        transition[poses:, columns:] = window.push(hypothesis.force)
     joints, walks = window.process.shape[1], len(hypothesis.walking)
     noise = np.zeros((head, joints + walks))
     noise[:poses, :joints] = window.process

@@ -101,7 +101,7 @@ class Suspicion:
         at, passed, base = yield from self._base(wide, windows, points)
         found = yield from self._widened(wide, windows, at, base)
         found += yield from self._misread(windows, fits, base)
-        for frequency in lines(wide.unpredicted(passed, base), windows[0].length):
+        for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
             found.append(Suspected(of_line(frequency), track.belief.log_likelihood - base.log_likelihood))
         found += yield from self._from_outside(wide, at, passed, base)

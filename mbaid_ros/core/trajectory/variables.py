@@ -114,7 +114,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     detector : decides whether the motion is planar
     uncertainty : what is known of target and momentum beforehand
     """
-    typical = unknown_scale(layout.kernel)
+    typical = _typical(layout, uncertainty)
     sizes = np.ones(layout.size)
     sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
     sizes[LINEAR], sizes[ANGULAR], sizes[BODY] = typical[10:13], typical[13:16], typical[:10]
@@ -130,6 +130,18 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
     return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16])
+
+
+def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
+    """Return the (16,) typical sizes of body and momentum; a target known to be the heavier part sets the momentum's.
+
+    Where the base is the target, what pulls on it is what pulls on nearly all there is.
+    """
+    typical = unknown_scale(layout.kernel)
+    mean = np.zeros(10)
+    uncertainty.target.apply(mean, np.eye(10))
+    typical[10:] *= max(1.0, mean[0] / typical[0])
+    return typical
 
 
 def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:

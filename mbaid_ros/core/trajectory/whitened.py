@@ -10,6 +10,7 @@ from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import WindowModel
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.unknowns.hypotheses import Axes
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,10 @@ class WhitenedWindow:
     inertial: Array
     in_base_axes: Array
     length: float
+
+    def push(self, axes: Axes) -> Array:
+        """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
+        return self.in_base_axes if axes == 'body' else self.inertial
 
 
 def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:

@@ -122,11 +122,24 @@ class WidePass:
             raise np.linalg.LinAlgError('the first point is of no robot that can be')
         return best
 
-    def unpredicted(self, passed: Windows, belief: Belief) -> Array:
-        """Return by how much each window's way is not as predicted, (W, p), in units of pose errors."""
-        mean = belief.least_squares
-        mean[: self.variables.poses] = 0.0
-        return np.array([white.drift + white.transition @ mean for _, white in passed])
+    def unpredicted(self, passed: Windows, belief: Belief, hypothesis: Hypothesis) -> Array:
+        """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.
+
+        Parameters
+        ----------
+        passed : the windows
+        belief : after the last of them
+        hypothesis : that they were passed under: a force that acts has changed the momentum until then
+        """
+        own = self.variables
+        mean, force = np.split(belief.least_squares, [len(own.scale)])
+        mean[: own.poses] = 0.0
+        found = []
+        for _, white in reversed(passed):
+            if hypothesis.force != 'none':
+                mean[own.poses : own.head] -= white.push(hypothesis.force) @ force
+            found.append(white.drift + white.transition @ mean)
+        return np.array(found[::-1])
 
     def gains(self, base: Belief) -> dict[str, tuple[float, float]]:
         """Return what each cause would gain by less certainty, and by how much less."""
