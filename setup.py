@@ -42,6 +42,7 @@ setup(
             'replay = mbaid_ros.replay.replay:main',
             'calibrate = mbaid_ros.replay.calibrate:main',
             'campaign = mbaid_ros.replay.campaign:main',
+            'convert = mbaid_ros.recordings.convert:main',
             'export = mbaid_ros.replay.export:main',
             'noise_at_rest = mbaid_ros.replay.noise_at_rest:main',
         ],

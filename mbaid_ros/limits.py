@@ -42,3 +42,7 @@ UNPACKED_RATIO = 100  # decompressed bytes for each byte of a compressed file ..
 UNPACKED_BYTES = 64_000_000  # ... or this many, if that is more
 QUERY_STEPS = 5_000_000  # of sqlite's virtual machine for one query ...
 QUERY_STEPS_PER_BYTE = 50  # ... and so many more for each byte of the file
+
+# Logs that `convert` makes bags of.
+LOG_BYTES = 100_000_000  # of a log, decompressed
+LOG_COLUMNS = 1_000  # of a table

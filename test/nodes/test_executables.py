@@ -29,6 +29,7 @@ NAMES = (
     'calibrate',
     'campaign',
     'export',
+    'convert',
     'noise_at_rest',
 )
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'

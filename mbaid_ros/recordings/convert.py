@@ -1,0 +1,85 @@
+"""The executable `convert`: logs that others made of real hardware, and anybody's CSV, as bags."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbaid_ros import cli
+from mbaid_ros.core.errors import ParameterError
+
+if TYPE_CHECKING:  # --help needs none of it
+    from mbaid_ros.recordings.recording import Recording
+
+FORMATS = ('spot-2021', 'csv')
+# Which formats an option is for.
+_OPTIONS = {'commands': ('spot-2021',), 'columns': ('csv',)}
+
+_DESCRIPTION = """\
+Make an MCAP bag of a log. Beside it in the folder, as far as the format says: robot.urdf, what was flown, with the
+source of every number; estimator.yaml, parameters for replay; truth.json.
+
+  spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
+  csv           any table; --columns says which of its columns is what
+
+Exit code: 0 written, 2 bad input."""
+_EXAMPLE = 'ros2 run mbaid_ros convert csv run.csv --columns columns.yaml --output run'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable: 0 if it wrote a bag, 2 after a user's error."""
+    return cli.run(_convert, argv)
+
+
+def _convert(argv: list[str]) -> int:
+    arguments = _parser().parse(argv)
+    from mbaid_ros.recordings.recording import write_recording  # noqa: PLC0415 - takes a while
+
+    recording = _read(arguments)
+    usual = recording.span
+    span = tuple(
+        given if given is not None else usual[side] for side, given in enumerate((arguments.begin, arguments.end))
+    )
+    if not span[0] < span[1]:
+        raise ParameterError(f'--from {span[0]:g} s is not before --to {span[1]:g} s')
+    output = arguments.output if arguments.output is not None else Path(arguments.log.stem)
+    count = write_recording(recording.between(*span), output)
+    for note in recording.notes:
+        print(f'mbaid_ros convert: note: {cli.one_line(note)}', file=sys.stderr)
+    print(f'{count} messages: {cli.one_line(str(output))}')
+    return 0
+
+
+def _read(arguments: argparse.Namespace) -> Recording:
+    for option, formats in _OPTIONS.items():
+        if getattr(arguments, option) is not None and arguments.format not in formats:
+            raise ParameterError(f'--{option} is for {" and ".join(formats)}, not for {arguments.format}')
+    if arguments.format == 'csv':
+        if arguments.columns is None:
+            raise ParameterError('csv needs --columns YAML, which says what the columns are (docs/hardware.md)')
+        from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
+
+        return read_csv(arguments.log, arguments.columns)
+    from mbaid_ros.recordings.spot_2021 import read_spot_2021  # noqa: PLC0415
+
+    return read_spot_2021(arguments.log, arguments.commands)
+
+
+def _parser() -> cli.ArgumentParser:
+    parser = cli.ArgumentParser('convert', _DESCRIPTION, _EXAMPLE)
+    add = parser.add_argument
+    add('format', choices=FORMATS, metavar='FORMAT', help=', '.join(FORMATS))
+    add('log', type=Path, metavar='LOG', help='the file')
+    add('--output', type=Path, metavar='BAG', help="folder to make (default: the log's name, here)")
+    add('--from', dest='begin', type=cli.number(unit='s'), metavar='S', help="first time, s (default: the format's)")
+    add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
+    add('--columns', type=Path, metavar='YAML', help='csv: which column is what')
+    add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

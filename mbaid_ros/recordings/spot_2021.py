@@ -1,0 +1,123 @@
+"""Carleton University's SPOT facility in 2021: a planar chaser with an arm of three joints, thrusters off.
+
+`rt_dataPacket` of a run's ``*__stitched.mat`` is a table at 10 Hz, 65 columns; the motion capture gave a new pose every
+0.2 s. Encoders were not logged: what the arm was told to do, from 42 s on, is in a file of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.recordings.matlab import read_matlab
+from mbaid_ros.recordings.planar_arm import BASE, JOINTS, SHOULDER, SPOT_ARM, SPOT_ARM_SOURCE, Chaser, planar_urdf
+from mbaid_ros.recordings.recording import Joints, Poses, Recording, turned_about_z
+
+COMMANDS_FILE = '100NodeSolution_FreeFloating_DIDO.mat'
+_COLUMNS = 65
+_POSITION, _HEADING = slice(4, 6), 6
+# s: the thrusters stop at 40, the arm moves from 42 to 72 and lags behind; at 72 the thrusters start again.
+_ARM, _SPAN = 42.0, (40.2, 72.0)
+# Run_Initializer.m of 2021, model_param(1) and (2): kg, kg m^2.
+_MASS, _INERTIA = 16.9478, 0.2709
+
+_SOURCE = f"""
+  The chaser RED of the SPOT facility, Carleton University, as flown on 6 March 2021.
+
+  The base: mass and moment of inertia are model_param(1) and (2) in Projects/Combined_Experiment/Run_Initializer.m of
+  the repository github.com/TheElectricDream/SPOT. Both are nominal: {COMMANDS_FILE} has 0.2974 kg m^2.
+{SPOT_ARM_SOURCE}
+  These are of 2023. {COMMANDS_FILE}, of 2017, has a lighter and shorter arm (0.273, 0.263,
+  0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in the logs of 2021 (columns 54 to 57)
+  move on a circle of 0.306 m about the shoulder, and the base shifts by 1.46 times what the lighter arm would make it.
+  phi is about an axis that is turned by 90 degrees against the motion capture's: the shoulder is at phi - 90 degrees.
+  Moments about x and y do not matter on a table and are half of those about z.
+"""
+
+CHASER = Chaser('spot_red_2021', _MASS, _INERTIA, (SHOULDER[0], SHOULDER[1] - math.pi / 2.0), 0.0, SPOT_ARM)
+
+_PARAMETERS = f"""\
+# SPOT 2021: poses of the motion capture every 0.2 s, told twice each; joints as commanded, not as measured.
+#
+#   ros2 run mbaid_ros replay FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
+/**:
+  ros__parameters:
+    target_link: {BASE}            # the base is what is looked for: the arm's links have been weighed
+    maximum_gap: 0.5                  # s, between poses
+    noise:
+      joint_position: 1.0e-2          # rad, by which the arm is off its command
+      base_position: 1.0e-3           # m
+      base_orientation: 3.0e-3        # rad
+    time_offset: {{prior_std: 0.5}}     # s, that the arm lags behind the command
+    disturbance: {{constant: inertial}} # the table is not level
+    target_prior: {{mass: 16.948, mass_std: 1.5}}   # kg, nominal
+    known_links: {{relative_std: 0.02}}
+    known_joints: {{zero_std: 0.05, origin_std: 0.01, axis_std: 0.0}}
+"""
+
+
+def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
+    """Return a run of 2021.
+
+    Parameters
+    ----------
+    path : a ``*__stitched.mat``
+    commands : the file of the arm's motion; None looks for it in the folders above the log
+
+    Raises
+    ------
+    DataError
+        A file is not what it should be.
+    """
+    table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
+    if table.ndim != 2 or table.shape[1] != _COLUMNS or not np.issubdtype(table.dtype, np.floating):
+        raise DataError(
+            f"'{path}' has rt_dataPacket of shape {table.shape}; accepted: rows of {_COLUMNS} numbers, as in 2021"
+        )
+    table = table[np.all(np.isfinite(table[:, : _HEADING + 1]), axis=1)]
+    time = table[:, 0]
+    primal = read_matlab(commands or _beside(path), ('primal',))['primal']
+    nothing = np.full((len(table), 6), np.nan)
+    position = np.column_stack((table[:, _POSITION], np.zeros(len(table))))
+    poses = Poses(time, position, turned_about_z(table[:, _HEADING]), nothing)
+    joints = Joints(JOINTS, time, _commanded(primal, time - _ARM, path))
+    return Recording(
+        joints,
+        poses,
+        robot=planar_urdf(CHASER, _SOURCE),
+        parameters=_PARAMETERS,
+        notes=(
+            'joint states are commands: the arm lags behind them',
+            'the moment of inertia of the base is not known: there is no truth.json',
+        ),
+        span=_SPAN,
+    )
+
+
+def _beside(path: Path) -> Path:
+    """Return the file of the arm's motion in one of the folders above a log."""
+    for folder in path.resolve().parents:
+        if (folder / COMMANDS_FILE).is_file():
+            return folder / COMMANDS_FILE
+    raise DataError(
+        f"no {COMMANDS_FILE} in a folder above '{path}'; accepted: --commands FILE, or the log in its clone"
+    )
+
+
+def _commanded(primal: Any, time: Array, path: Path) -> Array:
+    """Return the commanded joint positions, (N, 3) rad."""
+    try:
+        own = np.atleast_1d(np.asarray(primal.time, dtype=float))
+        states = np.atleast_2d(np.asarray(primal.states, dtype=float))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataError(f"the arm's motion for '{path}' has no primal.time and primal.states of numbers") from error
+    if own.ndim != 1 or states.shape[1:] != own.shape or len(states) < 6 or not np.all(np.diff(own) > 0.0):
+        raise DataError(
+            f"the arm's motion for '{path}' has primal.states of shape {states.shape}; accepted: (12, times)"
+        )
+    return np.column_stack([np.interp(time, own, states[row]) for row in (3, 4, 5)])

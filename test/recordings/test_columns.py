@@ -1,0 +1,150 @@
+"""`convert csv`: anybody's table by a mapping of its columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.recordings.convert import main
+
+TABLE = """\
+t,x,y,yaw,q1,qd1,fx
+1000,0.1,0.2,90,1,10,0.5
+1100,0,0,0,2,20,0.5
+
+1200,0.3,0.4,-90,3,,0.25
+1300,0.3,0.4,-90,nan,40,0.25
+"""
+MAPPING = """\
+time: {column: t, scale: 1.0e-3}
+base:
+  frame: plate
+  missing: 0.0
+  position: [x, {column: y, offset: 1.0}]
+  heading: {column: yaw, scale: 0.017453292519943295}
+joints:
+  elbow: {position: {column: q1, scale: 0.1}, velocity: qd1}
+thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
+"""
+
+
+def convert(folder: Path, table: str = TABLE, mapping: str = MAPPING, *options: str) -> int:
+    (folder / 'run.csv').write_text(table)
+    (folder / 'columns.yaml').write_text(mapping)
+    files = [str(folder / 'run.csv'), '--columns', str(folder / 'columns.yaml'), '--output', str(folder / 'bag')]
+    return main(['csv', *files, *options])
+
+
+def messages(folder: Path, topic: str) -> list[Any]:
+    with BagReader(folder / 'bag') as bag:
+        return [message for _, message, _ in bag.read([topic])]
+
+
+def test_columns_become_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert convert(tmp_path) == 0
+    captured = capsys.readouterr()
+    assert captured.out == f'10 messages: {tmp_path / "bag"}\n'
+    notes = 'mbaid_ros convert: note: 1 joint states left out: no number there\n'
+    assert captured.err == notes + notes.replace('joint states', 'poses')
+    first, second, last = messages(tmp_path, '/odom')
+    assert (first.header.stamp.sec, first.header.stamp.nanosec) == (1, 0)
+    assert (first.child_frame_id, first.header.frame_id) == ('plate', 'odom')
+    assert (first.pose.pose.position.x, first.pose.pose.position.y) == (0.1, 1.2)
+    assert first.pose.pose.orientation.z == pytest.approx(np.sin(np.pi / 4.0))
+    assert (second.header.stamp.nanosec, last.header.stamp.nanosec) == (200_000_000, 300_000_000)  # 0, 0 is a dropout
+    joints = messages(tmp_path, '/joint_states')
+    assert [joint.name for joint in joints] == [['elbow']] * 3
+    assert np.concatenate([joint.position for joint in joints]) == pytest.approx([0.1, 0.2, 0.3])
+    assert np.concatenate([joint.velocity for joint in joints])[:2].tolist() == [10.0, 20.0]
+    assert np.isnan(joints[2].velocity[0])
+    wrench = messages(tmp_path, '/thrust')[-1]
+    assert (wrench.header.frame_id, wrench.wrench.force.x, wrench.wrench.force.z) == ('plate', 0.25, -1.0)
+
+
+def test_columns_by_number_and_a_part_of_the_time(tmp_path: Path) -> None:
+    mapping = """\
+header: false
+separator: ';'
+time: 0
+base: {position: [1, 2, 3], orientation: [4, 5, 6, 7], angular_velocity: [1, 2, 3]}
+"""
+    table = '\n'.join(f'{0.5 * row};{row};2;3;0;0;0;1' for row in range(8))
+    assert convert(tmp_path, table, mapping, '--from', '1', '--to', '2') == 0
+    poses = messages(tmp_path, '/odom')
+    assert [pose.pose.pose.position.x for pose in poses] == [2.0, 3.0, 4.0]
+    assert poses[0].twist.twist.angular.x == 2.0
+    assert np.isnan(poses[0].twist.twist.linear.x)
+
+
+TIME = 'time: {column: t, scale: 1.0e-3}\n'
+BASE = 'base: {position: [x, y], heading: yaw}\n'
+
+
+@pytest.mark.parametrize(
+    ('mapping', 'text'),
+    [
+        ('', 'accepted: separator, header, time, base, joints, thrust with values'),
+        (BASE, "lacks 'time'"),
+        (TIME, 'the log holds no joint states and no poses'),
+        (f'{TIME}arm: 1', "has 'arm'; accepted: separator, header"),
+        (f'separator: ab\n{TIME}', 'accepted: one character'),
+        (f'header: 1\n{TIME}', "'header' of column mapping"),
+        ('time: s', "is column 's'; those of '"),
+        ('time: 7', 'is column 7; accepted: 0 to 6'),
+        ('time: {column: t, unit: ms}', 'accepted: {column: NAME, scale: 1.0, offset: 0.0}'),
+        ('time: {column: t, scale: ms}', "has 'ms'; accepted: a number"),
+        ('time: 1.5', 'accepted: the name of a column, or its number from 0 on'),
+        (f'{TIME}base: {{position: [x], heading: yaw}}', 'accepted: a list of 2 or 3 columns'),
+        (f'{TIME}base: {{position: [x, y]}}', 'has heading and orientation both, or neither'),
+        (
+            f'{TIME}{BASE}joints: {{a: {{position: q1, velocity: qd1}}, b: {{position: q1}}}}',
+            "'joints.b' of column mapping",
+        ),
+        (f'{TIME}{BASE}joints: {{a: q1}}', "'joints.a' of column mapping"),
+        ('time: {column: t, scale: 1.0e9}\n' + BASE, 'the log has a time of 1e+12 s; accepted: 0 to 4e+09 s'),
+        (f'{TIME}{BASE}thrust: {{force: fx}}', "'thrust.force' of column mapping"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_is_one_line(
+    mapping: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert convert(tmp_path, TABLE, mapping) == 2
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count('\n') == 1
+    assert not (tmp_path / 'bag').exists()
+
+
+@pytest.mark.parametrize(
+    ('table', 'text'),
+    [
+        ('', 'has no rows of numbers'),
+        ('t,x,y,yaw,q1,qd1,fx\n1,2', 'has 2 fields in line 2; accepted: 7'),
+        (TABLE.replace('0.25', 'fast'), "has 'fast' in line 5; accepted: a number"),
+        (','.join(map(str, range(1001))) + '\n1', 'has 1001 columns; at most 1000 are accepted'),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_one_line(
+    table: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert convert(tmp_path, table) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_arguments_that_do_not_fit_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, text in (
+        (['csv', 'run.csv'], 'csv needs --columns YAML'),
+        (['spot-2021', 'run.mat', '--columns', 'a.yaml'], '--columns is for csv, not for spot-2021'),
+        (['tsv', 'run.tsv'], "invalid choice: 'tsv'"),
+    ):
+        assert main(arguments) == 2
+        assert text in capsys.readouterr().err
+    assert convert(tmp_path, TABLE, MAPPING, '--from', '3', '--to', '1') == 2
+    assert '--from 3 s is not before --to 1 s' in capsys.readouterr().err
+    assert convert(tmp_path) == 0
+    assert convert(tmp_path) == 2
+    assert 'exists already' in capsys.readouterr().err
