@@ -115,7 +115,7 @@ class TwoStageEstimator:
         if not self._second.settled:
             return _contradicted(early) if self._restarted and not self._agreed else early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
-            return replace(late, causes=(*early.causes, *late.causes)) if early.causes else late
+            return late
         return self._compared(early, late)
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:

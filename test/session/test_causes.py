@@ -6,27 +6,32 @@ import pytest
 
 from benchmarks.honesty.runs import run
 from benchmarks.honesty.true_causes import rank
+from shortened import shorten
 
 
 @pytest.mark.parametrize(
-    'condition',
+    ('condition', 'seconds'),
     [
-        "a joint's zero 30 mrad off",
-        "a joint's sign flipped",
-        'clocks 100 ppm apart',
-        'noise of the joints declared 10 x too small',
-        'odometry in an orbit-fixed frame',
-        'the body slips in the grasp by 5 deg',
+        ("a joint's zero 30 mrad off", 32.0),
+        ("a joint's sign flipped", 32.0),
+        ('clocks 100 ppm apart', 60.0),
+        ('noise of the joints declared 10 x too small', 32.0),
+        ('odometry in an orbit-fixed frame', 60.0),
+        ('the body slips in the grasp by 5 deg', 60.0),
     ],
 )
-def test_the_true_cause_is_named_first(condition: str) -> None:
+def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten(monkeypatch, condition, seconds)
     told = run((condition, 'trajectory', 0))
     assert told.status in {'inconsistent', 'not_identifiable'}
-    assert rank(condition, told.causes.split('\n')) == 1
+    causes = told.causes.split('\n')
+    assert rank(condition, causes) == 1
+    assert len(set(causes)) == len(causes)
 
 
-def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves() -> None:
+def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     condition = 'a flexible panel of 0.3 Hz'
+    shorten(monkeypatch, condition, 32.0)
     told = run((condition, 'trajectory', 0))
     assert told.status == 'inconsistent'
     assert rank(condition, told.causes.split('\n')) <= 2

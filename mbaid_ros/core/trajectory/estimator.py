@@ -251,6 +251,7 @@ class TrajectoryEstimator:
                 zip(self._layout.causes, zip(largest.tolist(), squares.tolist(), strict=True), strict=True)
             ),
             jumps=len(track.jumps),
+            unconfirmed=run.unconfirmed,
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
             odometry_drifts=hypothesis.position > 0.0,

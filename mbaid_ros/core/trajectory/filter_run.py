@@ -11,14 +11,15 @@ from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.multi_start import Found, MultiStart, Search
+from mbaid_ros.core.trajectory.multi_start import HOPELESS, Found, MultiStart, Search
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-_GROWTH = 1.5  # of a young run, until all of it is linearised again
+# Growth of a young run until all of it is linearised again, or searched again where a search explains next to nothing.
+_GROWTH = 1.5
 _AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
 # Windows after which a start that has not settled is tried again, and what part of all it is at least.
 _RETRY, _RETRY_PART = 2, 0.1
@@ -70,6 +71,7 @@ class FilterRun:
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
+        self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._point: Point | None = None  # at which windows are linearised at present
         self._reference: Array = np.zeros(layout.size)  # the estimate then
@@ -120,6 +122,16 @@ class FilterRun:
             return True
         belief = self._latest.belief
         return belief.nis > LARGEST_NIS * belief.measured or len(self._latest.jumps) > 0
+
+    @property
+    def unconfirmed(self) -> tuple[float, ...]:
+        """When the momentum of a young run seems to have jumped since its latest pass, s.
+
+        A window that moves a joint for the first time may show no more than that the run is linearised elsewhere.
+        """
+        if self._young is None:
+            return ()
+        return tuple(jump.time for jump in self.best.jumps if jump.time > self._passed)
 
     @property
     def point(self) -> Point:
@@ -210,8 +222,10 @@ class FilterRun:
         self._bank, self._point, self.settled = found.bank, found.point, found.settled
         self._reference[self._layout.parameters] = found.point.parameters
         self._reference[self._layout.readings] = found.point.readings
-        self._next_pass = self._after(self._searched)
         belief = best(self._bank).belief
+        hopeless = belief.nis > HOPELESS * belief.measured
+        self._next_pass = self._after(self._searched, soon=not (self.settled or hopeless))
+        self._passed = young[self._searched - 1].start
         grown = self.settled and self._knows_body(belief)
         longest = min(_GROWN, self._kept) if grown else self._kept
         # A start is confirmed once before it counts, however late it was found.
@@ -222,11 +236,12 @@ class FilterRun:
         else:
             # Unsound: begin anew with the later half.
             self._young = young[self._searched // 2 :]
-            self._next_pass = self._after(len(self._young))
+            self._next_pass = self._after(len(self._young), soon=not (self.settled or hopeless))
 
-    def _after(self, windows: int) -> int:
+    @staticmethod
+    def _after(windows: int, *, soon: bool) -> int:
         """Return at how many windows to pass over all of them again."""
-        return int(np.ceil(_GROWTH * windows if self.settled else windows + max(_RETRY, _RETRY_PART * windows)))
+        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
 
     def _knows_body(self, belief: Belief) -> bool:
         """Tell whether what windows leave open at second order is small: where they are linearised may stay."""

@@ -16,7 +16,7 @@ from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
-_FIRST, _GROWTH = 24, 1.5  # windows before the first inquiry, and of each next one
+_FIRST, _GROWTH = 24, 2.0  # windows before the first inquiry, and of each next one
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHORT = 0.12  # of a window, below which a time of correlation is none

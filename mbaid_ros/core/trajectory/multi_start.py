@@ -30,6 +30,9 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 _PASSES = 12
+# Where the innovations squared are so many times what they should be in the mean, and as many passes in a row have not
+# made them less, no further one will.
+HOPELESS, _IDLE = 10.0, 3
 _SETTLED = 0.1  # standard deviations
 # The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
 # size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
@@ -230,6 +233,7 @@ class MultiStart:
         held : whether its mass is held
         """
         result: _Result | None = None
+        least, idle = np.inf, 0
         for _ in range(_PASSES):
             try:
                 result = yield from self._solve(stacks, point, fresh, held=held)
@@ -237,7 +241,9 @@ class MultiStart:
                 # It has led away to a robot that cannot be: nothing follows from it.
                 return None if result is None else replace(result, point=result.passed.point, settled=False)
             point = result.point
-            if result.settled:
+            misfit = result.track.misfit / max(result.track.belief.measured, 1)
+            least, idle = min(misfit, least), 0 if misfit < least else idle + 1
+            if result.settled or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 

@@ -44,6 +44,7 @@ class Evidence:
     deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
         their squares; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
+    unconfirmed : s, times of those that no pass over the windows linearised at the latest solution has met yet
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
     odometry_drifts : whether it lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
@@ -56,6 +57,7 @@ class Evidence:
     innovations: Innovations
     deviations: Mapping[str, tuple[float, float]]
     jumps: int
+    unconfirmed: tuple[float, ...]
     hypothesis: str
     physical: bool
     odometry_drifts: bool
@@ -98,6 +100,9 @@ def judge(evidence: Evidence) -> Judgement:
         )
     elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > _SIGNIFICANT)):
         reasons.append('the noise of a sensor is not as declared')
+    if evidence.unconfirmed:
+        times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
+        reasons.append(f'the momentum seems to jump at {times} s: the next pass over the run has to confirm it')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
     correlated = (evidence.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > _SIGNIFICANT)
