@@ -16,6 +16,7 @@ from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 _LAST = 0.25  # part of a window, in which nothing is done that can wait
 
@@ -59,6 +60,20 @@ class Deferring(Protocol):
     def work_off(self) -> None:
         """Do a part of it, if there is any."""
         ...
+
+
+@runtime_checkable
+class Informed(Protocol):
+    """A method that tells what it has come to know, as a motion to come is planned from."""
+
+    def knowledge(self) -> Knowledge | None:
+        """Return all of it; None while there is no solution that stays."""
+        ...
+
+
+def knowledge_of(method: object) -> Knowledge | None:
+    """Return what a method has come to know; None of one that does not tell, or not yet."""
+    return method.knowledge() if isinstance(method, Informed) else None
 
 
 class Identifier:
@@ -105,6 +120,10 @@ class Identifier:
     def note(self, text: str) -> None:
         """Let every estimate carry a warning."""
         self._notes[text] = -np.inf
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what the method has come to know, for what is to come; None where it does not tell, or not yet."""
+        return knowledge_of(self._estimator)
 
     @property
     def origin(self) -> int:

@@ -17,6 +17,7 @@ from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 _UNLIKELY = 1e-6  # chance that two stages which are both right are as far apart as that
 # Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
@@ -40,6 +41,10 @@ class SecondStage(Estimator, Protocol):
     @property
     def disturbed(self) -> bool:
         """Whether what it explains the data by acts from outside: stage 1 knows nothing of that."""
+        ...
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what it has come to know, for what is to come; None while there is no solution that stays."""
         ...
 
     def offer(self, estimate: Estimate) -> None:
@@ -88,6 +93,10 @@ class TwoStageEstimator:
                 return [*estimates, *self._second.update(windows[place:], origin)]
             estimates.append(self._both(self._first, window, origin))
         return estimates
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what the second stage has come to know."""
+        return self._second.knowledge()
 
     def work_off(self) -> None:
         """Let the second stage do a part of what it has put off."""

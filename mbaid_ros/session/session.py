@@ -23,6 +23,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
+from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.base_source import BaseSource
@@ -169,6 +170,10 @@ class Session:
             self._identifier.work_off()
         except UNSOLVABLE as error:
             self._unsolved(error)
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what the run has come to know; None where its method does not tell, or not yet."""
+        return self._identifier.knowledge()
 
     @property
     def closing(self) -> int | None:

@@ -13,12 +13,13 @@ from mbaid_ros.core.capture.handover import Calibrate, Capture, Handover
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.identifier import Deferring, Estimator
+from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 Phase = Literal['pre_capture', 'capture', 'post_capture']
 
@@ -90,6 +91,10 @@ class CaptureEstimator:
         if self.time is None or self._latest < self.time:
             return 'pre_capture'
         return 'post_capture' if self._found else 'capture'
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what the method has come to know since the capture."""
+        return knowledge_of(self._after)
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return the estimates they lead to: of the momentum alone, before the capture.

@@ -71,7 +71,7 @@ class KnotAveraging:
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
         taken = []
-        each = zip(numbers, _noises(windows, self._noise), *extremes, strict=True)
+        each = zip(numbers, window_noises(windows, self._noise), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
@@ -150,7 +150,7 @@ def knots_a_window(window: Samples, length: float) -> int:
     return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
 
 
-def _noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
+def window_noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
     """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
     poses, twists = (
         np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[

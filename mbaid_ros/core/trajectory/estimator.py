@@ -24,6 +24,7 @@ from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.inquiries import Inquiries
+from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
 from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
@@ -98,6 +99,7 @@ class TrajectoryEstimator:
         self._variables: Variables
         self._inquiries: Inquiries
         self._samples = 0
+        self._last: Samples | None = None
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -111,25 +113,36 @@ class TrajectoryEstimator:
         coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
         found = [self._follow(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
         solved = [one for one in found if isinstance(one, _Solved)]
+        self._last = windows[-1] if windows else self._last
         estimates = iter(self._reported(solved))
         return [
-            next(estimates).after_thrust(self._brought(window, one))
+            next(estimates).after_thrust(self._brought(window, one.mean))
             if isinstance(one, _Solved)
             else one.after_thrust(window.impulse[-1])
             for window, one in zip(windows, found, strict=True)
         ]
 
-    def _brought(self, window: Samples, solved: _Solved) -> Array:
+    def _brought(self, window: Samples, state: Array) -> Array:
         """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
         kernel = self._kernel
         if window.tide.shape[1]:
-            kernel = self._layout.point(solved.mean).side.kernel
-        return brought(window, kernel.with_target(solved.mean[BODY]))
+            kernel = self._layout.point(state).side.kernel
+        return brought(window, kernel.with_target(state[BODY]))
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
         if self._run is not None:
             self._run.work_off()
+
+    def knowledge(self) -> Knowledge | None:
+        """Return what the run has come to know, for what is to come; None while there is no solution that stays."""
+        run, last = self._run, self._last
+        if run is None or last is None or not run.started or not run.settled:
+            return None
+        moments = run.moments()
+        at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
+        brought = self._brought(last, moments.mean)
+        return knowledge(self._layout, self._variables, run.best.hypothesis, moments, at_end.after(brought))
 
     @property
     def settled(self) -> bool:

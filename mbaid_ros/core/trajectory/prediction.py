@@ -132,7 +132,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     if kernel.storage.count:
         moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     if layout.plane is not None:
-        mobility = _in_plane(mobility, layout.plane)
+        mobility = in_plane(mobility, layout.plane)
     tide = about(middle.tide, middle.base_position)
     thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
     linear, about_base = _momentum(middle, point, known, (tide, thrust))
@@ -185,7 +185,7 @@ def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Arra
     return linear, about_base
 
 
-def _in_plane(mobility: Array, plane: Array) -> Array:
+def in_plane(mobility: Array, plane: Array) -> Array:
     """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
 
     What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the

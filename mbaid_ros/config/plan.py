@@ -1,0 +1,97 @@
+"""The parameters of the motions that are planned, for `plan` and for the estimator node alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbaid_ros.config.parameters import parameter
+
+CRITERIA = ('worst', 'mean', 'volume')
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """What a planned motion is to reach, and what it may not exceed."""
+
+    relative_std: tuple[float, ...] = parameter(
+        (),
+        'Relative standard deviation that is wanted, as convergence.relative_std has it: one for all parameters, or '
+        'ten in the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std.',
+        lengths=(0, 1, 10),
+        read_only=False,
+    )
+    duration: float = parameter(
+        0.0,
+        'Length of the motion, the one that tells most in it; 0 looks for the shortest that reaches what is wanted.',
+        unit='s',
+        minimum=0.0,
+        maximum=3600.0,
+        read_only=False,
+    )
+    longest: float = parameter(
+        300.0,
+        'Longest motion that is looked for.',
+        unit='s',
+        minimum=0.0,
+        maximum=3600.0,
+        exclusive_minimum=True,
+        read_only=False,
+    )
+    criterion: str = parameter(
+        'worst',
+        'What is made small: the worst of the standard deviations relative to what is wanted (E-optimal in kind), '
+        'their mean square (A-optimal) or their product (D-optimal in kind).',
+        choices=CRITERIA,
+        read_only=False,
+    )
+    joint_velocity: float = parameter(
+        0.0,
+        'Velocity that no joint exceeds, beside its limit in the URDF (m/s for a prismatic joint); 0: that alone.',
+        unit='rad/s',
+        minimum=0.0,
+        read_only=False,
+    )
+    joint_acceleration: float = parameter(
+        0.1,
+        'Acceleration that no joint exceeds (m/s^2 for a prismatic joint).',
+        unit='rad/s^2',
+        minimum=0.0,
+        exclusive_minimum=True,
+        read_only=False,
+    )
+    base_rotation: float = parameter(
+        0.0,
+        'How far the motion may turn the base from where it would be with the joints at rest; 0: any.',
+        unit='rad',
+        minimum=0.0,
+        read_only=False,
+    )
+    base_translation: float = parameter(
+        0.0,
+        "How far it may move the base link's origin from there; 0: any.",
+        unit='m',
+        minimum=0.0,
+        read_only=False,
+    )
+    base_rate: float = parameter(
+        0.0,
+        'How much faster or slower it may make the base turn; 0: any.',
+        unit='rad/s',
+        minimum=0.0,
+        read_only=False,
+    )
+    clearance: float = parameter(
+        0.02,
+        'Distance that collision shapes of the URDF keep from each other; 0: they may touch, and do not overlap.',
+        unit='m',
+        minimum=0.0,
+        read_only=False,
+    )
+    stuck: tuple[str, ...] = parameter((), 'Joints that are not moved.', read_only=False)
+    waypoints: int = parameter(
+        6, 'Waypoints of the spline that each joint follows.', minimum=2, maximum=50, read_only=False
+    )
+    effort: int = parameter(
+        500, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
+    )
+    seed: int = parameter(0, 'The same seed gives the same motion.', minimum=0, read_only=False)

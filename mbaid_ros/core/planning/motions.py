@@ -1,0 +1,130 @@
+"""Motions of the joints from where a run has ended, what they do to the base and what they tell, many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.planning.floating import BaseMotion, Floating, as_they_may_be
+from mbaid_ros.core.planning.information import Grid, Information
+from mbaid_ros.core.planning.limits import BaseLimits, JointLimits
+from mbaid_ros.core.planning.splines import Splines
+from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.state import Point
+
+WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
+_APART, _MANY = 6.0, 12  # s, of waypoints in a motion that has more than the fewest, and how many it may have
+_STEPS = 60  # of the base's motion, where nothing but that is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """All motions of one length.
+
+    Attributes
+    ----------
+    knowledge : where they begin, and what is known there
+    information : what they add to it
+    splines : their form
+    limits : of the joints
+    fewest : waypoints, however short they are
+    """
+
+    knowledge: Knowledge
+    information: Information
+    splines: Splines
+    limits: JointLimits
+    fewest: int
+
+    def lasting(self, duration: float) -> Motions:
+        """Return motions of another length, s, of more waypoints where they are long."""
+        count = max(self.fewest, min(round(duration / _APART), _MANY))
+        return replace(self, splines=Splines(count, duration))
+
+    def slower(self, duration: float) -> Motions:
+        """Return the same motions at another pace."""
+        return replace(self, splines=replace(self.splines, duration=duration))
+
+    @cached_property
+    def start(self) -> Array:
+        """Where the joints that follow no other begin, (k,)."""
+        moved = self.knowledge.layout.kernel.model.transmission
+        return self.knowledge.end.joint_position[moved.independent]
+
+    @cached_property
+    def floating(self) -> Floating:
+        """The robot as it is known best."""
+        return self.as_if(self.knowledge.point)
+
+    def as_if(self, point: Point) -> Floating:
+        """Return the robot as it may be."""
+        end = self.knowledge.end
+        return Floating(point, end.stored, end.base_rotation, end.base_position, self.knowledge.layout.plane)
+
+    @property
+    def coarse(self) -> Grid:
+        """Windows that suffice for a search."""
+        return Grid(WINDOWS, KNOTS, self.splines.duration / (WINDOWS * KNOTS))
+
+    def within(self, waypoints: Array) -> Array:
+        """Return waypoints (B, K, k) within the joints' limits."""
+        return self.splines.within(waypoints, self.start, self.limits)
+
+    def joints(self, waypoints: Array, times: Array) -> tuple[Array, Array]:
+        """Return positions and rates (T, B, n) of all joints at instants."""
+        moved = self.knowledge.layout.kernel.model.transmission
+        position = np.tensordot(self.splines.basis(times), waypoints, axes=(1, 1)) + self.start
+        rate = np.tensordot(self.splines.basis(times, 1), waypoints, axes=(1, 1))
+        return moved.positions(position), moved.rates(rate)
+
+    def relative(self, waypoints: Array, grid: Grid, every: int = 0) -> Array:
+        """Return relative standard deviations of the ten parameters after motions, as `Information.after` does."""
+        position, rate = self.joints(waypoints, grid.half_steps)
+        base = self.floating.moved(position, rate, grid.spacing)
+        return self.information.after(grid, (position[::2], rate[::2]), base, every)
+
+    def excursions(self, waypoints: Array, floating: Floating | None = None) -> Array:
+        """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
+        return np.asarray(self.course(waypoints, floating)[2].max(axis=0))
+
+    def excursions_of(self, robots: Sequence[Floating], waypoints: Array) -> Array:
+        """Return how far one motion (K, k) moves the bases of R robots at most, (R, 3): rad, m, rad/s."""
+        step, times = self._instants
+        position, rate = (each[:, 0] for each in self.joints(waypoints[None], times))
+        still = np.broadcast_to(position[:1], position.shape)
+        moved = as_they_may_be(robots, position, rate, step)
+        return np.asarray(moved.away_from(as_they_may_be(robots, still, np.zeros(rate.shape), step)).max(axis=0))
+
+    @property
+    def _instants(self) -> tuple[float, Array]:
+        """A step, s, and every half step of the motion, (2 T - 1,) s."""
+        step = self.splines.duration / _STEPS
+        return step, np.arange(2 * _STEPS + 1) * 0.5 * step
+
+    def course(self, waypoints: Array, floating: Floating | None = None) -> tuple[Array, BaseMotion, Array]:
+        """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
+        floating = floating or self.floating
+        step, times = self._instants
+        base = floating.moved(*self.joints(waypoints, times), step)
+        position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
+        coasting = floating.coasting(position, _STEPS + 1, step)
+        return times[::2], base, base.away_from(coasting)
+
+    def gentle(self, waypoints: Array, most: BaseLimits) -> Array:
+        """Return motions made as much smaller as the base's limits ask for; what they then do is close to these.
+
+        A base that is moved by the sum of what the joints do is moved in proportion to that, nearly.
+        """
+        limits = most.array
+        if not np.isfinite(limits).any():
+            return waypoints
+        for margin in (0.98, 0.95):
+            use = (self.excursions(waypoints) / limits).max(axis=1)
+            waypoints = waypoints * np.where(use > 1.0, margin / np.maximum(use, 1.0), 1.0)[:, None, None]
+            if np.all(use <= 1.0):
+                break
+        return waypoints

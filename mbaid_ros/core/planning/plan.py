@@ -1,0 +1,145 @@
+"""A planned motion: what it is, what it reaches, what it uses of its limits, and all that in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.results.estimate import PARAMETERS
+
+BINDING = 0.9  # part of a limit from which a motion is at it
+# In the order of what motions use: of the joints, then of the base.
+LIMITS = (
+    'the position limits of the joints',
+    'the velocity limits of the joints',
+    'plan.joint_acceleration',
+    'plan.base_rotation',
+    'plan.base_translation',
+    'plan.base_rate',
+)
+_UNITS = ('rad', 'm', 'rad/s')
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Numbers over time.
+
+    Attributes
+    ----------
+    time : (T,) s since the begin of the motion
+    value : (T, k)
+    """
+
+    time: Array
+    value: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s.
+
+    Attributes
+    ----------
+    nominal : of the robot as it is known best
+    sure : of robots as they may be as well, three standard deviations and more
+    """
+
+    nominal: Array
+    sure: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion.
+
+    Attributes
+    ----------
+    trajectory : of the joints that are moved
+    target : the link that is identified
+    before, wanted : (10,) relative standard deviations now, and as they are wanted
+    asked : (10,) which of them a motion can tell of
+    course : relative standard deviations on the way, (W, 10)
+    base : how far the base is moved from where it would coast, (T, 3): rad, m, rad/s
+    base_rotation : (T, 3, 3) of the base then
+    bounds, base_limits : of that; (3,), infinite where there is none
+    use : (3, k) what the joints use of position, velocity and acceleration limits; 1 is all
+    binding : names of the limits that it is at
+    shortest : whether the shortest was looked for that reaches what is wanted
+    longest : s, that was looked for
+    compared : motions
+    stuck : joints that are not moved
+    notes : what else is to be known, a line each
+    shapes : collision shapes of the robot
+    """
+
+    trajectory: JointTrajectory
+    target: str
+    before: Array
+    wanted: Array
+    asked: Flags
+    course: Course
+    base: Course
+    base_rotation: Array
+    bounds: Bounds
+    base_limits: Array
+    use: Array
+    binding: tuple[str, ...]
+    shortest: bool
+    longest: float
+    compared: int
+    stuck: tuple[str, ...]
+    notes: tuple[str, ...]
+    shapes: int
+
+    @property
+    def after(self) -> Array:
+        """Relative standard deviations after the motion, (10,)."""
+        return self.course.value[-1]
+
+    @property
+    def ratio(self) -> float:
+        """The largest of them relative to what is wanted, of those a motion can tell of."""
+        return float((self.after / self.wanted)[self.asked].max())
+
+    @property
+    def reached(self) -> bool:
+        """Whether what is wanted is reached."""
+        return self.ratio <= 1.0
+
+    @property
+    def worst(self) -> str:
+        """Name of the parameter that is furthest from what is wanted."""
+        return PARAMETERS[int(np.argmax(np.where(self.asked, self.after / self.wanted, -np.inf)))]
+
+    @property
+    def verdict(self) -> str:
+        """The plan in one sentence: what it reaches, or which limit makes that impossible and what is reachable."""
+        place = PARAMETERS.index(self.worst)
+        now, then, wanted = (f'{100.0 * each[place]:.3g} %' for each in (self.before, self.after, self.wanted))
+        length = f'{self.trajectory.duration:.1f} s'
+        known = f'{self.worst} of {self.target}'
+        if self.reached:
+            return f'{length} of motion bring every parameter of {self.target} below what is wanted; now {known}: {now}'
+        at = f'; the motion is at {", ".join(self.binding)}' if self.binding else ''
+        if self.shortest:
+            return (
+                f'{wanted} is out of reach within plan.longest {self.longest:g} s{at}; {length} reach {then} for '
+                f'{known}, now {now}'
+            )
+        return f'{length} of motion bring {known} from {now} to {then}, not to the {wanted} that is wanted{at}'
+
+    @property
+    def excursions(self) -> tuple[str, ...]:
+        """What the motion does to the base, a line each."""
+        lines = []
+        names = ('turned by', 'displaced by', 'turned faster or slower by')
+        for name, unit, value, sure, limit in zip(
+            names, _UNITS, self.bounds.nominal, self.bounds.sure, self.base_limits, strict=True
+        ):
+            most = f' of {limit:.3g}' if np.isfinite(limit) else ''
+            degrees = f' ({np.degrees(sure):.2g} deg{"/s" if unit == "rad/s" else ""})' if unit != 'm' else ''
+            lines.append(f'base {name} {value:.3g} {unit}, for certain below {sure:.3g}{most} {unit}{degrees}')
+        return tuple(lines)

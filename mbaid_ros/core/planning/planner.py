@@ -1,0 +1,242 @@
+"""From what a run has come to know to the motion that tells what is still uncertain, within limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.planning.collisions import Collisions
+from mbaid_ros.core.planning.information import Grid, Information
+from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
+from mbaid_ros.core.planning.motions import Motions
+from mbaid_ros.core.planning.plan import BINDING, LIMITS, Bounds, Course, Plan
+from mbaid_ros.core.planning.search import Candidate, Criterion, Search, Wanted
+from mbaid_ros.core.planning.splines import Splines
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.trajectory.knowledge import Knowledge
+
+_FIRST = 20.0  # s, of the motions that a search begins with
+_DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
+_SURE = 3.0  # standard deviations of what the motion does to the base that are kept from its limits
+_OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
+_WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
+_SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
+
+Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a motion is to reach, and within what.
+
+    Attributes
+    ----------
+    relative : (10,) relative standard deviations wanted
+    duration, longest : s; the first 0 for the shortest that reaches them
+    criterion : as `Wanted` has it
+    joint_velocity, joint_acceleration : that no joint exceeds, rad/s and rad/s^2, or m
+    base : how far the base may be moved
+    clearance : m, of collision shapes
+    stuck : joints that are not moved
+    waypoints : of each joint's spline
+    effort : motions that are compared
+    seed : the same gives the same motion
+    window : s, of the estimator
+    """
+
+    relative: Array
+    duration: float = 0.0
+    longest: float = 300.0
+    criterion: Criterion = 'worst'
+    joint_velocity: float = np.inf
+    joint_acceleration: float = 0.1
+    base: BaseLimits = field(default_factory=BaseLimits)
+    clearance: float = 0.02
+    stuck: Collection[str] = ()
+    waypoints: int = 6
+    effort: int = 500
+    seed: int = 0
+    window: float = _WINDOW
+
+
+class Planner:
+    """Plans motions from the end of a run.
+
+    Parameters
+    ----------
+    knowledge : what the run has come to know
+    reporting : what standard deviations are relative to
+    settings : PlanSettings
+
+    Attributes
+    ----------
+    information : what motions add to what is known
+
+    Raises
+    ------
+    ParameterError
+        The parameters contradict each other or the robot.
+    """
+
+    def __init__(self, knowledge: Knowledge, reporting: Reporting, settings: PlanSettings) -> None:
+        self._settings = settings
+        self.information = Information(knowledge, reporting)
+        self._wanted = Wanted(settings.relative, self.information.asked, settings.criterion)
+        model = knowledge.layout.kernel.model
+        limits = joint_limits(
+            model,
+            knowledge.end.joint_position[model.transmission.independent],
+            settings.joint_velocity,
+            settings.joint_acceleration,
+            settings.stuck,
+        )
+        length = settings.duration or min(_FIRST, settings.longest)
+        self.motions = Motions(
+            knowledge, self.information, Splines(settings.waypoints, length), limits, settings.waypoints
+        )
+        self._collisions = Collisions(model, settings.clearance, knowledge.end.joint_position)
+        seed = settings.seed
+        draws = knowledge.drawn(_MORE_DRAWS, seed)
+        self._draws = [self.motions.as_if(point) for point in draws]
+
+    @property
+    def ratio(self) -> float:
+        """The largest ratio of a standard deviation to the one that is wanted, as it is now."""
+        return float(self._wanted.ratio(self.information.relative))
+
+    def plan(self, progress: Progress = lambda _compared: True) -> Plan:
+        """Return the motion.
+
+        Parameters
+        ----------
+        progress : told of what has been done; where it says no, the best so far is taken
+
+        Raises
+        ------
+        ParameterError
+            What is wanted has been reached already, or no motion at all is allowed.
+        """
+        settings = self._settings
+        if not settings.duration and self.ratio <= 1.0:
+            raise ParameterError(
+                'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
+                'plan.duration'
+            )
+        search = Search(self.motions, self._wanted, settings.base, settings.seed, self._is_clear, settings.effort)
+        if not np.isfinite(search.best.cost):
+            raise ParameterError(
+                'no motion of the joints keeps the collision shapes of the robot apart; accepted: a smaller '
+                'plan.clearance, or a pose that is further from itself'
+            )
+        search.base = self._tightened(search.best)
+        compared = 0
+        steps = search.at_length() if settings.duration else search.shortest(settings.longest)
+        length = search.best.duration
+        for count in steps:
+            compared += count
+            if not 1.0 / _OTHER < search.best.duration / length < _OTHER:
+                search.base, length = self._tightened(search.best), search.best.duration
+            if not progress(min(compared, settings.effort)) or compared >= settings.effort:
+                break
+        found = search.best if settings.duration or search.reached is None else search.reached
+        return self._finished(self._sure(found), search.base, compared)
+
+    def _is_clear(self, motions: Motions, waypoints: Array) -> bool:
+        if not self._collisions.pairs:
+            return True
+        times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
+        return self._collisions.clear(motions.joints(waypoints[None], times)[0][:, 0])
+
+    def _bounds(self, candidate: Candidate, draws: int) -> Bounds:
+        """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
+        waypoints = candidate.waypoints[None]
+        nominal = candidate.motions.excursions(waypoints)[0]
+        every = candidate.motions.excursions_of(self._draws[:draws], candidate.waypoints)
+        spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
+        return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
+
+    def _tightened(self, candidate: Candidate) -> BaseLimits:
+        """Return limits for the robot as it is known best that keep it within its own however it is."""
+        limits = self._settings.base.array
+        if not np.isfinite(limits).any():
+            return self._settings.base
+        bounds = self._bounds(candidate, _DRAWS)
+        part = np.clip(bounds.nominal / np.maximum(bounds.sure, 1e-300), 0.05, 1.0)
+        return BaseLimits(*(limits * part).tolist())
+
+    def _sure(self, candidate: Candidate) -> Candidate:
+        """Return a motion made as much smaller as keeps the base within its limits however the robot is."""
+        for _ in range(4):
+            use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
+            if use <= 1.0:
+                break
+            candidate = self._again(candidate, candidate.waypoints * 0.98 / use)
+        return self._lengthened(candidate)
+
+    def _lengthened(self, candidate: Candidate) -> Candidate:
+        """Return a motion that was to reach what is wanted, made slower until it does so in the estimator's windows."""
+        if self._settings.duration or candidate.ratio > 1.0:
+            return candidate
+        first = candidate.duration
+        for _ in range(4):
+            ratio = float(self._wanted.ratio(self._fine(candidate)[-1]))
+            longer = candidate.duration * max(ratio, 1.0) ** 0.7 * 1.005
+            if ratio <= 1.0 or longer > min((1.0 + _SMALL) * first, self._settings.longest):
+                break
+            slower = Candidate(candidate.motions.slower(longer), candidate.waypoints, candidate.cost, candidate.ratio)
+            candidate = slower
+        return candidate
+
+    def _again(self, candidate: Candidate, waypoints: Array) -> Candidate:
+        relative = candidate.motions.relative(waypoints[None], candidate.motions.coarse)[0]
+        ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
+        return Candidate(candidate.motions, waypoints, cost, ratio)
+
+    def _grid(self, duration: float) -> Grid:
+        return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))
+
+    def _fine(self, candidate: Candidate) -> Array:
+        """Return the relative standard deviations (W, 10) on the way, in windows as the estimator has them."""
+        grid = self._grid(candidate.duration)
+        return candidate.motions.relative(candidate.waypoints[None], grid, every=1)[:, 0]
+
+    def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
+        motions, settings = candidate.motions, self._settings
+        relative = self._fine(candidate)
+        model = motions.knowledge.layout.kernel.model
+        names = model.independent_joints
+        moved = np.flatnonzero(motions.limits.moved)
+        trajectory = motions.splines.trajectory(
+            candidate.waypoints[:, moved], motions.start[moved], tuple(names[place] for place in moved)
+        )
+        times, body, away = motions.course(candidate.waypoints[None])
+        bounds = self._bounds(candidate, _MORE_DRAWS)
+        use = motions.splines.use(candidate.waypoints, motions.start, motions.limits)[:, moved]
+        # What the search was held to: a motion that is at that is at its limit.
+        of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
+        return Plan(
+            trajectory=trajectory,
+            target=motions.knowledge.layout.kernel.target.name,
+            before=self.information.relative,
+            wanted=settings.relative,
+            asked=self.information.asked,
+            course=Course(self._grid(candidate.duration).ends, relative),
+            base=Course(times, away[:, 0]),
+            base_rotation=body.rotation[:, 0],
+            bounds=bounds,
+            base_limits=settings.base.array,
+            use=use,
+            binding=tuple(
+                name for name, part in zip(LIMITS, [*use.max(axis=1), *of_base], strict=True) if part > BINDING
+            ),
+            shortest=not settings.duration,
+            longest=settings.longest,
+            compared=compared,
+            stuck=tuple(name for place, name in enumerate(names) if place not in moved),
+            notes=self._collisions.notes,
+            shapes=self._collisions.shapes,
+        )

@@ -1,0 +1,212 @@
+"""The search for the motion that tells most, or for the shortest that tells enough.
+
+Motions are drawn, made as large as joints and base allow, and the best is varied by an evolution strategy: a generation
+of variations of the best, each as large as allowed, the step adapted to how often they are better. Whenever a motion
+tells enough, shorter ones are looked for from it. What the limits ask for thus holds of all motions that are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.planning.limits import BaseLimits
+from mbaid_ros.core.planning.motions import Motions
+
+Criterion = Literal['worst', 'mean', 'volume']
+
+_DRAWN, _GENERATION = 48, 16  # motions at first, and in each generation
+_STEP, _LEAST_STEP = 0.5, 0.03  # of waypoints, in units of what limits allow
+_UP, _DOWN = 1.4, 0.84  # of the step, after a generation that was better, or was not
+_SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
+_SHORTER = 0.97  # of the length at which a motion is expected to tell enough
+ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
+_PATIENCE = 8  # generations of one length, before another is tried
+_FAR = 1.25  # ratio from which a length is not the one to try long
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What a motion is to reach.
+
+    Attributes
+    ----------
+    relative : (10,) relative standard deviations wanted
+    asked : (10,) which of them count
+    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
+    """
+
+    relative: Array
+    asked: Flags
+    criterion: Criterion = 'worst'
+
+    def ratio(self, relative: Array) -> Array:
+        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
+        return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
+
+    def cost(self, relative: Array) -> Array:
+        """Return what the search makes small, (...)."""
+        ratios = (relative / self.relative)[..., self.asked]
+        if self.criterion == 'volume':
+            return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
+        power = _SHARP if self.criterion == 'worst' else 2
+        return np.asarray((ratios**power).mean(axis=-1) ** (1.0 / power))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion.
+
+    Attributes
+    ----------
+    motions : those of its length
+    waypoints : (K, k)
+    cost, ratio : as `Wanted` has them
+    """
+
+    motions: Motions
+    waypoints: Array
+    cost: float
+    ratio: float
+
+    @property
+    def duration(self) -> float:
+        """Its length, s."""
+        return self.motions.splines.duration
+
+
+class Search:
+    """Looks for one motion.
+
+    Parameters
+    ----------
+    motions : of the length to begin at
+    wanted : Wanted
+    base : limits of what motions do to the base, if the robot is as it is known best; may change on the way
+    seed : the same seed leads to the same motion
+    first : motions that are drawn, at most
+    allowed : whether one motion (K, k) is, whatever its size: none of the others is taken
+
+    Attributes
+    ----------
+    best : the motion that tells most, of the latest length; joints at rest while none is allowed
+    reached : the shortest that tells enough; None while there is none
+    """
+
+    def __init__(
+        self,
+        motions: Motions,
+        wanted: Wanted,
+        base: BaseLimits,
+        seed: int,
+        allowed: Callable[[Motions, Array], bool] = lambda _motions, _waypoints: True,
+        first: int = _DRAWN,
+    ) -> None:
+        self._motions = motions
+        self._wanted = wanted
+        self.base = base
+        self._allowed = allowed
+        self._generator = np.random.default_rng(seed)
+        self._step = _STEP
+        self.reached: Candidate | None = None
+        self.best = self._best_of(self._drawn(min(first, _DRAWN))) or self._still()
+
+    def at_length(self) -> Iterator[int]:
+        """Improve the best motion of the length there is; yield how many motions each part has compared."""
+        yield _DRAWN
+        while True:
+            self._generation()
+            yield _GENERATION
+
+    def shortest(self, longest: float) -> Iterator[int]:
+        """Look for the shortest motion that reaches what is wanted, of `longest` s at most, likewise."""
+        yield _DRAWN
+        tried = 0  # generations of this length
+        while True:
+            if self.best.ratio <= ENOUGH:
+                self._take()
+                length = self.best.duration * max(0.6, self.best.ratio**0.6 * _SHORTER)
+            elif tried >= (_PATIENCE if self.best.ratio < _FAR else 1):
+                length = self._longer(longest)
+            else:
+                tried += 1
+                self._generation()
+                yield _GENERATION
+                continue
+            tried = 0
+            if length != self.best.duration:
+                self._change(length)
+                yield 1
+
+    def _longer(self, longest: float) -> float:
+        """Return the length to go on with where the best motion of one does not tell enough."""
+        now, reached = self.best.duration, self.reached
+        longer = min(now * min(self.best.ratio**0.6, 2.0) * 1.01, longest)
+        if reached is None:
+            return longer
+        # No longer than half way to what is known to do; close to that, it is all about this length.
+        return min(longer, 0.5 * (now + reached.duration)) if now < 0.99 * reached.duration else now
+
+    def _take(self) -> None:
+        if self.reached is None or self.best.duration < self.reached.duration:
+            self.reached = self.best
+
+    def _change(self, duration: float) -> None:
+        """Go on with motions of another length, the best one stretched or compressed to it."""
+        self._motions = motions = self._motions.lasting(duration)
+        known = self.best.motions.splines.passed(self.best.waypoints, motions.splines)
+        seeds = [known * max(1.0, duration / self.best.duration), known]
+        if self.reached is not None:
+            seeds.append(self.reached.motions.splines.passed(self.reached.waypoints, motions.splines))
+        self.best = self._best_of(np.stack(seeds)) or self._still()
+
+    def _generation(self) -> bool:
+        """Vary the best motion; return whether that led to a better one."""
+        size = self._size()
+        noise = self._generator.standard_normal((_GENERATION, *self.best.waypoints.shape))
+        # Half of them vary a few numbers only.
+        few = self._generator.random(noise.shape) < 0.25
+        noise[_GENERATION // 2 :] *= 2.0 * few[_GENERATION // 2 :]
+        grown = self._generator.uniform(1.0, 1.3, (_GENERATION, 1, 1))
+        best = self._best_of(grown * self.best.waypoints + self._step * size * noise)
+        better = best is not None and best.cost < self.best.cost
+        if best is not None and better:
+            self.best = best
+        self._step = min(max(self._step * (_UP if better else _DOWN), _LEAST_STEP), 1.0)
+        return better
+
+    def _size(self) -> Array:
+        """Return the size (k,) of waypoints that the joints' limits allow."""
+        reach = np.sqrt(np.mean(self.best.waypoints**2, axis=0))
+        if not reach.any():
+            reach = np.sqrt(np.mean(self._drawn(1)[0] ** 2, axis=0))
+        return np.asarray(np.where(self._motions.limits.moved, np.maximum(reach, 0.2 * reach.max()), 0.0))
+
+    def _drawn(self, count: int) -> Array:
+        """Return motions of all joints as fast as these may go: there and back, in turns that are drawn."""
+        splines, limits = self._motions.splines, self._motions.limits
+        shape = (count, splines.waypoints, len(limits.moved))
+        speed = np.where(limits.moved, np.minimum(limits.velocity, 1e3), 0.0)
+        steps = self._generator.choice([-1.0, 1.0], shape) * self._generator.uniform(0.3, 1.0, shape)
+        return np.cumsum(steps, axis=1) * speed * splines.duration / splines.waypoints
+
+    def _best_of(self, waypoints: Array) -> Candidate | None:
+        """Return the best of some motions, as large as allowed; None where none is allowed."""
+        motions = self._motions
+        possible = motions.gentle(motions.within(waypoints), self.base)
+        relative = motions.relative(possible, motions.coarse)
+        cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
+        for place in np.argsort(cost).tolist():
+            if np.isfinite(cost[place]) and self._allowed(motions, possible[place]):
+                return Candidate(motions, possible[place], float(cost[place]), float(ratio[place]))
+        return None
+
+    def _still(self) -> Candidate:
+        """Return joints at rest, which tell nothing worth comparing."""
+        limits = self._motions.limits
+        shape = (self._motions.splines.waypoints, len(limits.moved))
+        return Candidate(self._motions, np.zeros(shape), np.inf, np.inf)

@@ -1,0 +1,95 @@
+"""A run that ends at rest, as a motion is planned from, and what simulated robots make of planned motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.identifier import Estimator, knowledge_of
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.planning.limits import joint_limits
+from mbaid_ros.core.planning.splines import Splines
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.motion import Followed
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.trajectory.knowledge import Knowledge
+from observed import MID, estimator, kernel, observe, windows
+from simulated import state
+
+RATE, STEP = 20.0, 0.05  # Hz; s, of the integrator
+START = np.array([0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2])
+SPIN = (0.002, -0.001, 0.003)  # rad/s
+FASTEST = 0.08  # rad/s
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A robot that has been identified for a while and rests.
+
+    Attributes
+    ----------
+    kernel : of the robot, its last link unknown
+    method : that has identified it
+    state : it is in now
+    samples : the last ones
+    """
+
+    kernel: MomentumKernel
+    method: Estimator
+    state: State
+    samples: Samples
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What the method has come to know."""
+        known = knowledge_of(self.method)
+        assert known is not None
+        return known
+
+    def moved(self, trajectory: JointTrajectory, rest: float = 0.5) -> tuple[Truth, Estimate]:
+        """Return how the robot truly follows a trajectory, and what the same run knows in the end."""
+        truth = follow(self.kernel, self.state, trajectory, trajectory.duration + rest)
+        seen = observe(truth, MID, 7)[1:]
+        seen = replace(seen, time=seen.time + self.samples.time[-1])
+        return truth, self.method.update(windows(seen), 0)[-1]
+
+
+def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float) -> Truth:
+    """Return the motion of a robot that follows a trajectory."""
+    model = unknown.model
+    places = np.array([model.joint_names.index(name) for name in trajectory.joints])
+    motion = Followed(trajectory, begin.joint_position, places)
+    return Simulation(model, motion, begin, STEP).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+
+
+def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -> Begun:
+    """Return a robot that has moved all its joints for some seconds, then rested for half a second."""
+    unknown = kernel(name)
+    model = unknown.model
+    start = START[: model.joints]
+    limits = joint_limits(model, start, FASTEST, 0.1, ())
+    splines = Splines(5, seconds)
+    drawn = np.random.default_rng(3).standard_normal((5, model.joints))
+    trajectory = splines.trajectory(splines.within(drawn, start, limits), start, model.joint_names)
+    truth = follow(unknown, state(start, np.zeros(model.joints), SPIN), trajectory, seconds + 0.5)
+    method = estimator(unknown, MID, method='trajectory', **parameters)
+    samples = observe(truth, MID, 1)[:-1]
+    method.update(windows(samples), 0)
+    return Begun(unknown, method, last_state(truth), samples[-1:])
+
+
+def last_state(truth: Truth) -> State:
+    """Return the state that a motion ends in."""
+    last = truth[-1:]
+    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
+    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
+
+
+def angle(rotation: Array) -> Array:
+    """Return by how much (..., 3, 3) rotations turn, rad."""
+    return np.arccos(np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1.0) / 2.0, -1.0, 1.0))
