@@ -10,6 +10,7 @@ from mbaid_ros.cli import one_line
 
 NO_NUMBER = '\N{EN DASH}'
 PLUS_MINUS = '\N{PLUS-MINUS SIGN} 95 %'
+_SHORT = 10  # characters of a cell that is not wrapped: a unit, a yes
 _NUMBER_STARTS = f'-+.0123456789{NO_NUMBER}\N{PLUS-MINUS SIGN}'
 
 # The colours of Okabe and Ito, which every kind of colour vision tells apart; on dark the lighter ones of them.
@@ -22,7 +23,7 @@ STYLE = """
   --truth: #e4e8f0; --alarm: #ff5c5c; --alarm-panel: #3a1a1e; } }
 * { box-sizing: border-box; }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--page); max-width: 64rem;
-  margin: 2rem auto; padding: 0 1rem; }
+  margin: 2rem auto; padding: 0 1rem; overflow-wrap: break-word; }
 h1 { font-size: 1.5rem; margin: 0 0 .3rem; } h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; overflow-wrap: anywhere; }
 h3 { font-size: 1.02rem; margin: 1.8rem 0 .4rem; }
 p { margin: .4rem 0; } .note { color: var(--soft); font-size: .87rem; }
@@ -37,12 +38,14 @@ p { margin: .4rem 0; } .note { color: var(--soft); font-size: .87rem; }
 table { border-collapse: collapse; font-size: .93rem; } td, th { padding: .22rem .9rem .22rem 0; text-align: left;
   border-bottom: 1px solid var(--line); vertical-align: top; } th { color: var(--soft); font-weight: 600; }
 td:first-child { overflow-wrap: anywhere; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-td.n { white-space: nowrap; }
+td.n, th.n, td.short { white-space: nowrap; }
 footer { margin-top: 2rem; overflow-wrap: anywhere; }
 figure { margin: .5rem 0; } svg { display: block; width: 100%; height: auto; }
 svg text { fill: var(--ink); font-family: system-ui, sans-serif; }
 figcaption { color: var(--soft); font-size: .87rem; }
 code { overflow-wrap: anywhere; font-size: .93em; } summary { cursor: pointer; }
+@media screen and (max-width: 40rem) { td:first-child { min-width: 7.5rem; } figure { overflow-x: auto; }
+  figure svg { width: 44rem; } figcaption { position: sticky; left: 0; } }
 @media print { body { margin: 0; max-width: none; font-size: 10.5pt; } h2, h3 { break-after: avoid; }
   figure, table, .verdict { break-inside: avoid; } .run + .run { break-before: page; }
   .scroll { overflow: visible; } }
@@ -70,11 +73,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _row(tag: str, cells: Sequence[str], numeric: Sequence[bool]) -> str:
-    content = ''.join(
-        f'<{tag} class="n">{text(cell)}</{tag}>' if aligned else f'<{tag}>{text(cell)}</{tag}>'
-        for cell, aligned in zip(cells, numeric, strict=True)
-    )
-    return f'<tr>{content}</tr>'
+    content = []
+    for column, (cell, aligned) in enumerate(zip(cells, numeric, strict=True)):
+        kind = 'n' if aligned else 'short' if column and len(cell) <= _SHORT else ''
+        content.append(f'<{tag} class="{kind}">{text(cell)}</{tag}>' if kind else f'<{tag}>{text(cell)}</{tag}>')
+    return f'<tr>{"".join(content)}</tr>'
 
 
 def paragraph(content: str, kind: str = '') -> str:
