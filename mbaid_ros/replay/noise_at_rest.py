@@ -22,7 +22,7 @@ def _noise_at_rest(argv: list[str]) -> int:
     measured = measure(arguments.bag, arguments.joint_states, arguments.odom)
     for warning in measured.warnings:
         print(f'mbaid_ros noise_at_rest: warning: {one_line(warning)}', file=sys.stderr)
-    print('    noise:')
+    print('/**:\n  ros__parameters:\n    noise:')
     for name, std in measured.stds.items():
         print(f'      {name}: {std:.1e}' if math.isfinite(std) else f'      # {name}: not measured')
     return 0
@@ -31,11 +31,11 @@ def _noise_at_rest(argv: list[str]) -> int:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'noise_at_rest',
-        "Print the sensors' noise as parameters, from a bag recorded with the joints braked and the base drifting\n"
+        "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked and the base drifting\n"
         'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. Where\n'
         'joints move, the longest part of the bag in which none does counts, and a warning says so.\n'
         'Exit code: 0 printed, 2 bad input, or no five seconds in which all joints rest.',
-        'ros2 run mbaid_ros noise_at_rest rest_run',
+        'ros2 run mbaid_ros noise_at_rest rest_run > noise.yaml',
     )
     add = parser.add_argument
     add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')

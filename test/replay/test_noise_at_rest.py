@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay import simulate
@@ -80,12 +83,14 @@ def test_it_finds_the_noise_that_was_added(bag: str) -> None:
     assert found.stds == pytest.approx(NOISE, rel=0.15)
 
 
-def test_it_prints_parameters(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_prints_a_parameter_file(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([bag]) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
-    assert captured.out.splitlines()[0] == '    noise:'
-    assert [line.split(':')[0].strip() for line in captured.out.splitlines()[1:]] == list(NOISE)
+    file = tmp_path / 'noise.yaml'
+    file.write_text(captured.out)
+    given = build(EstimatorConfig, load_parameter_file(file, 'estimator')).noise
+    assert {name: getattr(given, name) for name in NOISE} == pytest.approx(dict(NOISE), rel=0.3)
 
 
 @pytest.mark.parametrize(
