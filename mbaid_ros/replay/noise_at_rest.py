@@ -31,7 +31,7 @@ def _noise_at_rest(argv: list[str]) -> int:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         'noise_at_rest',
-        "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked and the base drifting\n"
+        "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked, the base drifting\n"
         'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. Where\n'
         'joints move, the longest part of the bag in which none does counts, and a warning says so.\n'
         'Exit code: 0 printed, 2 bad input, or no five seconds in which all joints rest.',
