@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import ParameterError
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
-FORMATS = ('spot-2021', 'csv')
+FORMATS = ('spot-2021', 'spot-2023', 'csv')
 # Which formats an option is for.
 _OPTIONS = {'commands': ('spot-2021',), 'columns': ('csv',)}
 
@@ -23,6 +23,7 @@ Make an MCAP bag of a log. Beside it in the folder, as far as the format says: r
 source of every number; estimator.yaml, parameters for replay; truth.json.
 
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
+  spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
   csv           any table; --columns says which of its columns is what
 
 Exit code: 0 written, 2 bad input."""
@@ -63,6 +64,10 @@ def _read(arguments: argparse.Namespace) -> Recording:
         from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)
+    if arguments.format == 'spot-2023':
+        from mbaid_ros.recordings.spot_2023 import read_spot_2023  # noqa: PLC0415
+
+        return read_spot_2023(arguments.log)
     from mbaid_ros.recordings.spot_2021 import read_spot_2021  # noqa: PLC0415
 
     return read_spot_2021(arguments.log, arguments.commands)

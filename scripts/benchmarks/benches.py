@@ -18,11 +18,15 @@ from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.push import Push
-from mbaid_ros.core.simulation.run import Simulation
-from mbaid_ros.recordings.planar_arm import BASE, planar_urdf
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.recordings import spot_2023 as bench_2023
+from mbaid_ros.recordings.planar_arm import BASE, LINKS, planar_urdf
 from mbaid_ros.recordings.spot_2021 import CHASER, COMMANDS_FILE
 
 _STEP = 0.02  # s, of the integrator
+_ENCODER = 1.5e-3  # rad, one step
+_COMMAND = 10  # rows of the log of 2023 that a command lasts
+_THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
 _ARM = 42.0  # s, when the arm begins to move in the logs of 2021
 
 
@@ -33,9 +37,8 @@ class Twin:
     Attributes
     ----------
     log : file, as that bench would have written it
-    truth : (10,) mass, CoM, inertia about it of the base
-    lag : s, by which the arm is behind its commands
-    slope : m/s^2
+    truth : (10,) mass, CoM, inertia about it of the target link
+    lag, slope : s, by which the arm is behind its commands, and m/s^2, of the table; 0 where there is none
     """
 
     log: Path
@@ -105,3 +108,62 @@ def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
 def _wrapped(angle: Array) -> Array:
     """Return angles between -pi and pi."""
     return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+
+
+def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.01) -> Twin:
+    """Write what the bench of 2023 would have logged, had the arm held a satellite firmly and its thrusters obeyed.
+
+    Parameters
+    ----------
+    folder : where the log is written
+    seed : of the robot, its motion, the thrust, and the noise
+    duration : s, from the begin of the log's useful part
+    links : relative standard deviation of the known bodies
+    """
+    rng = np.random.default_rng(seed)
+    described = load_model(planar_urdf(bench_2023.CHASER, ''))
+    body = np.array([10.8, rng.uniform(0.25, 0.35), rng.uniform(-0.05, 0.05), 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.2])
+    true = load_model(change_inertial(described.urdf, LINKS[-1], body))
+    errors = draw(
+        true, LINKS[-1], ErrorSizes(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed)
+    )
+    robot, motion = true_robot(true, errors, (LINKS[-1],)), _arm(rng)
+    scale = rng.uniform(0.7, 1.1)
+    time = np.arange(0.0, duration, 0.05)
+    commands = rng.choice((-1.0, 1.0), (1 + len(time) // _COMMAND, 6)) * _THRUST  # always on, one way or the other
+    wrench = commands[np.arange(len(time)) // _COMMAND]
+    seen = _pushed(robot, motion, time, scale * commands)
+    new = np.floor(time * 16.0 + 1e-9).astype(int)  # the motion capture's frames
+    first = np.concatenate(([True], np.diff(new) > 0))
+    held = np.maximum.accumulate(np.where(first, np.arange(len(time)), 0))
+    noise = rng.normal(size=(len(time), 3))[held] * (1e-4, 1e-4, 3e-4)
+    heading = 2.0 * np.arctan2(seen.base_orientation[held, 2], seen.base_orientation[held, 3])
+    read = seen.joint_position - errors.zeros + rng.normal(size=(len(time), 3)) * 3e-4
+    table = np.zeros((len(time), 81))
+    table[:, 0] = time + 165.0
+    cos, sin = np.cos(heading), np.sin(heading)
+    table[:, 1], table[:, 2] = cos * wrench[:, 0] - sin * wrench[:, 1], sin * wrench[:, 0] + cos * wrench[:, 1]
+    table[:, 3] = wrench[:, 5]
+    table[:, 4:6] = 1.5 + seen.base_position[held, :2] + noise[:, :2]
+    table[:, 6] = _wrapped(heading + noise[:, 2])
+    table[:, 64:67] = np.round(read / _ENCODER) * _ENCODER
+    table[:, 67:70] = seen.joint_velocity + rng.normal(size=(len(time), 3)) * 1e-2
+    np.savetxt(folder / 'ExpLog', table, fmt='%.10g', delimiter=',')
+    return Twin(folder / 'ExpLog', body, 0.0, 0.0)
+
+
+def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) -> Truth:
+    """Return the motion of a robot from rest on whose base one wrench after the other acts, in its axes."""
+    state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.zeros(6 + robot.joints))
+    parts, base = [], robot.link(BASE)
+    for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):
+        instants = time[begin : begin + _COMMAND + 1]
+        run = Simulation(robot, motion.later(float(instants[0])), state, _STEP, Push.on(base, wrench))
+        # The last one is where the next wrench begins.
+        instants = np.append(instants, instants[-1] + time[1]) if len(instants) <= _COMMAND else instants
+        part = run.advance(instants - instants[0])
+        last = part[len(part) - 1 :]
+        twist = last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0]
+        state = State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(twist))
+        parts.append(part[: len(part) - 1])
+    return Truth.concatenate(parts)
