@@ -61,6 +61,14 @@ class State:
     stale: str = ''
     ignored: Counter[str] = field(default_factory=Counter)
 
+    @property
+    def account(self) -> str:
+        """How many of the samples that have come are in the estimate, in a sentence."""
+        if self.session is None or self.estimate is None:
+            return 'no sample is in an estimate'
+        told = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
+        return told if self.estimate.samples == self.session.taken else f'{told}, those of complete windows'
+
 
 class Diagnostics:
     """Makes the statuses of one period from what has changed since the one before.

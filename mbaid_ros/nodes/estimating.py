@@ -261,9 +261,12 @@ class Estimating:
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._state.paused = bool(request.data)
+        state = self._state
+        if request.data and state.session is not None and not state.paused:
+            self._process(state.session)  # what has come is in the estimate that is told as the last one
+        state.paused = bool(request.data)
         response.success = True
-        response.message = 'paused: no samples are taken' if request.data else 'taking samples'
+        response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
         self._narrator.event(response.message)
         self._say_what_is_missing()
         return response
@@ -321,7 +324,7 @@ class Estimating:
             return
         state.stale = reason
         self._narrator.event(f'the estimate is stale: {reason}')
-        self._outlets.tell_stale(state.estimate, self._frames(state.session), reason)
+        self._outlets.tell_stale(state.estimate, self._frames(state.session), [state.account, reason])
 
     def _clock_problems(self) -> list[str]:
         readings = {inlet.topic: inlet.timed for inlet in self._inlets.values() if inlet.timed is not None}

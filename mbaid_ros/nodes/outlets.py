@@ -74,9 +74,9 @@ class Outlets:
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
             self._publish('~/robot_description', String(data=text))
 
-    def tell_stale(self, estimate: Estimate, frames: Frames, reason: str) -> None:
-        """Publish an estimate once more, as one that nothing follows for a reason."""
-        self._publish('~/estimate', estimate_message(estimate, TYPES, frames, [reason], stale=True))
+    def tell_stale(self, estimate: Estimate, frames: Frames, reasons: Sequence[str]) -> None:
+        """Publish an estimate once more, as one that nothing follows for reasons."""
+        self._publish('~/estimate', estimate_message(estimate, TYPES, frames, reasons, stale=True))
 
     def publish_debris(self, message: InertiaEstimate) -> None:
         """Publish the captured body on its own."""

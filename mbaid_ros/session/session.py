@@ -187,6 +187,11 @@ class Session:
         return self._used + self._identifier.used
 
     @property
+    def taken(self) -> int:
+        """Number of samples since the run began, with those of the window that is open."""
+        return self._identifier.used
+
+    @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by cause."""
         gates = sum((gate.dropped for gate in self.gates.values()), Counter(self.base_source.dropped))

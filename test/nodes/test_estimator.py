@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -214,9 +215,13 @@ def test_an_estimate_is_stale_at_once_when_paused(graph: Graph) -> None:
     messages = run('table1', 4.0)
     publish(graph, messages)
     graph.wait(lambda: made(estimates), 'an estimate')
-    graph.call('/estimator/pause', SetBool, SetBool.Request(data=True))
+    answer = graph.call('/estimator/pause', SetBool, SetBool.Request(data=True)).message
     graph.wait(lambda: estimates[-1].stale, 'the stale estimate')
     assert 'paused: no samples are taken' in estimates[-1].warnings
+    told = re.fullmatch(r'paused: no samples are taken; ((\d+) of (\d+) samples are in the estimate, .*)', answer)
+    assert told
+    assert told[1] in estimates[-1].warnings
+    assert int(told[2]) == estimates[-1].samples < int(told[3]) <= len(messages) / 2
 
 
 def set_parameter(graph: Graph, name: str, value: float) -> Any:
