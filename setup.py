@@ -39,6 +39,7 @@ setup(
             'player = mbaid_ros.nodes.start:player',
             'watch = mbaid_ros.nodes.start:watch',
             'simulate = mbaid_ros.replay.simulate:main',
+            'plan = mbaid_ros.replay.plan:main',
             'replay = mbaid_ros.replay.replay:main',
             'calibrate = mbaid_ros.replay.calibrate:main',
             'campaign = mbaid_ros.replay.campaign:main',

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.model import RobotModel
@@ -157,6 +158,35 @@ def _inertia(parameters: Array, types: MessageTypes) -> Any:
 
 def _vector(values: Array, types: MessageTypes) -> Any:
     return types.find('geometry_msgs/msg/Vector3')(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+def trajectory_message(trajectory: JointTrajectory, types: MessageTypes) -> Any:
+    """Return a motion as a trajectory_msgs/JointTrajectory; its stamp is 0: it begins when it is received."""
+    point = types.find('trajectory_msgs/msg/JointTrajectoryPoint')
+    parts = [each if each.size else np.zeros((len(trajectory.time), 0)) for each in _derivatives(trajectory)]
+    return types.find('trajectory_msgs/msg/JointTrajectory')(
+        header=types.find('std_msgs/msg/Header')(stamp=_time(0, types), frame_id=''),
+        joint_names=list(trajectory.joints),
+        points=[
+            point(
+                positions=parts[0][k],
+                velocities=parts[1][k],
+                accelerations=parts[2][k],
+                effort=np.zeros(0),
+                time_from_start=_duration(time, types),
+            )
+            for k, time in enumerate(trajectory.time.tolist())
+        ],
+    )
+
+
+def _derivatives(trajectory: JointTrajectory) -> tuple[Array, Array, Array]:
+    return trajectory.position, trajectory.velocity, trajectory.acceleration
+
+
+def _duration(time: float, types: MessageTypes) -> Any:
+    seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
+    return types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds)
 
 
 class SensorMessages:

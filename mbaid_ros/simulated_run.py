@@ -11,8 +11,9 @@ import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.surroundings import make_orbit, make_storage
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
@@ -21,15 +22,16 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.core.simulation.steered import Steered
 from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.core.simulation.wheels import Wheels
 from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
-from mbaid_ros.simulated_setup import make_initial_state, make_motion, make_pulse, make_target
+from mbaid_ros.simulated_setup import is_driven, make_initial_state, make_motion, make_pulse, make_target
 
 __all__ = ['SimulatedRun', 'TimedMessage', 'commands', 'make_initial_state', 'make_motion', 'make_simulation']
 
@@ -94,7 +96,8 @@ class SimulatedRun:
         in_joint_states = config.wheels.names if config.wheels.publish == 'joint_states' else ()
         self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states)
         self.start = 0
-        simulation = make_simulation(config, self.robot)
+        self._motion = steered(make_motion(config, self.robot))
+        simulation = make_simulation(config, self.robot, self._motion)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
         self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
         self._commands = commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
@@ -106,6 +109,7 @@ class SimulatedRun:
             self.brought = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
+        self._read = 0.0  # s, until which it has been
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
 
     @property
@@ -135,6 +139,21 @@ class SimulatedRun:
         """Return the stamp in ns of a time (s) since the start of the run."""
         return self.start + round(time * 1e9)
 
+    def follow(self, trajectory: JointTrajectory) -> float:
+        """Let the joints follow a trajectory from just after what has been read, and return when that is, s.
+
+        Raises
+        ------
+        DataError
+            The joints are not driven, or it is of other joints, or begins elsewhere.
+        """
+        if not isinstance(self._motion, Steered):
+            raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
+        # The integrator is a step ahead of what has been read, and interpolates between its steps.
+        begin = self._read + 2.0 * self.config.step
+        self._motion.follow(trajectory, self.model, begin)
+        return begin
+
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
@@ -144,6 +163,7 @@ class SimulatedRun:
             The motion has diverged.
         """
         joints, base = self._sensed.read(until)
+        self._read = max(self._read, until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
         frame = (
@@ -180,8 +200,21 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
     return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), rng)
 
 
-def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | CaptureSimulation | ThrustSimulation:
+def steered(motion: Motion) -> Motion:
+    """Return a motion that takes trajectories on the way, where the joints are driven at all."""
+    return Steered(motion) if is_driven(motion) else motion
+
+
+def make_simulation(
+    config: SimulatorConfig, model: RobotModel, motion: Motion | None = None
+) -> Simulation | CaptureSimulation | ThrustSimulation:
     """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
+
+    Parameters
+    ----------
+    config : SimulatorConfig
+    model : RobotModel
+    motion : of its joints; None for the one that the parameters ask for
 
     Raises
     ------
@@ -190,14 +223,14 @@ def make_simulation(config: SimulatorConfig, model: RobotModel) -> Simulation | 
     ParameterError
         The parameters do not fit the robot, or each other.
     """
-    motion = make_motion(config, model)
+    motion = make_motion(config, model) if motion is None else motion
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
     around = Surroundings(make_wheels(config, model), make_orbit(config.orbit))
     if pulse is not None:
         return ThrustSimulation(model, motion, start, config.step, pulse, around)
-    if target is not None and isinstance(motion, Sinusoids):
+    if target is not None and is_driven(motion):
         return CaptureSimulation(model, motion, start, config.step, target, around)
     return Simulation(model, motion, start, config.step, surroundings=around)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import numpy as np
 
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.config.trajectory import read_trajectory
+from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import standard
@@ -13,12 +16,18 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import Target
 from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Motion, Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.core.simulation.motion import Driven, Motion, Passive, random_sinusoids, sinusoids
 from mbaid_ros.core.simulation.run import without_linear_momentum
+from mbaid_ros.core.simulation.steered import Followed, made_to_follow
 from mbaid_ros.core.simulation.thrust import Pulse
 from mbaid_ros.core.simulation.within_limits import followed, within_limits
 
 _QUATERNION_TOLERANCE = 1e-3
+
+
+def is_driven(motion: Motion) -> TypeGuard[Driven]:
+    """Tell whether a motion is that of joints that follow something."""
+    return not isinstance(motion, Passive)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
@@ -42,10 +51,27 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
     if motion.kind == 'sinusoids':
         given = (np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases))
         return followed(sinusoids(start, *given), moved)
+    if motion.kind == 'trajectory':
+        return _followed_file(config, model)
     drawn = random_sinusoids(start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max)
     if motion.within_limits:
         drawn = within_limits(drawn, model, start_given=bool(config.initial.joint_positions))
     return followed(drawn, moved)
+
+
+def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
+    """Return the motion along the trajectory of a file."""
+    motion, given = config.motion, config.initial.joint_positions
+    if not motion.trajectory_file:
+        raise ParameterError(
+            "parameter 'motion.trajectory_file' is empty; accepted: a file, as motion.kind asks for one"
+        )
+    trajectory = read_trajectory(motion.trajectory_file)
+    start = model.transmission.positions(_joint_values('initial.joint_positions', given, model)) if given else None
+    try:
+        return made_to_follow(trajectory, model, start, motion.trajectory_begin)
+    except DataError as error:
+        raise ParameterError(f"'{motion.trajectory_file}': {error}") from error
 
 
 def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
@@ -83,10 +109,10 @@ def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target |
     capture = config.capture
     if capture.time == 0.0:
         return None
-    if not isinstance(motion, Sinusoids):
+    if isinstance(motion, Passive):
         raise ParameterError(
             f"parameter 'capture.time' is {capture.time:g} s with motion.kind '{config.motion.kind}'; accepted: 0, or "
-            'joints that are driven: sinusoids, random'
+            'joints that are driven: sinusoids, random, trajectory'
         )
     body = np.array([capture.mass, *capture.com, *(capture.inertia or (0.0,) * 6)])
     if not capture.mass > 0.0 or not is_physical(standard(body)):
@@ -108,7 +134,7 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     """
     initial = config.initial
     rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model)
-    if isinstance(motion, Sinusoids):
+    if is_driven(motion):
         if rates.any():
             raise ParameterError(
                 f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
@@ -126,7 +152,7 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     twist = (initial.base_linear_velocity, initial.base_angular_velocity)
     linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
     given = _joint_values('initial.joint_positions', initial.joint_positions, model)
-    positions = motion.start if isinstance(motion, Sinusoids) else given
+    positions = motion.start if is_driven(motion) else given
     state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
     if not initial.zero_linear_momentum:
         return state

@@ -15,8 +15,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Followed
 from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.steered import Followed
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from observed import MID, estimator, kernel, observe, windows
 from simulated import state

@@ -14,6 +14,7 @@ from mbaid_ros.config.capture import (
 )
 from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
 
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
@@ -311,3 +312,4 @@ class EstimatorConfig:
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)
+    plan: PlanConfig = field(default_factory=PlanConfig)

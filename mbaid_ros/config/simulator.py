@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.surroundings import SimulatedOrbitConfig, SimulatedWheelsConfig
 
-MOTIONS = ('passive', 'sinusoids', 'random')
+MOTIONS = ('passive', 'sinusoids', 'random', 'trajectory')
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class MotionConfig:
 
     kind: str = parameter(
         'passive',
-        'Motion of the joints: passive (no torque), sinusoids (those given) or random (drawn ones).',
+        'Motion of the joints: passive (no torque), sinusoids (those given), random (drawn ones) or trajectory (a '
+        'file).',
         choices=MOTIONS,
     )
     amplitudes: tuple[float, ...] = parameter(
@@ -75,6 +76,12 @@ class MotionConfig:
     )
     period_min: float = parameter(10.0, 'Random: shortest period.', unit='s', minimum=0.0, exclusive_minimum=True)
     period_max: float = parameter(40.0, 'Random: longest period.', unit='s', minimum=0.0, exclusive_minimum=True)
+    trajectory_file: str = parameter(
+        '',
+        'Trajectory: a trajectory_msgs/JointTrajectory in YAML, as plan --yaml writes it. Where '
+        'initial.joint_positions is empty, the joints begin at its first point.',
+    )
+    trajectory_begin: float = parameter(0.0, 'Trajectory: when the joints begin to follow it.', unit='s', minimum=0.0)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
 from mbaid_ros.messages.joints import JointReader
+from mbaid_ros.messages.motions import trajectory_of
 from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.messages.poses import PoseReader, Source, source_of
 from mbaid_ros.messages.refusals import (
@@ -37,6 +38,7 @@ __all__ = [
     'source_of',
     'stamp_of',
     'stamps_of',
+    'trajectory_of',
     'vector_of',
     'wrench_of',
 ]

@@ -17,11 +17,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
 from mbaid_ros.cli import ArgumentParser, run
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos
@@ -66,6 +68,7 @@ class SimulatorNode(Node):
         )
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         self._truth = self.create_publisher(InertiaStamped, '~/truth', LATCHED)
+        self.create_subscription(JointTrajectory, 'joint_trajectory', self._on_trajectory, qos(1))
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
@@ -107,6 +110,16 @@ class SimulatorNode(Node):
                     outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
             self.get_logger().info(f'{duration:g} s are over')  # type: ignore[no-untyped-call]
             self.over = True
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        """Let the joints follow a trajectory."""
+        try:
+            begin = self._run.follow(trajectory_of(message))
+        except DataError as error:
+            self.get_logger().error(f'joint_trajectory refused: {error}')  # type: ignore[no-untyped-call]
+            return
+        names = ', '.join(message.joint_names)
+        self.get_logger().info(f'following a trajectory of {names} from {begin:.3f} s on')  # type: ignore[no-untyped-call]
 
     def _compute(self, now: float) -> None:
         """Simulate ahead when less than half of that is left."""

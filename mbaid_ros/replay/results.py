@@ -95,6 +95,7 @@ class Run:
     missing_joints : for want of which most of the joint states could not be used
     survey : what the run takes the robot for, None where nobody has looked
     made_by : which command, None where nobody asked
+    state : what it has come to know, as the next motion is planned from; None where its method does not tell
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
 
@@ -116,6 +117,7 @@ class Run:
     survey: Survey | None = None
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
+    state: Mapping[str, Any] | None = None
 
     @property
     def reached(self) -> bool:
@@ -198,6 +200,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
+        'state': run.state,
         'history': [
             {
                 't': estimate.time,

@@ -17,7 +17,7 @@ from mbaid_ros.replay.feed import Progress, feed
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.last_pose import LastPose
 from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
-from mbaid_ros.session import Session, intake_warnings, missing_joints
+from mbaid_ros.session import Session, as_numbers, intake_warnings, missing_joints
 
 ESTIMATE_TOPIC = '/estimator/estimate'
 DEBRIS_TOPIC = '/estimator/debris'
@@ -86,6 +86,7 @@ def replay_bag(
             _take(session.process(), session, history, writer)
         survey = session.survey()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
+    knowledge = session.knowledge()
     return Run(
         bag=path,
         target_link=session.robot.target_link,
@@ -103,6 +104,7 @@ def replay_bag(
         debris=session.robot.debris(history.last) if history.last else None,
         phase=session.robot.phase,
         capture=session.robot.captured(history.last) if history.last else None,
+        state=None if knowledge is None else as_numbers(knowledge),
     )
 
 

@@ -66,6 +66,9 @@ def _parser() -> cli.ArgumentParser:
     parser.add_argument(
         '--duration', type=cli.number(0.0, 's', exclusive=True), metavar='S', help='length of the run, s'
     )
+    parser.add_argument(
+        '--trajectory', metavar='YAML', help='let the joints follow a JointTrajectory, as plan --yaml writes it'
+    )
     parser.add_argument('--seed', type=_seed, metavar='N', help='seed of the sensor noise')
     parser.add_argument('--output', type=Path, default=Path('simulation'), metavar='BAG', help='folder to make')
     parser.add_argument(
@@ -95,6 +98,8 @@ def _config(arguments: argparse.Namespace) -> SimulatorConfig:
     values = load_parameter_file(arguments.params, NODE) if arguments.params is not None else {}
     values |= dict(map(parse_assignment, arguments.assignments))
     own = {'robot_description_file': arguments.model, 'duration': arguments.duration, 'seed': arguments.seed}
+    if arguments.trajectory is not None:
+        own |= {'motion.kind': 'trajectory', 'motion.trajectory_file': arguments.trajectory}
     values |= {name: value for name, value in own.items() if value is not None}
     config = build(SimulatorConfig, values)
     if not config.robot_description_file:

@@ -2,6 +2,7 @@
 
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.session.remembered import as_numbers, from_numbers
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.surroundings import storage
 from mbaid_ros.session.survey import Survey, survey
@@ -10,7 +11,9 @@ from mbaid_ros.session.uncertainty import with_surroundings
 __all__ = [
     'Session',
     'Survey',
+    'as_numbers',
     'explain',
+    'from_numbers',
     'intake_warnings',
     'make_estimator',
     'missing_joints',

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.planning.collisions import Collisions
 from mbaid_ros.core.planning.information import Grid, Information
@@ -23,6 +23,7 @@ _FIRST = 20.0  # s, of the motions that a search begins with
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
 _SURE = 3.0  # standard deviations of what the motion does to the base that are kept from its limits
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
+_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
 _SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
 
@@ -145,6 +146,18 @@ class Planner:
         found = search.best if settings.duration or search.reached is None else search.reached
         return self._finished(self._sure(found), search.base, compared)
 
+    def _notes(self) -> list[str]:
+        """Return what holds of where the motion begins."""
+        notes, knowledge = [], self.motions.knowledge
+        model = knowledge.layout.kernel.model
+        rate = np.abs(knowledge.end.joint_velocity)
+        moving = [name for name, each in zip(model.joint_names, rate, strict=True) if each > _MOVING]
+        if moving:
+            notes.append(f'moved at the end of the run, and have to rest before the motion begins: {listing(moving)}')
+        if knowledge.hypothesis.disturbed:
+            notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
+        return notes
+
     def _is_clear(self, motions: Motions, waypoints: Array) -> bool:
         if not self._collisions.pairs:
             return True
@@ -237,6 +250,6 @@ class Planner:
             longest=settings.longest,
             compared=compared,
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
-            notes=self._collisions.notes,
+            notes=(*self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,
         )

@@ -113,18 +113,19 @@ class Search:
         self._generator = np.random.default_rng(seed)
         self._step = _STEP
         self.reached: Candidate | None = None
-        self.best = self._best_of(self._drawn(min(first, _DRAWN))) or self._still()
+        self._first = min(first, _DRAWN)
+        self.best = self._best_of(self._drawn(self._first)) or self._still()
 
     def at_length(self) -> Iterator[int]:
         """Improve the best motion of the length there is; yield how many motions each part has compared."""
-        yield _DRAWN
+        yield self._first
         while True:
             self._generation()
             yield _GENERATION
 
     def shortest(self, longest: float) -> Iterator[int]:
         """Look for the shortest motion that reaches what is wanted, of `longest` s at most, likewise."""
-        yield _DRAWN
+        yield self._first
         tried = 0  # generations of this length
         while True:
             if self.best.ratio <= ENOUGH:

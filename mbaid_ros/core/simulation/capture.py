@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.simulation.motion import Driven
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.wheels import Wheels
@@ -76,7 +76,7 @@ class CaptureSimulation:
     def __init__(
         self,
         model: RobotModel,
-        motion: Sinusoids,
+        motion: Driven,
         initial: State,
         step: float,
         target: Target,

@@ -6,13 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
-
-Places = npt.NDArray[np.intp]
 
 # Gains of the tracking error. The torques are those of the exact model, so only the integrator's own error is left to
 # correct: a slow, critically damped loop (1 rad/s) is enough and does not shorten the step.
@@ -28,6 +24,29 @@ class Motion(Protocol):
         ...
 
     def later(self, time: float) -> Motion:
+        """Return the same motion, begun at a time (s) of this one."""
+        ...
+
+
+def tracking(reference: tuple[Array, Array, Array], position: Array, velocity: Array) -> Array:
+    """Return the acceleration of a reference (position, velocity, acceleration), corrected by the tracking error."""
+    wanted, speed, acceleration = reference
+    return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
+
+
+class Driven(Motion, Protocol):
+    """Joints that follow a reference."""
+
+    @property
+    def start(self) -> Array:
+        """Where they begin, (n,)."""
+        ...
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        ...
+
+    def later(self, time: float) -> Driven:
         """Return the same motion, begun at a time (s) of this one."""
         ...
 
@@ -74,42 +93,7 @@ class Sinusoids:
 
     def command(self, time: float, position: Array, velocity: Array) -> Array:
         """Return the reference's acceleration, corrected by the tracking error."""
-        wanted, speed, acceleration = self.reference(time)
-        return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
-
-
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """Joints that follow a trajectory from a time on, and rest before it and after it.
-
-    Attributes
-    ----------
-    trajectory : of the k joints that it moves, the others of the n rest
-    start : (n,) where all joints are before it, rad or m; at its first point those that it moves
-    places : (k,) of the joints that it moves among the n
-    begin : s
-    """
-
-    trajectory: JointTrajectory
-    start: Array
-    places: Places
-    begin: float = 0.0
-
-    def reference(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
-        position, velocity, acceleration = self.start.copy(), np.zeros(len(self.start)), np.zeros(len(self.start))
-        parts = self.trajectory.at(np.asarray(time - self.begin))
-        position[self.places], velocity[self.places], acceleration[self.places] = parts
-        return position, velocity, acceleration
-
-    def later(self, time: float) -> Followed:
-        """Return the same motion, begun at a time (s) of this one."""
-        return Followed(self.trajectory, self.start, self.places, self.begin - time)
-
-    def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the reference's acceleration, corrected by the tracking error."""
-        wanted, speed, acceleration = self.reference(time)
-        return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
+        return tracking(self.reference(time), position, velocity)
 
 
 def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:

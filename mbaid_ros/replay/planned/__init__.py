@@ -1,0 +1,1 @@
+"""Where a plan begins, and what is written of it."""

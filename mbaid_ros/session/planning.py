@@ -1,0 +1,63 @@
+"""From parameters and what a run has come to know to what plans the next motion."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.plan import PlanConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.planning.limits import BaseLimits
+from mbaid_ros.core.planning.planner import Planner, PlanSettings
+from mbaid_ros.core.planning.search import Criterion
+from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.session.methods import make_reporting
+
+
+def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
+    """Return what plans motions as the parameters ask for.
+
+    Raises
+    ------
+    ParameterError
+        The parameters contradict each other or the robot.
+    """
+    return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config))
+
+
+def plan_settings(config: EstimatorConfig) -> PlanSettings:
+    """Return what the parameters ask of a motion.
+
+    Raises
+    ------
+    ParameterError
+        A precision that is wanted is none.
+    """
+    plan = config.plan
+    return PlanSettings(
+        relative=_wanted(plan, config.convergence.relative_std),
+        duration=plan.duration,
+        longest=plan.longest,
+        criterion=cast('Criterion', plan.criterion),
+        joint_velocity=plan.joint_velocity or np.inf,
+        joint_acceleration=plan.joint_acceleration,
+        base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),
+        clearance=plan.clearance,
+        stuck=plan.stuck,
+        waypoints=plan.waypoints,
+        effort=plan.effort,
+        seed=plan.seed,
+        window=config.window,
+    )
+
+
+def _wanted(plan: PlanConfig, convergence: float) -> Array:
+    given = np.array(plan.relative_std or (convergence,), dtype=float)
+    if not np.all(given > 0.0):
+        raise ParameterError(
+            f"parameter 'plan.relative_std' is {list(plan.relative_std)}; accepted: numbers > 0, one or ten"
+        )
+    return np.broadcast_to(given, 10)
