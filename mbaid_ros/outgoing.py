@@ -226,6 +226,21 @@ class SensorMessages:
         vector, header = self._of('Vector3', momentum, 'xyz'), self._header(stamp, self._model.base_link)
         return self._types.find('geometry_msgs/msg/Vector3Stamped')(header=header, vector=vector)
 
+    def imu(self, angular_velocity: Array, stamp: int) -> Any:
+        """Return an angular velocity (3,) in the base link's axes as a sensor_msgs/Imu stamped in ns."""
+        find, absent = self._types.find, np.zeros(9)
+        absent[0] = -1.0  # REP 145: not measured
+        none = self._of('Vector3', np.zeros(3), 'xyz')
+        return find('sensor_msgs/msg/Imu')(
+            header=self._header(stamp, self._model.base_link),
+            orientation=self._of('Quaternion', np.array([0.0, 0.0, 0.0, 1.0]), 'xyzw'),
+            orientation_covariance=absent,
+            angular_velocity=self._of('Vector3', angular_velocity, 'xyz'),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=none,
+            linear_acceleration_covariance=absent,
+        )
+
     def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
         """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
         find = self._types.find

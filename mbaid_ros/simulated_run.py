@@ -22,6 +22,7 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.capture import CaptureSimulation
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
+from mbaid_ros.core.simulation.imu import Imu, ImuErrors
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
@@ -35,7 +36,7 @@ from mbaid_ros.simulated_setup import is_driven, make_initial_state, make_motion
 
 __all__ = ['SimulatedRun', 'TimedMessage', 'commands', 'make_initial_state', 'make_motion', 'make_simulation']
 
-Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum']
+Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']
 _COMMANDS = 0.1  # s, between two of thrust
 
 
@@ -47,7 +48,7 @@ class TimedMessage:
     ----------
     time : s since the start of the run
     topic : the one it belongs on
-    message : JointState, Odometry, WrenchStamped or Vector3Stamped
+    message : JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
     """
 
     time: float
@@ -109,8 +110,9 @@ class SimulatedRun:
             self.brought = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
+        imu = make_imu(config)
         self._read = 0.0  # s, until which it has been
-        self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate)
+        self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
 
     @property
     def tells_momentum(self) -> bool:
@@ -162,7 +164,7 @@ class SimulatedRun:
         ModelError
             The motion has diverged.
         """
-        joints, base = self._sensed.read(until)
+        joints, base, imu = self._sensed.read_all(until)
         self._read = max(self._read, until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
@@ -184,6 +186,12 @@ class SimulatedRun:
                 for i, t in enumerate(joints.time.tolist())
             ),
         ]
+        if imu is not None:
+            delay, reading = self.config.imu.delay, self._messages.imu
+            messages += [
+                TimedMessage(t, 'imu', reading(rate, self.stamp(t + delay)))
+                for t, rate in zip(imu.time.tolist(), imu.angular_velocity, strict=True)
+            ]
         return sorted(messages, key=lambda message: message.time)
 
 
@@ -247,6 +255,15 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
     if orbit is None or not orbit.turning:
         return None
     return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
+
+
+def make_imu(config: SimulatorConfig) -> Imu | None:
+    """Return the IMU on the base, None where there is none."""
+    own = config.imu
+    if own.rate == 0.0:
+        return None
+    # Its noise is none of the other sensors'.
+    return Imu(own.rate, ImuErrors(own.noise_density, own.bias, own.bias_walk, own.scale), config.seed + 1_000_003)
 
 
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:

@@ -22,3 +22,51 @@ class PoseConfig:
         'another. Empty does not read /tf.',
     )
     tf_parent_frame: str = parameter('', 'Parent frame of that transform, which is inertial; empty is any.')
+
+
+@dataclass(frozen=True)
+class ImuConfig:
+    """The angular velocity that an IMU measures; with `noise_density` the topic imu is used."""
+
+    noise_density: float = parameter(
+        0.0,
+        'Density of the white noise of its angular velocity, as data sheets have it: the standard deviation of a '
+        'reading over the square root of the rate. 0 does not use the topic imu.',
+        unit='rad/s/sqrt(Hz)',
+        minimum=0.0,
+    )
+    bias_std: float = parameter(
+        0.01, 'Standard deviation of the bias about each axis at the begin.', unit='rad/s', minimum=0.0
+    )
+    bias_walk: float = parameter(
+        2e-5,
+        'How much the bias wanders: standard deviation of its change in a second; it grows with the square root of '
+        'the time.',
+        unit='rad/s/sqrt(s)',
+        minimum=0.0,
+    )
+    scale_std: float = parameter(
+        0.01, 'Relative standard deviation of the scale of each axis; 0 is exact.', minimum=0.0
+    )
+    orientation_std: float = parameter(
+        0.01,
+        'Standard deviation of how it is turned on the base, about each axis; 0 is exact.',
+        unit='rad',
+        minimum=0.0,
+    )
+    delay_std: float = parameter(
+        0.005,
+        'Standard deviation of how late its stamps are relative to those of the pose; 0 is exact.',
+        unit='s',
+        minimum=0.0,
+    )
+    range: float = parameter(
+        0.0,
+        'Largest angular velocity that it can measure: readings there are not used. 0 is not known; then readings that '
+        'stay the same to the last bit are not.',
+        unit='rad/s',
+        minimum=0.0,
+    )
+    frame: str = parameter(
+        '', 'Link that it is fixed to, in whose axes it measures. Empty: the frame_id of its messages says it.'
+    )

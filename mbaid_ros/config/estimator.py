@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mbaid_ros.config.base_sensors import PoseConfig
+from mbaid_ros.config.base_sensors import ImuConfig, PoseConfig
 from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
@@ -294,6 +294,7 @@ class EstimatorConfig:
     )
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     difference: DifferenceConfig = field(default_factory=DifferenceConfig)

@@ -174,6 +174,22 @@ class SimulatedNoiseConfig:
 
 
 @dataclass(frozen=True)
+class SimulatedImuConfig:
+    """An IMU on the base link, in its axes."""
+
+    rate: float = parameter(0.0, 'Imu messages a second; 0 is no IMU.', unit='Hz', minimum=0.0, maximum=1e4)
+    noise_density: float = parameter(
+        0.0, 'Density of the white noise of its angular velocity.', unit='rad/s/sqrt(Hz)', minimum=0.0
+    )
+    bias: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Its bias at the begin.', unit='rad/s', lengths=(3,))
+    bias_walk: float = parameter(
+        0.0, 'Standard deviation of the change of the bias in a second.', unit='rad/s/sqrt(s)', minimum=0.0
+    )
+    scale: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'By what part each axis reads too much.', lengths=(3,))
+    delay: float = parameter(0.0, 'How late its messages are stamped.', unit='s')
+
+
+@dataclass(frozen=True)
 class SimulatorConfig:
     """Everything that decides what the simulated robot does and what its sensors say."""
 
@@ -219,3 +235,4 @@ class SimulatorConfig:
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)
+    imu: SimulatedImuConfig = field(default_factory=SimulatedImuConfig)

@@ -9,13 +9,15 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mbaid_ros.core.intake.falling_frame import FallingFrame
+from mbaid_ros.core.intake.gyro import Gyro
+from mbaid_ros.core.intake.gyro_frame import GyroFrame
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.intake.thrust import Thrust
 from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 _LAST = 0.25  # part of a window, in which nothing is done that can wait
@@ -31,6 +33,8 @@ TWIST_DERIVED = (
     'needs none'
 )
 POSES_ALONE = 'no twist of the base: the poses alone are used'
+POSES_AND_GYRO = 'no twist of the base: the poses and the angular velocity of the IMU are used'
+WITHOUT_GYRO = 'the angular velocity of the IMU is not used: method trajectory uses it'
 
 
 class Estimator(Protocol):
@@ -91,6 +95,7 @@ class Identifier:
     thrust : what is commanded; None where nothing ever is
     correlation_time : s, over which the errors of the base's poses are correlated
     falling : what knows of the orbit; None where there is none
+    gyro : integrates what an IMU measures; None where there is none
     """
 
     def __init__(
@@ -103,12 +108,15 @@ class Identifier:
         correlation_time: float = 0.0,
         *,
         falling: FallingFrame | None = None,
+        gyro: Gyro | None = None,
     ) -> None:
         self._estimator = estimator
         view = None if falling is None else falling.falling
-        self._synchroniser = Synchroniser(maximum_gap, correlation_time, view)
+        self._synchroniser = Synchroniser(maximum_gap, correlation_time, view, gyro)
         self._windows = Windows(window)
         self._twist_frame = TwistFrame(twist_frame)
+        self._gyro_frame = GyroFrame()
+        self._misread: tuple[float, str, float] | None = None  # from when on (s) the IMU is known to be, and how
         self._thrust = thrust
         self._falling = falling
         self._window = window
@@ -135,9 +143,9 @@ class Identifier:
         """Measurements that were not used, by cause."""
         return self._dropped + self._synchroniser.dropped
 
-    def push(self, joints: JointStream | None, base: BaseStream | None) -> list[Estimate]:
-        """Take measurements of either kind and return the estimates of the windows they close."""
-        samples = self._synchroniser.push(joints, base)
+    def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> list[Estimate]:
+        """Take measurements of any kind and return the estimates of the windows they close."""
+        samples = self._synchroniser.push(joints, base, imu)
         if samples is None:
             return []
         self.used += len(samples)
@@ -149,14 +157,25 @@ class Identifier:
             if number * self._window - samples.time[-1] > _LAST * self._window:
                 self.work_off()
             return []
+        for window in closed:
+            self._watch(window)
         estimates = self._estimator.update(closed, self._synchroniser.origin)
-        return [self._with_notes(estimate) for estimate in estimates] if self._notes else estimates
+        if not self._notes and self._misread is None:
+            return estimates
+        return [self._with_notes(estimate) for estimate in estimates]
 
     def work_off(self) -> None:
         """Let the method do a part of what it has put off, if it does such a thing; and what was put off here."""
         self._twist_frame.work_off()
         if isinstance(self._estimator, Deferring):
             self._estimator.work_off()
+
+    def _watch(self, window: Samples) -> None:
+        """Look whether an IMU measures in other axes or units than it is said to."""
+        if window.gyro.shape[1] and self._misread is None:
+            told = self._gyro_frame.update(window)
+            if told:
+                self._misread = float(window.time[0]), told, self._gyro_frame.gain
 
     def _prepared(self, windows: list[Samples]) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
@@ -176,8 +195,11 @@ class Identifier:
         joints, base = window.missing_rates
         if not self._estimator.needs_rates:
             if base:
-                self._notes.setdefault(POSES_ALONE, start)
+                gyro = window.gyro.shape[1] > 0 and bool(np.isfinite(window.gyro).all())
+                self._notes.setdefault(POSES_AND_GYRO if gyro else POSES_ALONE, start)
             return window
+        if window.gyro.shape[1]:
+            self._notes.setdefault(WITHOUT_GYRO, start)
         if (joints or base) and len(window) < FEWEST:
             self._dropped[RATE_MISSING] += len(window)
             self.used -= len(window)
@@ -190,5 +212,9 @@ class Identifier:
 
     def _with_notes(self, estimate: Estimate) -> Estimate:
         """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""
-        notes = (text for text, since in self._notes.items() if since <= estimate.time)
+        notes = [text for text, since in self._notes.items() if since <= estimate.time]
+        if self._misread is not None and self._misread[0] <= estimate.time and self._estimator.method == 'trajectory':
+            _, told, gain = self._misread
+            estimate = replace(estimate, status='inconsistent', causes=((told, gain), *estimate.causes))
+            notes.append(told)
         return replace(estimate, warnings=(*estimate.warnings, *notes))

@@ -73,6 +73,8 @@ class Samples(Stacked):
         bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
     thrust : (N, 24 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
         thrusters is off its command: scale and turn (6 x 4, rows first); none where not given
+    gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, base axes, since it began; NaN where it is
+        not known, (N, 0) where there is no IMU
     """
 
     time: Array
@@ -90,12 +92,13 @@ class Samples(Stacked):
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take velocities as measured, and no thrust, where nothing else is said."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
-        for name in ('stored', 'tide', 'thrust'):
+        for name in ('stored', 'tide', 'thrust', 'gyro'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:
@@ -159,3 +162,17 @@ class BaseStream(Stacked):
     angular_velocity: Array
     pose_covariance: Array
     twist_covariance: Array
+
+
+@dataclass(frozen=True)
+class ImuStream(Stacked):
+    """Measurements of an IMU as they arrived.
+
+    Attributes
+    ----------
+    stamp : (N,) int64 ns
+    angular_velocity : (N, 3) rad/s, base axes
+    """
+
+    stamp: Stamps
+    angular_velocity: Array

@@ -1,6 +1,7 @@
 """Messages to arrays, many at a time: the objects of rclpy and rosbags alike, and bytes that were made into none."""
 
 from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
+from mbaid_ros.messages.imu import IMU_FRAME, ImuReader
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.motions import trajectory_of
 from mbaid_ros.messages.odometry import OdometryReader
@@ -19,6 +20,7 @@ from mbaid_ros.messages.shapes import joint_state_shape, odometry_shape, positio
 
 __all__ = [
     'BAD_QUATERNION',
+    'IMU_FRAME',
     'JOINT_MISSING',
     'LENGTH_MISMATCH',
     'NAMED_TWICE',
@@ -26,6 +28,7 @@ __all__ = [
     'NOT_REAL',
     'TOO_MANY_NAMES',
     'WRONG_CHILD_FRAME',
+    'ImuReader',
     'JointReader',
     'OdometryReader',
     'PoseReader',

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -74,6 +74,7 @@ class Estimating:
             **self._base_inlets(node),
         }
         self._thrust = Inlet(node, WrenchStamped, 'thrust', self._on_thrust)
+        self._imu = Inlet(node, Imu, 'imu', self._on_imu)
         topic = self._description.topic if self._description else ''
         self._stored_momentum = Inlet(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
         self._diagnostics = Diagnostics(self._inlets, self._thrust, topic)
@@ -152,6 +153,11 @@ class Estimating:
         if session is not None:
             session.add_stored_momentum(message)
 
+    def _on_imu(self, message: Imu) -> None:
+        session = self._open_session()
+        if session is not None and session.add_imu(message):
+            self._process(session)
+
     def _open_session(self) -> Session | None:
         """Return the session if it takes messages now."""
         state = self._state
@@ -228,7 +234,7 @@ class Estimating:
 
     def close(self) -> None:
         """Leave the graph."""
-        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum):
+        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum, self._imu):
             inlet.close()
         if self._description is not None:
             self._description.close()
@@ -298,7 +304,7 @@ class Estimating:
     def _report(self) -> None:
         self._report_due = False
         state = self._state
-        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum):
+        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum, self._imu):
             inlet.refresh()
         if state.session is not None:
             for complaint in complaints(state.session):

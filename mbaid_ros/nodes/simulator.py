@@ -15,7 +15,7 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -61,6 +61,8 @@ class SimulatorNode(Node):
         self._inputs = list(self._outlets.values())  # what an estimator needs
         if self._run.pulse is not None and self._config.thrust.publish:
             self._outlets['thrust'] = self.create_publisher(WrenchStamped, 'thrust', qos(_DEPTH))
+        if self._config.imu.rate > 0.0:
+            self._outlets['imu'] = self.create_publisher(Imu, 'imu', qos(_DEPTH))
         if self._run.tells_momentum:
             self._outlets['stored_momentum'] = self.create_publisher(Vector3Stamped, 'stored_momentum', qos(_DEPTH))
         self._clock_outlet = (

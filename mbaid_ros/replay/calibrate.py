@@ -142,6 +142,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
         uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,
+        gyro=parameters.estimator.imu.noise_density,
     )
 
 

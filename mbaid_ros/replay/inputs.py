@@ -21,12 +21,14 @@ POSE_TYPES = (
     'geometry_msgs/msg/TransformStamped',
     'tf2_msgs/msg/TFMessage',
 )
+IMU_TYPE = 'sensor_msgs/msg/Imu'
 THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
 STORED_MOMENTUM_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY, POSE, TF = '/odom', '/pose', '/tf'
 # Read where a bag has it, even if not asked for.
 THRUST = '/thrust'
 STORED_MOMENTUM = '/stored_momentum'
+IMU = '/imu'
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,14 @@ class Inputs:
     odometry : what locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     thrust : of type geometry_msgs/WrenchStamped; empty is /thrust, where there is one
     stored_momentum : of type geometry_msgs/Vector3Stamped; empty is /stored_momentum, where there is one
+    imu : of type sensor_msgs/Imu; empty is /imu, where there is one
     """
 
     joint_states: str = '/joint_states'
     odometry: str = ''
     thrust: str = ''
     stored_momentum: str = ''
+    imu: str = ''
 
     @staticmethod
     def of(arguments: argparse.Namespace, *, transforms: bool = False) -> Inputs:
@@ -65,7 +69,7 @@ class Inputs:
                 f'--odom {arguments.odom} and --pose {arguments.pose} are given; accepted: one of them'
             )
         base = arguments.odom or arguments.pose or (TF if transforms else '')
-        return Inputs(arguments.joint_states, base, arguments.thrust, arguments.stored_momentum)
+        return Inputs(arguments.joint_states, base, arguments.thrust, arguments.stored_momentum, arguments.imu)
 
     def found(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base."""
@@ -89,6 +93,7 @@ class Inputs:
         for wanted, usual, kind in (
             (self.thrust, THRUST, THRUST_TYPE),
             (self.stored_momentum, STORED_MOMENTUM, STORED_MOMENTUM_TYPE),
+            (self.imu, IMU, IMU_TYPE),
         ):
             if wanted:
                 bag.require(wanted, kind)
@@ -98,17 +103,18 @@ class Inputs:
 
     def add_to(self, session: Session, messages: Recorded) -> None:
         """Hand messages of the topics to a session."""
-        thrust, stored = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM
+        thrust, stored, imu = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM, self.imu or IMU
         takes = {
             self.joint_states: session.add_joint_state,
             self.odometry: session.add_odometry,
             stored: session.add_stored_momentum,
+            imu: session.add_imu,
         }
         for part in messages.runs(thrust):
             if thrust in part.messages:
                 for message in part.of(thrust):
                     session.add_thrust(message)
-            elif session.add_at_once(part.of(self.joint_states), part.of(self.odometry)):
+            elif session.add_at_once(part.of(self.joint_states), part.of(self.odometry), part.of(imu)):
                 for message in part.of(stored):
                     session.add_stored_momentum(message)
             else:
@@ -135,4 +141,5 @@ def add_input_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)',
     )
+    add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')
     add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')

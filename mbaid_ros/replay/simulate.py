@@ -23,7 +23,7 @@ from mbaid_ros.replay.truth_output import write_truth
 from mbaid_ros.simulated_run import SimulatedRun
 
 NODE = 'simulator'
-JOINT_STATES, ODOMETRY, THRUST, STORED_MOMENTUM = '/joint_states', '/odom', '/thrust', '/stored_momentum'
+JOINT_STATES, ODOMETRY, THRUST, STORED_MOMENTUM, IMU = '/joint_states', '/odom', '/thrust', '/stored_momentum', '/imu'
 DESCRIPTION, TRUTH = '/robot_description', f'/{NODE}/truth'
 
 _CHUNK = 1.0  # s of the run between two looks at the progress bar
@@ -116,7 +116,10 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
     bag.add_topic(TRUTH, 'geometry_msgs/msg/InertiaStamped', latched=True)
     bag.add_topic(JOINT_STATES, 'sensor_msgs/msg/JointState')
     bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
-    topics = {'joint_states': JOINT_STATES, 'odom': ODOMETRY, 'thrust': THRUST, 'stored_momentum': STORED_MOMENTUM}
+    topics = {'joint_states': JOINT_STATES, 'odom': ODOMETRY, 'thrust': THRUST}
+    topics |= {'stored_momentum': STORED_MOMENTUM, 'imu': IMU}
+    if run.config.imu.rate > 0.0:
+        bag.add_topic(IMU, 'sensor_msgs/msg/Imu')
     if run.pulse is not None and run.config.thrust.publish:
         bag.add_topic(THRUST, 'geometry_msgs/msg/WrenchStamped')
     if run.tells_momentum:

@@ -13,7 +13,7 @@ from mbaid_ros.core.intake.stored_momentum import OTHER_MOMENTUM_FRAME
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
-from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, WRONG_CHILD_FRAME
+from mbaid_ros.messages import BAD_QUATERNION, IMU_FRAME, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.base_source import OTHER_SOURCE
 from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 
@@ -33,6 +33,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or it stayed away',
+        IMU_FRAME: _imu_frame(session),
         OTHER_SOURCE: _other_source(session),
         REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
         OUTLIER: _outliers(session),
@@ -103,6 +104,12 @@ def _outliers(session: Session) -> str:
     """Return how many poses are outliers; empty where they are few."""
     share = session.dropped[OUTLIER] / max(session.received[ODOMETRY], 1)
     return f'{100.0 * share:.2g} % of the odometry are outliers' if share > _MANY_OUTLIERS else ''
+
+
+def _imu_frame(session: Session) -> str:
+    links = [f'{session.config.frame_prefix}{link.name}' for link in session.robot.model.links if link.body == 0]
+    given = session.imu_reader.other_frame[:60]
+    return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is"
 
 
 def _other_source(session: Session) -> str:

@@ -10,6 +10,7 @@ from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.results.debris import Frame
 from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.messages import ImuReader
 
 PRINCIPAL = 'principal'
 
@@ -33,6 +34,20 @@ def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
     if not config.marker.position:
         return None
     return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))
+
+
+def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
+    """Return what reads an IMU that is fixed to the base.
+
+    Raises
+    ------
+    ParameterError
+        The frame that the parameters name is not on the base.
+    """
+    axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
+    if config.imu.frame and config.imu.frame not in axes:
+        raise ParameterError(f"parameter 'imu.frame' is '{config.imu.frame}'; accepted: {listing(axes)}")
+    return ImuReader(axes, config.imu.frame)
 
 
 def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:

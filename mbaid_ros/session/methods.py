@@ -121,6 +121,7 @@ def make_estimator(
                 uncertainty=known.uncertainty,
                 adapt=config.trajectory.adapt,
                 constant=_axes(config.disturbance.constant),
+                gyro=config.imu.noise_density,
             ),
             reporting,
         )

@@ -58,6 +58,7 @@ def self_calibration(
         priors=_priors(config.calibration, links),
         uncertainty=declared_uncertainty(config, model),
         window=config.window,
+        gyro=config.imu.noise_density,
     )
     make_prior(robot, settings.priors)  # what is wrong with it is said at once, not at the capture
 

@@ -14,6 +14,7 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
+from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stored_momentum import StoredMomentum
@@ -22,21 +23,23 @@ from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, SensorNoise
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
 from mbaid_ros.session.base_source import BaseSource
+from mbaid_ros.session.frames import imu_reader
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
 from mbaid_ros.session.survey import Survey, survey
 
-JOINTS, ODOMETRY = 'joint_states', 'odom'
+JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
 MakeEstimator = Callable[..., Estimator]
 # Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
+IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
 STOPPED = 'after the stop by a jump of the stamps'
 
 _RESTARTS_KEPT = 20
@@ -81,7 +84,8 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         ignore = self.config.time_jump == 'ignore'
-        self.gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in (JOINTS, ODOMETRY)}
+        topics = (JOINTS, ODOMETRY, IMU) if self.config.imu.noise_density > 0.0 else (JOINTS, ODOMETRY)
+        self.gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in topics}
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
@@ -105,24 +109,35 @@ class Session:
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
-        return self._add(JOINTS, ODOMETRY, message)
+        return self._add(JOINTS, message)
 
     def add_odometry(self, message: Any) -> bool:
         """Take an Odometry without looking into it, or what else locates the base: poses, transforms.
 
         Return whether it is time for `process`.
         """
-        due = [self._add(ODOMETRY, JOINTS, each) for each in self.base_source.located([message])]
+        due = [self._add(ODOMETRY, each) for each in self.base_source.located([message])]
         return any(due)
 
-    def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any]) -> bool:
-        """Take messages of both topics, each in order, where nothing is to be decided about any of them.
+    def add_imu(self, message: Any) -> bool:
+        """Take an Imu without looking into it; return whether it is time for `process`."""
+        if IMU not in self.gates:
+            self._earlier[IMU_NOT_ASKED_FOR] += 1
+            return False
+        return self._add(IMU, message)
+
+    def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any], imu: Sequence[Any] = ()) -> bool:
+        """Take messages of these topics, each in order, where nothing is to be decided about any of them.
 
         Return whether they have been taken; where not, they have to be added one by one as they came.
         """
         if self.problem or not self.base_source.takes(odometry):
             return False
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
+        if IMU in self.gates:
+            messages[IMU] = imu
+        elif imu:
+            self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
         return let_through(self.gates, self._epoch, messages)
 
     def add_thrust(self, message: Any) -> None:
@@ -245,6 +260,8 @@ class Session:
         self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit, beside)
         self.stored_momentum = StoredMomentum(model, config.wheels.momentum_frame)
         self._reorder = Reorder[BaseStream](self._reorder_limit)
+        self._reorder_imu = Reorder[ImuStream](self._reorder_limit)
+        self.imu_reader = imu_reader(config, model)
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
         self._judged = []
@@ -261,6 +278,7 @@ class Session:
             self.thrust,
             config.noise.base_correlation_time,
             falling=falling_frame(config.orbit, model),
+            gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if IMU in self.gates else None,
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
@@ -270,11 +288,11 @@ class Session:
         self._judged.append(make_reporting(self.config, kernel))
         return self._judged[-1]
 
-    def _add(self, name: str, other: str, message: Any) -> bool:
+    def _add(self, name: str, message: Any) -> bool:
         stamp = stamp_of(message)
-        gate, opposite = self.gates[name], self.gates[other]
+        gate = self.gates[name]
         behind = gate.epoch != self._epoch
-        if (behind or self.problem) and not self._takes(opposite, stamp):
+        if (behind or self.problem) and not self._takes(stamp):
             return bool(self.problem)
         jump = gate.take(stamp, message)
         if jump:
@@ -288,7 +306,7 @@ class Session:
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
         joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
-        if len(joints.messages) + len(odometry.messages) >= PART:
+        if sum(len(gate.messages) for gate in self.gates.values()) >= PART:
             return True
         end = self._identifier.end_of_window
         if end is None:
@@ -299,14 +317,19 @@ class Session:
             return False
         # A window is complete with the first joints after it and odometry that is no earlier than these.
         newest_joints, newest_odometry = joints.newest - self.merge.hold, odometry.newest - self._reorder.hold
+        if IMU in self.gates:
+            newest_imu = self.gates[IMU].newest
+            if newest_imu is None or newest_imu - self._reorder_imu.hold < (newest_joints if name == JOINTS else end):
+                return False
         return newest_joints >= end and newest_odometry >= (newest_joints if name == JOINTS else end)
 
-    def _takes(self, opposite: Gate, stamp: int) -> bool:
-        """Tell whether a message is taken although its topic has not jumped back with the other one."""
+    def _takes(self, stamp: int) -> bool:
+        """Tell whether a message is taken although its topic has not jumped back with another one."""
         if self.problem:
             self._earlier[STOPPED] += 1
             return False
-        if opposite.newest is not None and stamp > opposite.newest + self._threshold:
+        jumped = [gate.newest for gate in self.gates.values() if gate.epoch == self._epoch and gate.newest is not None]
+        if jumped and stamp > max(jumped) + self._threshold:
             self._earlier[OTHER_CLOCK] += 1
             return False
         return True
@@ -332,6 +355,7 @@ class Session:
 
     def _work(self) -> list[Estimate]:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
+        imu = self._measured_by_imu()
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
         self.thrust.odometry_frame = self.odometry_reader.frame
@@ -346,12 +370,22 @@ class Session:
         if merged is not None:
             merged = merged.divided(len(self.robot.model.independent_joints))
         try:
-            estimates = self._identifier.push(self._all_joints(merged), self._reorder.push(base))
+            estimates = self._identifier.push(self._all_joints(merged), self._reorder.push(base), imu)
             joints_there_are = self.robot.model.joint_names  # also those that follow others
             return suspecting(estimates, [name for name in self.joint_reader.others if name not in joints_there_are])
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
+
+    def _measured_by_imu(self) -> ImuStream | None:
+        """Return what an IMU has measured since the last call."""
+        if IMU not in self.gates:
+            return None
+        messages = self.gates[IMU].take_all()
+        self.received[IMU] += len(messages)
+        measured, dropped = self.imu_reader.read(messages)
+        self._refused += dropped
+        return self._reorder_imu.push(measured)
 
     def _all_joints(self, measured: JointStream | None) -> JointStream | None:
         """Return measurements of all joints from those of the joints that follow no other."""
@@ -366,5 +400,5 @@ class Session:
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum)
+        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum, self._reorder_imu)
         return sum((part.dropped for part in parts), self._refused)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from mbaid_ros.config.base_sensors import ImuConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.gyro import GyroErrors
 from mbaid_ros.core.unknowns.target_body import TargetPrior
 from mbaid_ros.session.surroundings import spin_deviations, uncertain_thrusters
 
@@ -54,7 +56,14 @@ def with_surroundings(
         thrust_direction=config.thrust.direction_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=config.momentum.linear_prior_std,
+        gyro=_gyro(config.imu),
     )
+
+
+def _gyro(config: ImuConfig) -> GyroErrors | None:
+    if config.noise_density == 0.0:
+        return None
+    return GyroErrors(config.bias_std, config.scale_std, config.orientation_std, config.delay_std, config.bias_walk)
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

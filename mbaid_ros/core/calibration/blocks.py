@@ -22,6 +22,7 @@ from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.gyro import Gyro
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
@@ -88,8 +89,8 @@ class Normals:
 
     @property
     def of_the_robot(self) -> Carried:
-        """What is known of the numbers of links, joints and mount: all but a delay of the stamps, which comes last."""
-        delays = sum(unknown.count for unknown in self.unknowns if isinstance(unknown, TimeOffset))
+        """What is known of the numbers of links, joints and mount: all but those of gyro and stamps, the last."""
+        delays = sum(unknown.count for unknown in self.unknowns if isinstance(unknown, TimeOffset | Gyro))
         count = len(self.belief.mean) - delays
         return Carried(self.belief.mean[:count], self.belief.factor[:count])
 

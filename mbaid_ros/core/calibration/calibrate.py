@@ -41,12 +41,14 @@ class CalibrationSettings:
     priors : of each of the kernel's unknown links
     uncertainty : of joints, mount, stamps and linear momentum
     window : s, longest
+    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     """
 
     noise: SensorNoise
     priors: tuple[LinkPrior, ...]
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     window: float = 0.5
+    gyro: float = 0.0
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
@@ -107,7 +109,7 @@ def _filtered(
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
     robot = robot.storing(storage)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
-    sensing = (settings.noise, settings.window)
+    sensing = (settings.noise, settings.window, settings.gyro)
     motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)

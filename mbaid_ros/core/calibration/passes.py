@@ -57,7 +57,7 @@ class Motion:
         kernel: MomentumKernel,
         detector: PlaneDetector,
         uncertainty: Uncertainty,
-        sensing: tuple[SensorNoise, float],
+        sensing: tuple[SensorNoise, float, float],
     ) -> Motion:
         """Return the motion in some windows of samples.
 
@@ -67,7 +67,7 @@ class Motion:
         kernel : of the robot, the errors of its known bodies included
         detector : decides whether the motion is planar, and in which plane
         uncertainty : of the known side, the target link included
-        sensing : noise of the joint sensors, length of a window in s
+        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise
         """
         layout = layout_of(kernel, uncertainty, detector)
         averaging = KnotAveraging(kernel.model.joints, *sensing)

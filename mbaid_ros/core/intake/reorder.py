@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Stamps
 
 LATE = 'stamp before one that was already used'
 REPEATED = 'stamp repeated'
@@ -16,7 +16,7 @@ REPEATED = 'stamp repeated'
 # A message that was this much late shows that others may be a little later still.
 _MARGIN = 1.5
 
-Stream = TypeVar('Stream', JointStream, BaseStream)
+Stream = TypeVar('Stream', JointStream, BaseStream, ImuStream)
 
 
 class Reorder(Generic[Stream]):

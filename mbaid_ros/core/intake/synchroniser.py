@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
+from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.outliers import Outliers
 from mbaid_ros.core.intake.repeats import Repeats
-from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other
 
@@ -19,6 +21,8 @@ OUT_OF_ORDER = 'stamp not after the one before'
 NO_ODOMETRY = 'no odometry around the stamp'
 ODOMETRY_GAP = 'gap in the odometry'
 
+# A gyro that is further behind the joints than that (ns) has stopped: samples wait for it no longer.
+_PATIENCE = 1_000_000_000
 _BEFORE_ALL = np.iinfo(np.int64).min
 
 Stream = TypeVar('Stream', JointStream, BaseStream)
@@ -35,6 +39,8 @@ class Synchroniser:
         Time over which the errors of the poses are correlated, s.
     view : callable, optional
         What takes measurements of the base to an inertial frame, where that of the odometry is none.
+    gyro : Gyro, optional
+        Integrates what an IMU measures, which samples then wait for.
     """
 
     def __init__(
@@ -42,8 +48,10 @@ class Synchroniser:
         maximum_gap: float,
         correlation_time: float = 0.0,
         view: Callable[[BaseStream], BaseStream] | None = None,
+        gyro: Gyro | None = None,
     ) -> None:
         self._view = view
+        self._gyro = gyro
         self._correlation_time = correlation_time
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
@@ -58,14 +66,15 @@ class Synchroniser:
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        return self._dropped + self._repeats.dropped + self._outliers.dropped
+        gyro = Counter[str]() if self._gyro is None else self._gyro.dropped
+        return +(self._dropped + self._repeats.dropped + self._outliers.dropped + gyro)
 
     @property
     def origin(self) -> int:
         """Stamp of the first sample, ns: time 0 of every sample."""
         return self._origin or 0
 
-    def push(self, joints: JointStream | None, base: BaseStream | None) -> Samples | None:
+    def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> Samples | None:
         """Take measurements and return the samples that they complete, None if there are none.
 
         A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
@@ -76,11 +85,14 @@ class Synchroniser:
         if new is not None and self._view is not None:
             new = self._view(new)
         self._base = self._append(self._base, self._outliers.push(new))
+        if self._gyro is not None:
+            self._gyro.push(imu)
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
-        ready = int(np.searchsorted(waiting, known[-1], side='right'))
+        ready = int(np.searchsorted(waiting, self._measured_until(known), side='right'))
         early = int(np.searchsorted(waiting, known[0], side='left'))
+        early = min(early, ready)
         self._dropped[NO_ODOMETRY] += early
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
@@ -88,7 +100,19 @@ class Synchroniser:
         pending = self._joints.stamp[0] if len(self._joints.stamp) else self._newest[JointStream] + 1
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
         self._base = self._base[first:]
+        if self._gyro is not None:
+            self._gyro.forget_before(int(self._base.stamp[0]))
         return samples
+
+    def _measured_until(self, base: Stamps) -> int:
+        """Return the last stamp of the base (N,) until which all else has been measured, too; before all if none."""
+        if self._gyro is None:
+            return int(base[-1])
+        silent = self._newest[JointStream] - _PATIENCE
+        newest = silent if self._gyro.newest is None else max(self._gyro.newest, silent)
+        # What is between two of the base needs the gyro until the second.
+        place = int(np.searchsorted(base, newest, side='right'))
+        return int(base[place - 1]) if place else _BEFORE_ALL
 
     def _later(self, new: Stream | None) -> Stream | None:
         """Return the measurements whose stamps are after all earlier ones of their stream."""
@@ -134,8 +158,31 @@ class Synchroniser:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         if np.array_equal(left, right):
-            return _at_once(joints, base[left], time, weights)
-        return _hermite(joints, base, (left, right), self._maximum_gap, time, weights)
+            samples = _at_once(joints, base[left], time, weights)
+        else:
+            samples = _hermite(joints, base, (left, right), self._maximum_gap, time, weights)
+        if self._gyro is None:
+            return samples
+        samples = replace(samples, gyro=self._gyro.sampled(joints.stamp))
+        return replace(samples, base_rotation=self._turned(samples, joints.stamp, base, (left, right)))
+
+    def _turned(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
+        """Return the orientations (N, 3, 3) between two of the base, as the gyro has turned in between.
+
+        What it misses of the turn from one to the other, by bias or scale, is spread evenly over the time between.
+        """
+        assert self._gyro is not None, 'there is an IMU'
+        left, right = ends
+        (now, at), (begin, first), (end, last) = (
+            self._gyro.at(each) for each in (stamp, base.stamp[left], base.stamp[right])
+        )
+        length = base.stamp[right] - base.stamp[left]
+        part = ((stamp - base.stamp[left]) / np.where(length > 0, length, 1))[:, None]
+        rotation = base.rotation[left]
+        turn = log(np.swapaxes(rotation, -1, -2) @ base.rotation[right])
+        turned = rotation @ exp(now - begin + part * (turn - (end - begin)))
+        known = (at == first) & (at == last) & (at >= 0) & (length > 0)
+        return np.where(known[:, None, None], turned, samples.base_rotation)
 
     def _correlated(self, apart: Stamps) -> Array:
         """Return how many times as large slow means of poses are as those of independent ones, as a variance.

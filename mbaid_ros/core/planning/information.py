@@ -160,6 +160,7 @@ class Information:
             stored=stored,
             tide=np.zeros((count, 0)),
             thrust=np.zeros((count, 24 * frames)),
+            gyro=np.zeros((count, 0)),
         )
 
     def _noise(self, length: float) -> WindowNoise:

@@ -13,6 +13,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.capture import CaptureSimulation
+from mbaid_ros.core.simulation.imu import Imu, ImuReadings
 from mbaid_ros.core.simulation.misreading import misread
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.thrust import ThrustSimulation
@@ -138,6 +139,7 @@ class SensedSimulation:
     simulation : the true motion
     sensors : Sensors
     joint_rate, odometry_rate : readings a second, from time 0 on
+    imu : on the base, if there is one
     """
 
     def __init__(
@@ -146,13 +148,19 @@ class SensedSimulation:
         sensors: Sensors,
         joint_rate: float,
         odometry_rate: float,
+        imu: Imu | None = None,
     ) -> None:
         self._simulation = simulation
         self._sensors = sensors
-        self._rates = (joint_rate, odometry_rate)
-        self._given = [0, 0]
+        self._imu = imu
+        self._rates = (joint_rate, odometry_rate, 0.0 if imu is None else imu.rate)
+        self._given = [0, 0, 0]
 
     def read(self, until: float) -> tuple[JointReadings, BaseReadings]:
+        """Return what `read_all` does of joints and base alone, where there is no IMU."""
+        return self.read_all(until)[:2]
+
+    def read_all(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
         """Return the readings that are due up to and including a time (s) and have not been returned before.
 
         Raises
@@ -161,10 +169,16 @@ class SensedSimulation:
             The motion has diverged.
         """
         joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
-        instants = np.union1d(joint_time, base_time)
+        imu_time = np.zeros(0) if self._imu is None else self._due(2, until)
+        instants = np.union1d(np.union1d(joint_time, base_time), imu_time)
         truth = self._simulation.advance(instants)
         joints = truth[np.searchsorted(instants, joint_time)]
-        return self._sensors.joints(joints), self._sensors.base(truth[np.searchsorted(instants, base_time)])
+        base = truth[np.searchsorted(instants, base_time)]
+        imu = None
+        if self._imu is not None:
+            turning = truth[np.searchsorted(instants, imu_time)]
+            imu = self._imu.readings(imu_time, turning.base_angular_velocity)
+        return self._sensors.joints(joints), self._sensors.base(base), imu
 
     def _due(self, sensor: int, until: float) -> Array:
         rate = self._rates[sensor]

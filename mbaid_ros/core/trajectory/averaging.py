@@ -40,13 +40,15 @@ class KnotAveraging:
     joints : number
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
+    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
 
     Attributes
     ----------
     origin : (3,) m, where the base was at first: the run's origin, which positions are relative to
     """
 
-    def __init__(self, joints: int, noise: SensorNoise, length: float) -> None:
+    def __init__(self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0) -> None:
+        self._gyro = gyro
         self._noise = noise
         self._length = length
         self.origin: Array = np.zeros(3)
@@ -71,7 +73,7 @@ class KnotAveraging:
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
         taken = []
-        each = zip(numbers, window_noises(windows, self._noise), *extremes, strict=True)
+        each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
@@ -150,7 +152,7 @@ def knots_a_window(window: Samples, length: float) -> int:
     return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
 
 
-def window_noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
+def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
     """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
     poses, twists = (
         np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
@@ -159,7 +161,7 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise) -> list[Window
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), noise.joint_position, pose, twist)
+        WindowNoise(len(window), noise.joint_position, pose, twist, gyro)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
     ]
 

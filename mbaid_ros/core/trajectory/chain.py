@@ -10,12 +10,12 @@ The state is that of `state`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, exp, skew
+from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, skew
 from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.knots import Integers
@@ -36,7 +36,8 @@ class WindowModel:
     Attributes
     ----------
     pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
-    twist_value, twist_rows, twist_covariance : the same; NaN value where the twist is not measured
+    twist_value, twist_rows, twist_covariance : the same of the twist, and where there is an IMU of its angular velocity
+        after it, (9,), (9, s), (9, 9); NaN value of what is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
     joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the part of the pose's noise that the joints' makes
@@ -136,31 +137,38 @@ def _models(
 def _readings(
     layout: Layout, stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array
 ) -> tuple[Array, Array]:
-    """Return how a stack's mean poses and twists, (B, 6, r) each, depend on the unknowns that are only read."""
+    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read."""
     around, inside = motion
     windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
     twist = _at_knots(predicted.twist, inside)
     own = predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
-    rotation = _at_knots(around.base_rotation, inside)
+    rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
     seen = Reading(
         twist=_total(twist)[..., ANGULAR_FIRST] / len(twist),
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
         rotation=_total(rotation) / len(rotation),
-        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ around.base_rotation[inside])),
-        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ around.base_rotation[inside])),
+        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
+        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
         time=stack.middles,
         position=_total(_at_knots(around.base_position, inside)) / len(twist),
     )
-    parts = [unknown.reading(seen) for unknown in layout.read]
-    columns = [
-        [part[index] @ unknown.factor for part, unknown in zip(parts, layout.read, strict=True) if part is not None]
-        for index in range(2)
-    ]
-    nothing = np.zeros((windows, 6, 0))
-    pose, turned = (np.concatenate([nothing, *each], axis=-1) for each in columns)
-    return pose, turned
+    gyro = around.gyro.shape[-1] > 0
+    if gyro:
+        stretching = axes * rotate_back(axes, own[..., 3:])[..., None, :]
+        seen = replace(seen, axes=_total(weight[..., None] * axes), stretching=_total(weight[..., None] * stretching))
+    poses: list[Array] = [np.zeros((windows, 6, 0))]
+    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+    for unknown in layout.read:
+        nothing = np.zeros((windows, 6, len(unknown.factor)))
+        pose, turned = unknown.reading(seen) or (nothing, nothing)
+        if gyro:
+            own_part = unknown.gyro_reading(seen)
+            turned = np.concatenate((turned, nothing[:, :3] if own_part is None else own_part), axis=1)
+        poses.append(pose @ unknown.factor)
+        rates.append(turned @ unknown.factor)
+    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:
@@ -221,21 +229,29 @@ def _pose_measurement(errors: Array, readings: Array, point: Array) -> tuple[Arr
 def _twist_measurement(
     errors: Array, prediction: Prediction, middle: Midpoints, point: Point, readings: Array
 ) -> tuple[Array, Array]:
-    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted."""
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
+
+    What a gyro measures in base axes is turned by the measured pose, as the twist is.
+    """
     weight = _weights(len(middle))[:, None, None]
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
     model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
     model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
     mean = _total(weight[..., None] * model)
-    value = _total(weight * middle.base_twist[..., ANGULAR_FIRST]) - mean[..., -1]
-    return value + readings @ point.readings, _state_rows(mean, readings)
+    measured = _total(weight * middle.base_twist[..., ANGULAR_FIRST])
+    if middle.gyro.shape[-1]:
+        mean = np.concatenate((mean, mean[:, :3]), axis=1)
+        turned = _total(weight * rotate(middle.base_rotation, middle.gyro))
+        measured = np.concatenate((measured, turned), axis=1)
+    return measured - mean[..., -1] + readings @ point.readings, _state_rows(mean, readings)
 
 
 def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored: Array) -> Array:
     """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes.
 
-    That of what is read of stored momentum, with a factor (B, 6, c), is white in the predicted twist.
+    That of what is read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
+    velocity, (B, 9, 9) then, has noise of its own and the other two in common with the twist.
     """
     count, weight = len(middle), _weights(len(middle))
     axes = np.zeros_like(of_joints)
@@ -243,13 +259,39 @@ def _twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored:
     white = count * np.sum(weight**2) / stack.samples
     telescoped = _telescoped(count, stack.windows[0].spacing)
     covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + telescoped * of_joints
-    return covariance + white * (stored @ np.swapaxes(stored, -1, -2)) if stored.shape[-1] else covariance
+    common = telescoped * of_joints
+    if stored.shape[-1]:
+        by_readings = white * (stored @ np.swapaxes(stored, -1, -2))
+        covariance, common = covariance + by_readings, common + by_readings
+    if not middle.gyro.shape[-1]:
+        return covariance
+    whole = np.zeros((len(common), 9, 9))
+    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, common[:, :, :3], common[:, :3]
+    of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
+    whole[:, 6:, 6:] = common[:, :3, :3] + of_gyro
+    return whole
 
 
 @cache
 def _telescoped(count: int, spacing: float) -> float:
     """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
     return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
+
+
+@cache
+def _preintegrated(count: int, spacing: float) -> float:
+    """Return the variance of a window's weighted angular velocity by white noise of unit density, 1/s.
+
+    The integral at a knot is a mean over the knot's time, so that the rate from one knot to the next is one over two of
+    them, sharpened by the neighbours': the weights of the gyro's readings are a convolution of all that.
+    """
+    fine = 20  # pieces of a knot
+    between = np.zeros(count + 4)  # of the steps from knot to knot, those of two neighbours on either side among them
+    between[2:-2] = _weights(count) / spacing
+    between[1:-1] -= np.diff(between, 2) / 24.0
+    steps = np.repeat(np.diff(np.pad(between, 1)), fine)  # of the knots' means
+    readings = np.cumsum(-steps) / fine
+    return float(np.sum(readings**2) * spacing / fine)
 
 
 def _total(values: Array) -> Array:

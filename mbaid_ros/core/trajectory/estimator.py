@@ -53,6 +53,7 @@ class TrajectorySettings:
     uncertainty : of the known side
     adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
     constant : axes of a constant force and torque that is taken to act
+    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     """
 
     noise: SensorNoise
@@ -62,6 +63,7 @@ class TrajectorySettings:
     uncertainty: Uncertainty
     adapt: bool
     constant: Axes = 'none'
+    gyro: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._averaging = KnotAveraging(kernel.model.joints, settings.noise, settings.window)
+        self._averaging = KnotAveraging(kernel.model.joints, settings.noise, settings.window, settings.gyro)
         self._run: FilterRun | None = None
         self._layout: Layout
         self._variables: Variables

@@ -38,7 +38,7 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
     growth = 2.0 * float(_log_diagonal(root) - _log_diagonal(belief.root))
     return Belief(
         root,
-        belief.innovations.after(_normalised(belief, window)),
+        belief.innovations.after(_normalised(belief, window), window.places),
         belief.nis + nis,
         belief.measured + count,
         nis,
@@ -75,7 +75,12 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
         noise[:, joints:] = np.sqrt(window.length) * _walk(hypothesis, variables)
     drift = np.zeros((head, 2))
     drift[:poses, 1] = window.drift
-    return belief.with_root(_propagated(belief.root, transition, noise, drift))
+    advanced = belief.with_root(_propagated(belief.root, transition, noise, drift))
+    if variables.walks.shape[1]:
+        return advanced.with_root(
+            _walked(advanced.root, np.sqrt(window.length) * variables.walks, len(variables.scale))
+        )
+    return advanced
 
 
 def pose_reset(belief: Belief, variables: Variables) -> Belief:
@@ -150,6 +155,25 @@ def _propagated(root: Array, transition: Array, noise: Array, drift: Array) -> A
     after[:head] = triangle
     after[:head, :head] *= _upper(head)
     return after
+
+
+def _walked(root: Array, noise: Array, own: int) -> Array:
+    """Return the triangle after noise has been added to some of the variables.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    noise : (e, w) of the last e of the first `own` variables, of independent numbers of unit variance
+    own : number of variables without those of a force
+    """
+    size, count = len(root), noise.shape[1]
+    wide = np.zeros((count + size, count + size + 2), order='F')
+    wide[:count, :count] = _identity(count)
+    wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
+    wide[count:, count:] = root
+    triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
+    triangle[:, :size] *= _upper(size)
+    return np.asarray(triangle)
 
 
 def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:

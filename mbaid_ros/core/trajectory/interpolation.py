@@ -31,6 +31,7 @@ class Midpoints(Stacked):
     impulse : (J - 1, 6) as of the knots, the mean of both
     stored : (J - 1, c) readings of what stores momentum inside bodies
     tide, thrust : (J - 1, 60 b), (J - 1, 24 f) as of the knots, the mean of both
+    gyro : (J - 1, 3) rad/s, measured angular velocity in base axes; NaN where not known, none where there is no IMU
     """
 
     joint_position: Array
@@ -44,10 +45,11 @@ class Midpoints(Stacked):
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take nothing as stored, no orbit and no uncertain thrust where nothing is said."""
-        for name in ('stored', 'tide', 'thrust'):
+        for name in ('stored', 'tide', 'thrust', 'gyro'):
             if getattr(self, name).shape[:-1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
 
@@ -67,7 +69,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     the neighbour's correction serves.
     """
     joints = knots.joint_position.shape[-1]
-    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored)
+    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.gyro)
     moving = _centre(np.concatenate(parts, axis=-1), knots)
     midway = _midway(moving)
     rotation = _centre_rotation(knots)
@@ -77,6 +79,8 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     half = 0.5 * turn - bend / 16.0 - cross(bend, turn) / 64.0
     difference = moving[1:] - moving[:-1]
     turning = difference[..., :joints]
+    end = joints + 9 + knots.stored.shape[-1]
+    turned = difference[..., end:]
     return Midpoints(
         joint_position=midway[..., :joints],
         joint_velocity=(turning - _second_difference(turning) / 24.0) / spacing,
@@ -86,9 +90,10 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         turn=turn,
         step=difference[..., joints : joints + 3],
         impulse=_mean(knots.impulse, knots),
-        stored=midway[..., joints + 9 :],
+        stored=midway[..., joints + 9 : end],
         tide=_mean(knots.tide, knots),
         thrust=_mean(knots.thrust, knots),
+        gyro=(turned - _second_difference(turned) / 24.0) / spacing,
     )
 
 

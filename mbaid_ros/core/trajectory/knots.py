@@ -41,6 +41,7 @@ class Knots(Stacked):
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     stored : (J, c) readings of what stores momentum inside bodies
     tide, thrust : (J, 60 b), (J, 24 f) as in Samples, L about the run's origin
+    gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
     """
 
     joint_position: Array
@@ -53,6 +54,7 @@ class Knots(Stacked):
     stored: Array
     tide: Array
     thrust: Array
+    gyro: Array
 
     @property
     def empty(self) -> Flags:
@@ -109,9 +111,9 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     joints = moving[0].shape[1]
     stored = joined('stored')
     columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
-    means = mean(np.concatenate((*moving, turns, stored, *columns), axis=1))
+    means = mean(np.concatenate((*moving, turns, stored, *columns, joined('gyro')), axis=1))
     end = joints + 18
-    places = np.cumsum([end, stored.shape[1], columns[0].shape[1]])
+    places = np.cumsum([end, stored.shape[1], columns[0].shape[1], columns[1].shape[1]])
     return Knots(
         joint_position=means[:, :joints],
         base_rotation=exp(means[:, joints + 15 : end]) @ middle,
@@ -122,7 +124,8 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         impulse=means[:, joints + 9 : joints + 15],
         stored=means[:, end : places[1]],
         tide=means[:, places[1] : places[2]],
-        thrust=means[:, places[2] :],
+        thrust=means[:, places[2] : places[3]],
+        gyro=means[:, places[3] :],
     )
 
 

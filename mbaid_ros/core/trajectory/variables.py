@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -35,6 +36,7 @@ class Variables:
     mean, factor : (s,), (s, s) of the state when nothing has been measured, of the unknowns as if they were independent
     known : (e, e) square-root information of the unknowns then
     typical_momentum : (6,) typical sizes, whatever is known of it
+    walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
     """
 
     basis: Array
@@ -45,6 +47,7 @@ class Variables:
     factor: Array
     known: Array
     typical_momentum: Array
+    walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def poses(self) -> int:
@@ -129,7 +132,14 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
-    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16])
+    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16], _walks(layout))
+
+
+def _walks(layout: Layout) -> Array:
+    """Return the (e, w) factor of what the unknowns' independent numbers change by in a second."""
+    if not any(unknown.walk.shape[1] for unknown in layout.unknowns):
+        return np.zeros((0, 0))
+    return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.hypotheses import Axes
@@ -28,6 +30,7 @@ class WhitenedWindow:
     moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
     length : s
+    places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
     """
 
     value: Array
@@ -41,6 +44,7 @@ class WhitenedWindow:
     inertial: Array
     in_base_axes: Array
     length: float
+    places: Integers
 
     def push(self, axes: Axes) -> Array:
         """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
@@ -55,25 +59,27 @@ def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
-    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, variables)
+    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, variables, variables.measured)
     weighed = pose.weighed(windows.joints)
-    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index]) for index in range(len(weighed))]
-    moving = np.flatnonzero(np.isfinite(windows.twist_value).all(axis=-1))
-    if len(moving):
+    places = np.arange(variables.poses)
+    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
+    for moving, select, of_rates in _rates(windows.twist_value, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
-        twist = _whitened(value, rows, covariance, variables)
+        value = np.nan_to_num(value)  # of what is not among these
+        twist = _whitened(value, rows, covariance, variables, select)
         weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(windows.joints[moving])
         values = np.concatenate((pose.value[moving], twist.value), axis=1)
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
+        all_places = np.concatenate((places, of_rates))
         for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
-            measured[index] = own
+            measured[index] = (*own, all_places)
     turn = variables.gather[: variables.poses, POSE]
     return [
         WhitenedWindow(value, rows, float(log_noise), *rest)
         for (value, rows, log_noise), *rest in zip(
-            measured,
+            (each[:3] for each in measured),
             turn @ variables.rows(windows.transition),
             (turn @ windows.drift[..., None])[..., 0],
             turn @ windows.process,
@@ -81,6 +87,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             windows.transition[..., MOMENTUM],
             *_pushes(windows, variables),
             windows.length.tolist(),
+            (each[3] for each in measured),
             strict=True,
         )
     ]
@@ -93,7 +100,7 @@ class _White:
     Attributes
     ----------
     value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
-    whiten : (B, k, 6) what made them so, of the measurements as they were
+    whiten : (B, k, 6) what made them so, of the noise that pose and twist have by the joints
     """
 
     value: Array
@@ -106,17 +113,53 @@ class _White:
         return np.asarray(np.swapaxes(self.whiten, -1, -2) @ (self.whiten @ joints))
 
 
-def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables) -> _White:
-    """Return measurements (B, 6), linear in the state by rows (B, 6, s), with noise of a covariance (B, 6, 6)."""
-    select = variables.measured
+def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
+    """Yield which windows have a twist alone, a gyro alone, or both, what of it holds, and the places of that.
+
+    Parameters
+    ----------
+    value : (B, 6), or with a gyro (B, 9), NaN where it is not measured
+    variables : of the filter
+    """
+    poses, known = variables.poses, np.isfinite(value)
+    twist, gyro = known[:, :6].all(axis=-1), known[:, 6:].all(axis=-1) & (value.shape[1] > 6)
+    turns = variables.measured[variables.measured[:, :3].any(axis=1)]
+    select = np.zeros((poses + len(turns), value.shape[1]))
+    select[:poses, :6] = variables.measured
+    if value.shape[1] > 6:
+        select[poses:, 6:] = turns[:, :3]
+    places = poses + np.arange(len(select))
+    for which, of_it in (
+        (twist & ~gyro, slice(0, poses)),
+        (gyro & ~twist, slice(poses, None)),
+        (twist & gyro, slice(None)),
+    ):
+        windows = np.flatnonzero(which)
+        if len(windows):
+            yield windows, select[of_it], places[of_it]
+
+
+def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables, select: Array) -> _White:
+    """Return measurements (B, k), linear in the state by rows (B, k, s), with noise of a covariance (B, k, k).
+
+    Parameters
+    ----------
+    value, rows, covariance : of the pose, or of the rates: after the twist the angular velocity of a gyro
+    variables : of the filter
+    select : combinations that hold
+    """
     factor = np.linalg.cholesky(select @ covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
+    # The joints' noise is in what the gyro measures as it is in the angular part of the twist.
+    folded = whiten[..., :6]
+    if whiten.shape[-1] > 6:
+        folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
     return _White(
         value=(whiten @ value[..., None])[..., 0],
         rows=whiten @ variables.rows(rows),
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
-        whiten=whiten,
+        whiten=folded,
     )
 
 

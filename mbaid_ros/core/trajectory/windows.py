@@ -28,12 +28,14 @@ class WindowNoise:
     joint_position : one standard deviation of one sample, rad or m
     pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
     twist : (6, 6) of one sample, (angular, linear), base axes
+    gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
     """
 
     samples: int
     joint_position: float
     pose: Array
     twist: Array
+    gyro: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +133,11 @@ class Stack:
     def twist_covariance(self) -> Array:
         """As in WindowNoise, (B, 6, 6)."""
         return np.stack([window.noise.twist for window in self.windows])
+
+    @cached_property
+    def gyro_variance(self) -> Array:
+        """Power density of the gyro's noise, (B, 1, 1) rad^2/s."""
+        return np.array([window.noise.gyro**2 for window in self.windows])[:, None, None]
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

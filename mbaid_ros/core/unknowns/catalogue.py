@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
@@ -32,6 +33,7 @@ class Uncertainty:
     spin_inertias : kg m^2, of each of what stores momentum inside bodies; empty is exact
     thrusters : frames of those that are not as commanded
     thrust_scale, thrust_direction : of each of them: relative; rad
+    gyro : of an IMU's angular velocity; None where there is none
     """
 
     zeros: Sequence[float] = ()
@@ -47,6 +49,7 @@ class Uncertainty:
     thrusters: Sequence[str] = ()
     thrust_scale: float = 0.0
     thrust_direction: float = 0.0
+    gyro: GyroErrors | None = None
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -59,6 +62,7 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
         spin_inertias(kernel, uncertainty.spin_inertias),
         thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction),
         odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
+        gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())

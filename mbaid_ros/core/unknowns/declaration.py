@@ -30,6 +30,7 @@ class Reading:
     turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
     time : (B,) s, of the windows' middles
     position : (B, 3) m, mean position of the base at the nodes, from the run's origin
+    axes, stretching : (B, 3, 3) where there is an IMU: weighted means of R, and of R diag(R^T w)
     """
 
     twist: Array
@@ -39,6 +40,8 @@ class Reading:
     sliding: Array
     time: Array
     position: Array
+    axes: Array | None = None
+    stretching: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +105,19 @@ class Unknown:
         """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""
         del motion
         return None
+
+    def gyro_reading(self, motion: Reading) -> Array | None:
+        """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None for nothing.
+
+        It does not depend on how the odometry is mounted, or what its frame does.
+        """
+        del motion
+        return None
+
+    @property
+    def walk(self) -> Array:
+        """The (k, w) factor of what it changes by in a second, covariance factor factor^T; of no columns: it stays."""
+        return np.zeros((len(self.factor), 0))
 
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return the value to linearise at, of an estimate (k,) with standard deviations (k,)."""

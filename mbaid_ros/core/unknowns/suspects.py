@@ -76,6 +76,10 @@ class ClockDrift(Suspect):
         pose, twist = motion.time[:, None] * motion.twist, motion.time[:, None] * motion.slope
         return pose[..., None], twist[..., None]
 
+    def gyro_reading(self, motion: Reading) -> Array:
+        """Return what such a delay makes of an angular velocity."""
+        return (motion.time[:, None] * motion.slope[:, :3])[..., None]
+
 
 @dataclass(frozen=True, eq=False)
 class TwistLate(Suspect):

@@ -24,6 +24,10 @@ class TimeOffset(Unknown):
         """Return how much further on pose and twist are read."""
         return motion.twist[..., None], motion.slope[..., None]
 
+    def gyro_reading(self, motion: Reading) -> Array:
+        """Return how much further on the angular velocity is read."""
+        return motion.slope[:, :3, None]
+
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""
         return np.where(np.abs(value) > _CLEAR * deviation, value, 0.0)

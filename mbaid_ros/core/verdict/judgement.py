@@ -68,7 +68,7 @@ class Evidence:
 
     @property
     def correlation(self) -> Array:
-        """Covariance of neighbouring windows' innovations, as of Innovations, beyond what is declared, (4,)."""
+        """Covariance of neighbouring windows' innovations, as of Innovations, beyond what is declared, (5,)."""
         return self.innovations.correlation - of_neighbours(self.correlation_time, self.window)
 
 
@@ -140,7 +140,8 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         ratio, count = float(innovations.ratio[place]), float(counts[place])
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
-            causes.append(Cause(f'noise.{sensor} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
+            parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
+            causes.append(Cause(f'{parameter} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:
             relative = correlation / max(ratio, 1.0)

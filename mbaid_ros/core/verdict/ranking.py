@@ -53,7 +53,7 @@ def _noise(innovations: Innovations, rough: Roughness) -> list[Cause]:
     told = ', '.join(f'noise.{CHANNELS[place]} {rough.factor[place]:.1f} times' for place in large)
     ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
     explained = ratio - 1.0 - np.log(ratio)
-    of_base = [place for place in large if place < len(SENSORS)]
+    of_base = [place for place in large if CHANNELS[place] in SENSORS]
     own = (
         explained if len(of_base) < len(large) else np.where(np.isin(np.arange(len(SENSORS)), of_base), explained, 0.0)
     )

@@ -95,6 +95,7 @@ def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
         'odom': session.add_odometry,
         'thrust': session.add_thrust,
         'stored_momentum': session.add_stored_momentum,
+        'imu': session.add_imu,
     }
     for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
         for timed in simulated.read(float(end)):

@@ -48,6 +48,7 @@ class Case:
         return WhitenedWindow(
             *(rng.normal(size=MEASURED), rows, 0.0, way, rng.normal(size=6), np.zeros((6, 0)), shared),
             *(none, none, none, 0.5),
+            places=np.arange(MEASURED),
         )
 
     def sources(self) -> Array:

@@ -235,3 +235,43 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     factor = update(Belief.prior(space, 6), white).moments()[2]
     spread = np.sum((white.rows @ factor[:STATE]) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
+
+
+def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None:
+    rng = np.random.default_rng(4)
+    walks = np.zeros((UNKNOWNS, 2))
+    walks[:2] = rng.normal(size=(2, 2))
+    space = replace(variables(rng), walks=walks)
+    white = prepare(window(rng), space)
+    before = update(Belief.prior(space), white)
+    still, after = (advance(before, white, each, STILL) for each in (replace(space, walks=np.zeros((0, 0))), space))
+    more: Array = np.zeros((STATE, STATE))
+    more[-UNKNOWNS:, -UNKNOWNS:] = 0.5 * walks @ walks.T  # in half a second
+    assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
+    assert after.least_squares == pytest.approx(still.least_squares, rel=1e-8, abs=1e-8)
+    assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
+
+
+def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
+    rng = np.random.default_rng(5)
+    space = variables(rng)
+    model = window(rng)
+    root = rng.normal(size=(9, 12))
+    model = replace(
+        model,
+        twist_value=rng.normal(size=9),
+        twist_rows=rng.normal(size=(9, STATE)),
+        twist_covariance=root @ root.T,
+    )
+    white = prepare(model, space)
+    assert white.places.tolist() == list(range(15))
+    rows = white.rows[6:] / space.scale
+    expected = model.twist_rows.T @ np.linalg.solve(model.twist_covariance, model.twist_rows)
+    assert rows.T @ rows == pytest.approx(expected)
+    unmeasured = model.twist_value.copy()
+    unmeasured[:6] = np.nan
+    alone = prepare(replace(model, twist_value=unmeasured), space)
+    assert alone.places.tolist() == [*range(6), 12, 13, 14]
+    expected = model.twist_rows[6:].T @ np.linalg.solve(model.twist_covariance[6:, 6:], model.twist_rows[6:])
+    rows = alone.rows[6:] / space.scale
+    assert rows.T @ rows == pytest.approx(expected)

@@ -93,7 +93,7 @@ def ranks(rough: Roughness, correlated: tuple[float, float] = (0.0, 0.0)) -> lis
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
     large = Innovations.none(6)
     for _ in range(50):
-        large = large.after(np.full(12, 3.0))
+        large = large.after(np.full(12, 3.0), np.arange(12))
     inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
     return [cause.text for cause in ranked(inquired, large, 2400.0, rough, correlated)]
 

@@ -1,0 +1,95 @@
+"""What an IMU's angular velocity is wrong by: bias, which walks, scale, how it is mounted, and how late it is stamped.
+
+It reads (1 + diag(k)) Exp(-e) w(t - d) + b in the axes that its frame is said to have, w in those of the base.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import Reading, Unknown
+from mbaid_ros.core.unknowns.known_side import KnownSide
+
+BIAS, STRETCH, TURN, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro delay')
+
+
+@dataclass(frozen=True)
+class GyroErrors:
+    """How far an IMU's angular velocity may be off: standard deviations, 0 is exact.
+
+    Attributes
+    ----------
+    bias, scale, orientation, delay : rad/s, relative, rad, s
+    walk : rad/s/sqrt(s), of the bias
+    """
+
+    bias: float = 0.0
+    scale: float = 0.0
+    orientation: float = 0.0
+    delay: float = 0.0
+    walk: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Gyro(Unknown):
+    """Bias (rad/s), scale, turn (rad) of its axes in those of the base, (3,) each, and delay of its stamps (s).
+
+    Attributes
+    ----------
+    wandering : (10, w) factor of what the bias changes by in a second
+    """
+
+    wandering: Array = field(default_factory=lambda: np.zeros((10, 0)))
+
+    read = True
+    in_equations = False  # which do not know of it
+
+    @property
+    def walk(self) -> Array:
+        """The walk of the bias."""
+        return self.wandering
+
+    def gyro_reading(self, motion: Reading) -> Array:
+        """Return what it reads by each."""
+        assert motion.axes is not None, 'there is an IMU'
+        assert motion.stretching is not None, 'there is an IMU'
+        return np.concatenate((motion.axes, motion.stretching, motion.turning, -motion.slope[:, :3, None]), axis=-1)
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return zero: the readings are linear, and windows are those that are read."""
+        del deviation
+        return np.zeros_like(value)
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side as it is."""
+        del value
+        return side
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return bias and scale of what it reads about the normal, and the delay."""
+        normal = detector.plane_of(0).normal
+        basis = np.zeros((10, 3))
+        basis[:3, 0], basis[3:6, 1], basis[9, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
+        return basis
+
+    def in_plane(self, detector: PlaneDetector) -> Gyro:
+        """Return it as a planar motion depends on it; what of the bias does not matter walks no more."""
+        seen = super().in_plane(detector)
+        normal = self.plane_basis(detector)[:3, :1]
+        wandering = np.zeros((10, 1))
+        wandering[:3] = normal * np.sqrt(np.sum((normal.T @ self.wandering[:3]) ** 2))
+        return Gyro(seen.factor, seen.labels, wandering if self.wandering.any() else self.wandering)
+
+
+def gyro(errors: GyroErrors | None) -> Gyro:
+    """Return what an IMU is wrong by as an unknown; None is that there is none."""
+    own = errors or GyroErrors()
+    deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation), 3), own.delay])
+    wandering = np.zeros((10, 3))
+    wandering[:3] = own.walk * np.eye(3)
+    labels = (*np.repeat(GYRO[:3], 3).tolist(), LATE)
+    return Gyro(np.diag(deviations)[:, deviations > 0.0], labels, wandering[:, : 3 * (own.walk > 0.0)])

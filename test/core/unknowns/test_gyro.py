@@ -1,0 +1,62 @@
+"""What an IMU's angular velocity measures of a window: exact on exact data, off as its unknowns say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from floating import float_freely
+from mbaid_ros.core.geometry import Array, exp, rotate_back
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.trajectory.state import BODY, Layout
+from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
+from observed import MID, observe
+from windowed import residuals, window_model, window_of
+
+SIZES = np.array([*(1e-3,) * 3, *(1e-3,) * 6, 1e-3])  # rad/s; relative, rad; s
+UNKNOWN = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0))
+
+
+@pytest.fixture(scope='module')
+def exact(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Samples:
+    return observe(float_freely(servicer7, joints, start, 6.0), MID)
+
+
+def measured(exact: Samples, value: Array) -> Samples:
+    """Return samples with what a gyro reads that has these errors."""
+    bias, scale, turn, delay = value[:3], value[3:6], value[6:9], value[9]
+    rate = CubicSpline(exact.time, rotate_back(exact.base_rotation, exact.base_angular_velocity))
+    late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
+    turned = late.antiderivative()(exact.time) * (1.0 + scale) + exact.time[:, None] * bias
+    return replace(exact, gyro=turned)
+
+
+def left(servicer7: MomentumKernel, exact: Samples, start: Array, value: Array, known: Array) -> Array:
+    """Return what is left of the readings where some of the errors are known."""
+    layout = Layout.of(servicer7, (UNKNOWN,))
+    momentum = np.concatenate((np.zeros(6), start, servicer7.target.parameters))
+    state = np.concatenate((momentum, known))
+    assert len(momentum) == BODY.stop
+    model = window_model(layout, window_of(measured(exact, value), 0.05), layout.point(state))
+    return residuals(model, state)[1][6:]
+
+
+def test_exact_readings_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
+    assert np.abs(left(servicer7, exact, start, np.zeros(10), np.zeros(10))).max() < 1e-8
+
+
+@pytest.mark.parametrize('component', range(10))
+def test_readings_are_off_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(10)
+    value[component] = SIZES[component]
+    off = left(servicer7, exact, start, value, np.zeros(10))
+    rest = left(servicer7, exact, start, value, value)
+    assert np.abs(off).max() > 1e-6
+    assert np.abs(rest).max() < 5e-3 * np.abs(off).max()
