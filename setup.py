@@ -22,7 +22,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     python_requires='>=3.10',
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest'], 'dask': ['distributed']},
+    extras_require={'test': ['pytest'], 'dask': ['distributed'], 'blackbox': ['orangebox==0.3.1']},
     zip_safe=True,
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

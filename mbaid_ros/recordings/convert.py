@@ -14,14 +14,20 @@ from mbaid_ros.core.errors import ParameterError
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
-FORMATS = ('spot-2021', 'spot-2023', 'csv')
+FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'csv')
 # Which formats an option is for.
-_OPTIONS = {'commands': ('spot-2021',), 'columns': ('csv',)}
+_OPTIONS = {
+    'commands': ('spot-2021',),
+    'columns': ('csv',),
+    'object': ('tudelft-throw',),
+    'dead_reckon': ('tudelft-throw',),
+}
 
 _DESCRIPTION = """\
 Make an MCAP bag of a log. Beside it in the folder, as far as the format says: robot.urdf, what was flown, with the
 source of every number; estimator.yaml, parameters for replay; truth.json.
 
+  tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
   spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
   csv           any table; --columns says which of its columns is what
@@ -57,13 +63,19 @@ def _convert(argv: list[str]) -> int:
 def _read(arguments: argparse.Namespace) -> Recording:
     for option, formats in _OPTIONS.items():
         if getattr(arguments, option) is not None and arguments.format not in formats:
-            raise ParameterError(f'--{option} is for {" and ".join(formats)}, not for {arguments.format}')
+            raise ParameterError(
+                f'--{option.replace("_", "-")} is for {" and ".join(formats)}, not for {arguments.format}'
+            )
     if arguments.format == 'csv':
         if arguments.columns is None:
             raise ParameterError('csv needs --columns YAML, which says what the columns are (docs/hardware.md)')
         from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)
+    if arguments.format == 'tudelft-throw':
+        from mbaid_ros.recordings.tudelft import read_tudelft_throw  # noqa: PLC0415
+
+        return read_tudelft_throw(arguments.log, arguments.object or '', dead_reckoned=bool(arguments.dead_reckon))
     if arguments.format == 'spot-2023':
         from mbaid_ros.recordings.spot_2023 import read_spot_2023  # noqa: PLC0415
 
@@ -83,6 +95,17 @@ def _parser() -> cli.ArgumentParser:
     add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
     add('--columns', type=Path, metavar='YAML', help='csv: which column is what')
     add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
+    add(
+        '--object',
+        metavar='NAME',
+        help="tudelft-throw: what was thrown: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
+    )
+    add(
+        '--dead-reckon',
+        action='store_true',
+        default=None,
+        help='tudelft-throw: also write /odom, the gyro and the accelerometer integrated in a frame that falls along',
+    )
     return parser
 
 

@@ -17,7 +17,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.files import write_text
 
-JOINT_STATES, ODOMETRY, THRUST, DESCRIPTION = '/joint_states', '/odom', '/thrust', '/robot_description'
+JOINT_STATES, ODOMETRY, THRUST, IMU = '/joint_states', '/odom', '/thrust', '/imu'
+DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
 _LATEST = 4e9  # s, which is about what a stamp can hold
@@ -26,6 +27,7 @@ _TYPES = {
     JOINT_STATES: 'sensor_msgs/msg/JointState',
     ODOMETRY: 'nav_msgs/msg/Odometry',
     THRUST: 'geometry_msgs/msg/WrenchStamped',
+    IMU: 'sensor_msgs/msg/Imu',
 }
 
 
@@ -84,12 +86,29 @@ class Thrust:
 
 
 @dataclass(frozen=True)
+class Imu:
+    """N readings of an IMU.
+
+    Attributes
+    ----------
+    time : (N,) s
+    angular_velocity, linear_acceleration : (N, 3) rad/s, m/s^2 without gravity's pull, in axes of the frame
+    frame : link that it is fixed to
+    """
+
+    time: Array
+    angular_velocity: Array
+    linear_acceleration: Array
+    frame: str = 'base_link'
+
+
+@dataclass(frozen=True)
 class Recording:
     """A log.
 
     Attributes
     ----------
-    joints, poses, thrust : None is what it does not hold
+    joints, poses, thrust, imu : None is what it does not hold
     robot : URDF of what was flown; empty where the format does not say
     parameters : text of a parameter file of the estimator; empty where there is none
     truth : as `truth.json` has it; empty where there is none
@@ -100,6 +119,7 @@ class Recording:
     joints: Joints | None = None
     poses: Poses | None = None
     thrust: Thrust | None = None
+    imu: Imu | None = None
     robot: str = ''
     parameters: str = ''
     truth: dict[str, Any] = field(default_factory=dict)
@@ -110,7 +130,7 @@ class Recording:
         """Return what lies between two times, s, both included."""
         parts = {
             name: _between(part, begin, end)
-            for name in ('joints', 'poses', 'thrust')
+            for name in ('joints', 'poses', 'thrust', 'imu')
             if (part := getattr(self, name)) is not None
         }
         return Recording(**{**vars(self), **parts})
@@ -170,7 +190,8 @@ def _between(part: Any, begin: float, end: float) -> Any:
 
 def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
     """Return stamps (ns), topics and messages in the order of the stamps, joint states last."""
-    found = [*_wrenches(recording.thrust), *_odometry(recording.poses), *_joint_states(recording.joints)]
+    moving = [*_imus(recording.imu), *_odometry(recording.poses)]
+    found = [*_wrenches(recording.thrust), *moving, *_joint_states(recording.joints)]
     return sorted(found, key=lambda entry: entry[0])
 
 
@@ -221,6 +242,25 @@ def _odometry(poses: Poses | None) -> Iterator[tuple[int, str, Any]]:
             twist=_of('TwistWithCovariance', twist=twist, covariance=unset),
         )
         yield stamp, ODOMETRY, message
+
+
+def _imus(imu: Imu | None) -> Iterator[tuple[int, str, Any]]:
+    if imu is None:
+        return
+    unset, none = np.zeros(9), np.zeros(9)
+    none[0] = -1.0  # as ROS has it: there is none
+    orientation = _of('Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+    for i, stamp in _stamps(imu.time):
+        message = message_class(_TYPES[IMU])(
+            header=_header(stamp, imu.frame),
+            orientation=orientation,
+            orientation_covariance=none,
+            angular_velocity=_xyz('Vector3', imu.angular_velocity[i]),
+            angular_velocity_covariance=unset,
+            linear_acceleration=_xyz('Vector3', imu.linear_acceleration[i]),
+            linear_acceleration_covariance=unset,
+        )
+        yield stamp, IMU, message
 
 
 def _wrenches(thrust: Thrust | None) -> Iterator[tuple[int, str, Any]]:

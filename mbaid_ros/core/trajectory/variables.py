@@ -150,7 +150,7 @@ def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
     typical = unknown_scale(layout.kernel)
     mean = np.zeros(10)
     uncertainty.target.apply(mean, np.eye(10))
-    typical[10:] *= max(1.0, mean[0] / typical[0])
+    typical *= max(1.0, mean[0] / typical[0])
     return typical
 
 

@@ -1,0 +1,143 @@
+"""What TU Delft threw: a device with a flywheel, alone, with a proof body, or with a holder of steel blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+
+_DEVICE = 0.10067  # kg, with the flywheel
+_SPIN_INERTIA = 1.687e-6  # kg m^2, of the flywheel
+# The holder, and a block on it: kg, m, kg m^2. Origin at the middle of the holder's bottom, z down.
+_HOLDER, _HOLDER_COM = 0.1785, np.array([0.0, 0.0, -18.9e-3])
+_HOLDER_INERTIA = np.diag([2.994e-1, 1.004e-1, 3.506e-1]) * _HOLDER / 145.2
+_BLOCK, _BLOCK_SIZE = 0.0701, np.array([15e-3, 15e-3, 40e-3])
+_PROOF, _PROOF_SIZE = 0.346, np.array([60.0e-3, 70.0e-3, 30.2e-3])
+_PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
+
+
+@dataclass(frozen=True)
+class Thrown:
+    """What the device is bolted to, which moves as one body with it.
+
+    Attributes
+    ----------
+    name : in words
+    mass : kg
+    inertia : (3, 3) about its own centre of mass, kg m^2
+    """
+
+    BASE: ClassVar[str] = 'device'
+    JOINT: ClassVar[str] = 'flywheel'
+
+    name: str
+    mass: float
+    inertia: Array
+
+    @property
+    def moments(self) -> Array:
+        """Principal moments of inertia, (3,) kg m^2, the smallest first."""
+        return np.asarray(np.linalg.eigvalsh(self.inertia))
+
+
+def _cuboid(mass: float, size: Array) -> Array:
+    return np.asarray(mass / 12.0 * np.diag(np.sum(size**2) - size**2))
+
+
+def _moved(mass: float, offset: Array) -> Array:
+    return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))
+
+
+def _with_blocks(name: str, rows: str) -> Thrown:
+    """Return the holder with blocks on four rows of eight places, each an x."""
+    places = [(i, j) for i, row in enumerate(rows.split()) for j, place in enumerate(row) if place == 'x']
+    centres = [np.array([_PITCH * (i - 1.5), _PITCH * (j - 3.5), _BLOCK_HEIGHT]) for i, j in places]
+    mass = _HOLDER + _BLOCK * len(centres)
+    com = (_HOLDER * _HOLDER_COM + _BLOCK * np.sum([np.zeros(3), *centres], axis=0)) / mass
+    inertia = _HOLDER_INERTIA + _moved(_HOLDER, _HOLDER_COM - com)
+    for centre in centres:
+        inertia = inertia + _cuboid(_BLOCK, _BLOCK_SIZE) + _moved(_BLOCK, centre - com)
+    return Thrown(name, mass, inertia)
+
+
+OBJECTS = {
+    'device-only': Thrown('nothing: the device alone', 0.0, np.zeros((3, 3))),
+    'proof-body': Thrown('a steel cuboid', _PROOF, _cuboid(_PROOF, _PROOF_SIZE)),
+    'empty': _with_blocks('the holder', '........ ........ ........ ........'),
+    'a': _with_blocks('the holder with 4 blocks', '........ x......x x......x ........'),
+    'b': _with_blocks('the holder with 8 blocks', '..x..x.. ...xx... ...xx... ..x..x..'),
+    'c': _with_blocks('the holder with 16 blocks', 'x.x..x.x .x.xx.x. .x.xx.x. x.x..x.x'),
+}
+
+_URDF = """\
+<?xml version="1.0"?>
+<!--
+  The throwing device of TU Delft, bolted to {name}.
+  Repository: github.com/tudelft/inertiaEstimation; paper: arXiv 2503.13137.
+
+  Frame of the device: that of the IMU as the authors turn it (x = -raw y, y = raw x, z = raw z), in its place.
+  Mass of the device {device} kg: input/final_calibration/config.py, weighed, with the flywheel. What it is bolted to,
+  {mass:.4f} kg: weighed; its own principal moments of inertia {moments} kg m^2: of the geometry, lib.py and config.py.
+  Where the device is on it, and its own inertia, are not published. So the moments of the device below are those of
+  what it is bolted to and nothing more; they are what is looked for, and nothing depends on them.
+  Moment of inertia of the flywheel {spin:.4g} kg m^2: from throws of the device alone and with the proof body, whose
+  inertia is known, by the authors' calibrate.py. Its mass is in that of the device: it is on its own axis.
+-->
+<robot name="throwing_device">
+  <link name="{base}">
+    <inertial>
+      <mass value="{total:.6g}"/>
+      <inertia ixx="{ixx:.6g}" ixy="0" ixz="0" iyy="{iyy:.6g}" iyz="0" izz="{izz:.6g}"/>
+    </inertial>
+  </link>
+  <joint name="{joint}" type="continuous">
+    <parent link="{base}"/>
+    <child link="{joint}_rotor"/>
+    <axis xyz="0 0 1"/>
+  </joint>
+  <link name="{joint}_rotor">
+    <inertial>
+      <mass value="1e-6"/>
+      <inertia ixx="{half:.6g}" ixy="0" ixz="0" iyy="{half:.6g}" iyz="0" izz="{spin:.6g}"/>
+    </inertial>
+  </link>
+</robot>
+"""
+
+_PARAMETERS = """\
+# A throw of TU Delft: the device and what it is bolted to are the target. A wheel cannot tell their mass: a scale does.
+#
+#   ros2 run mbaid_ros replay FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
+/**:
+  ros__parameters:
+    target_link: {base}
+    window: 0.01                      # s, of half a second of flight
+    target_prior: {{mass: {total:.5g}, mass_std: {mass_std:.2g}}}   # kg, weighed
+    known_links: {{relative_std: 0.0}}
+    known_joints: {{zero_std: 0.0, origin_std: 0.0, axis_std: 0.0}}
+    odometry_mount: {{position_std: 0.0, orientation_std: 0.0}}   # the device is where its IMU is
+    noise:
+      joint_position: 0.1             # rad
+      joint_velocity: 20.0            # rad/s; the speed of the flywheel is new 900 times a second
+      base_position: 1.0e-3           # m, of dead reckoning
+      base_orientation: 3.0e-3        # rad
+"""
+
+
+def throw_urdf(thrown: Thrown) -> str:
+    """Return the robot description of the device with what it is bolted to."""
+    about = thrown.moments if thrown.mass > 0.0 else np.full(3, 4e-5)
+    return _URDF.format(
+        name=thrown.name, device=_DEVICE, mass=thrown.mass, total=_DEVICE + thrown.mass,
+        moments=', '.join(f'{moment:.4g}' for moment in thrown.moments), ixx=about[0], iyy=about[1], izz=about[2],
+        spin=_SPIN_INERTIA, half=_SPIN_INERTIA / 2.0, base=Thrown.BASE, joint=Thrown.JOINT,
+    )  # fmt: skip
+
+
+def throw_parameters(thrown: Thrown) -> str:
+    """Return the parameters for it."""
+    total = _DEVICE + thrown.mass
+    return _PARAMETERS.format(base=Thrown.BASE, total=total, mass_std=1e-3 * total)

@@ -1,0 +1,140 @@
+"""TU Delft's throws: a twin's log, in the authors' own CSV, becomes a bag of gyro, accelerometer and flywheel."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.benches import Twin, tudelft_throw
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.recordings.convert import main
+from mbaid_ros.recordings.throws import OBJECTS
+from mbaid_ros.recordings.tudelft import read_tudelft_throw
+
+
+@pytest.fixture(scope='module', name='twin')
+def simulated_throw(tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    folder = tmp_path_factory.mktemp('throws') / 'config_empty'
+    folder.mkdir()
+    return tudelft_throw(folder, 3)
+
+
+def test_the_flight_becomes_a_bag(twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['tudelft-throw', str(twin.log), '--output', str(tmp_path / 'bag')]) == 0
+    assert 'the bias of the gyro at rest is taken off' in capsys.readouterr().err
+    with BagReader(tmp_path / 'bag') as bag:
+        readings, wheel = ([message for _, message, _ in bag.read([topic])] for topic in ('/imu', '/joint_states'))
+        assert '/odom' not in bag.topics
+    assert len(readings) == len(wheel) == 2000  # of 2350, without the authors' 300 at the begin and 50 at the end
+    assert readings[0].header.frame_id == 'device'
+    assert readings[0].orientation_covariance[0] == -1.0
+    assert wheel[0].name == ['flywheel']
+    speed = np.array([each.velocity[0] for each in wheel])
+    assert -1310.0 < speed.min() < -1300.0
+    assert np.gradient([each.position[0] for each in wheel], 1.0 / 4030.0) == pytest.approx(speed, abs=20.0)
+    model = load_model((tmp_path / 'bag' / 'robot.urdf').read_text())
+    assert model.link('device').parameters[0] == pytest.approx(0.10067 + 0.1785)
+
+
+def test_angular_momentum_and_fall_are_those_of_the_body(twin: Twin) -> None:
+    """Axes, signs and units: only with all of them right is the momentum of body and flywheel constant."""
+    log = read_tudelft_throw(twin.log, dead_reckoned=True)
+    assert log.poses is not None
+    assert log.imu is not None
+    assert log.joints is not None
+    assert log.joints.velocity is not None
+    rotation, rate = rotation_from_quaternion(log.poses.orientation), log.imu.angular_velocity
+    spin = np.zeros_like(rate)
+    spin[:, 2] = 1.687e-6 * log.joints.velocity[:, 0]
+    inertia = np.diag(twin.truth[[4, 7, 9]])
+    total = rotate(rotation, rate @ inertia + spin)
+    size = np.linalg.norm(total, axis=1).mean()
+    assert np.linalg.norm(total - total.mean(axis=0), axis=1).max() < 0.03 * size
+    still = rotate(rotation, rate @ inertia)
+    assert np.linalg.norm(still - still.mean(axis=0), axis=1).max() > 0.2 * size  # the flywheel is seen
+    # The centre of mass falls along: it is where the IMU turns about.
+    com = np.tile(twin.truth[1:4], (len(rate), 1))
+    slope = np.gradient(rate, log.imu.time, axis=0)
+    smooth = np.ones(41) / 41.0
+    expected = -cross(rate, cross(rate, com)) - cross(slope, com)
+    off = log.imu.linear_acceleration - expected
+    off = np.stack([np.convolve(axis, smooth, 'valid') for axis in off.T], axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.1 * np.sqrt(np.mean(expected**2))
+    centre = log.poses.position + rotate(rotation, com)
+    line = np.polynomial.polynomial.polyfit(log.poses.time, centre, 1)
+    rest = centre - np.polynomial.polynomial.polyval(log.poses.time, line).T
+    assert np.abs(rest).max() < 0.2 * np.abs(rotate_back(rotation, com)).max()
+
+
+def test_what_was_thrown_has_the_moments_of_its_geometry() -> None:
+    assert [OBJECTS[name].mass for name in ('empty', 'a', 'b', 'c')] == pytest.approx([0.1785, 0.4589, 0.7393, 1.3001])
+    assert OBJECTS['empty'].moments == pytest.approx([1.2343e-4, 3.6806e-4, 4.3101e-4], rel=1e-4)
+    # Four blocks at the ends add most about the axes across the long side.
+    assert OBJECTS['a'].moments - OBJECTS['empty'].moments == pytest.approx([6.64e-5, 1.164e-3, 1.148e-3], rel=0.02)
+
+
+class Recorded:
+    """Stands in for orangebox' parser of a log that holds a table."""
+
+    def __init__(self, names: list[str], rows: Array) -> None:
+        self.field_names, self._rows = ['loopIteration', *names], rows
+
+    def frames(self) -> Iterator[SimpleNamespace]:
+        """Yield rows, with what the parser says of events that it does not know."""
+        sys.stdout.write('Unknown event type: 15')
+        for row in self._rows:
+            yield SimpleNamespace(data=['', *row])
+
+
+def standing_in(names: list[str], rows: Array) -> SimpleNamespace:
+    return SimpleNamespace(Parser=SimpleNamespace(load=lambda _path: Recorded(names, rows)))
+
+
+def test_blackbox_logs_are_read_by_orangebox(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names, rows = twin.log.read_text().split('\n', 1)[0].split(','), np.loadtxt(twin.log, delimiter=',', skiprows=1)
+    monkeypatch.setitem(sys.modules, 'orangebox', standing_in(names, rows))
+    log = tmp_path / 'LOG1.BFL'
+    log.write_bytes(b'H Product:Blackbox')
+    read, expected = read_tudelft_throw(log, 'a').imu, read_tudelft_throw(twin.log).imu
+    assert read is not None
+    assert expected is not None
+    assert np.array_equal(read.angular_velocity, expected.angular_velocity)
+    assert not capsys.readouterr().out
+    monkeypatch.setitem(sys.modules, 'orangebox', standing_in(names[:-1], rows))
+    with pytest.raises(DataError, match=r"lacks the column 'erpm\[0\]'"):
+        read_tudelft_throw(log, 'a')
+    monkeypatch.setitem(sys.modules, 'orangebox', None)
+    with pytest.raises(DataError, match=r'needs orangebox: pip install orangebox==0\.3\.1'):
+        read_tudelft_throw(log, 'a')
+
+
+def test_what_cannot_be_used_is_one_line(twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def convert(log: Path, *options: str) -> str:
+        assert main(['tudelft-throw', str(log), '--output', str(tmp_path / 'bag'), *options]) == 2
+        text = capsys.readouterr().err
+        assert text.count('\n') == 1
+        return text
+
+    lines = twin.log.read_text().splitlines()
+    log = tmp_path / 'throw.csv'
+    log.write_text('\n'.join(lines))
+    assert f"folder '{tmp_path.name}' does not say what was thrown; accepted: --object device-only" in convert(log)
+    assert "--object is 'd'; accepted: device-only, proof-body, empty, a, b, c" in convert(log, '--object', 'd')
+    log.write_text('\n'.join(lines[:2150]))
+    assert 'has no flight' in convert(log, '--object', 'a')
+    log.write_text('\n'.join(lines[:100]))
+    assert 'has 99 rows; accepted: 2000 or more' in convert(log, '--object', 'a')
+    log.write_text('time,erpm[0]\n1,2')
+    assert "lacks the column 'gyroADC[0]'" in convert(log, '--object', 'a')
+    assert main(['csv', str(log), '--object', 'a']) == 2
+    assert '--object is for tudelft-throw, not for csv' in capsys.readouterr().err
