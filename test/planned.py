@@ -19,7 +19,7 @@ from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.steered import Followed
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from observed import MID, estimator, kernel, observe, windows
-from simulated import state
+from simulated import robot, state
 
 RATE, STEP = 20.0, 0.05  # Hz; s, of the integrator
 START = np.array([0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2])
@@ -72,15 +72,22 @@ def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -
     unknown = kernel(name)
     model = unknown.model
     start = START[: model.joints]
-    limits = joint_limits(model, start, FASTEST, 0.1, ())
-    splines = Splines(5, seconds)
-    drawn = np.random.default_rng(3).standard_normal((5, model.joints))
-    trajectory = splines.trajectory(splines.within(drawn, start, limits), start, model.joint_names)
+    trajectory = first_motion(name, seconds)
     truth = follow(unknown, state(start, np.zeros(model.joints), SPIN), trajectory, seconds + 0.5)
     method = estimator(unknown, MID, method='trajectory', **parameters)
     samples = observe(truth, MID, 1)[:-1]
     method.update(windows(samples), 0)
     return Begun(unknown, method, last_state(truth), samples[-1:])
+
+
+def first_motion(name: str, seconds: float) -> JointTrajectory:
+    """Return a motion of all joints of a robot of config/."""
+    model = robot(name)
+    start = START[: model.joints]
+    limits = joint_limits(model, start, FASTEST, 0.1, ())
+    splines = Splines(5, seconds)
+    drawn = np.random.default_rng(3).standard_normal((5, model.joints))
+    return splines.trajectory(splines.within(drawn, start, limits), start, model.joint_names)
 
 
 def last_state(truth: Truth) -> State:

@@ -29,6 +29,7 @@ from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.message_classes import tf_message
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
+from mbaid_ros.nodes.planning import Planning
 from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
@@ -83,6 +84,7 @@ class Estimating:
             node.create_service(SetBool, '~/pause', self._on_pause),
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
+        self._planning = Planning(node, lambda: self._state.session, self._narrator.event)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._say_what_is_missing()
@@ -220,7 +222,7 @@ class Estimating:
         return Frames(target_link=robot.target_link, odometry=session.odometry_reader.frame, prefix=prefix)
 
     def adjust(self, config: EstimatorConfig) -> None:
-        """Take on what may change while it runs: convergence.* and publish_tf.
+        """Take on what may change while it runs: convergence.*, plan.* and publish_tf.
 
         Raises
         ------
@@ -228,9 +230,11 @@ class Estimating:
             Frames are asked for, but the message package for them is not installed.
         """
         self._display.send_frames(wanted=config.publish_tf)
-        self._config = replace(self._config, convergence=config.convergence, publish_tf=config.publish_tf)
+        self._config = replace(
+            self._config, convergence=config.convergence, publish_tf=config.publish_tf, plan=config.plan
+        )
         if self._state.session is not None:
-            self._state.session.judge_by(config.convergence)
+            self._state.session.judge_by(config.convergence, config.plan)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -240,6 +244,7 @@ class Estimating:
             self._description.close()
         for service in self._services:
             self._node.destroy_service(service)
+        self._planning.close()
         self._node.destroy_timer(self._timer)
         self._node.destroy_publisher(self._diagnostics_publisher)
         self._outlets.close()
@@ -282,6 +287,7 @@ class Estimating:
         if state.session is not None:
             state.session.reset()
         state.estimate, state.stale, state.ignored, self._restarted = None, '', Counter(), 0
+        self._planning.give_up()
         self._waiting = None
         self._narrator.begin()
         self._outlets.clear()

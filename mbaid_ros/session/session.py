@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
+from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
@@ -212,9 +213,9 @@ class Session:
         gates = sum((gate.dropped for gate in self.gates.values()), Counter(self.base_source.dropped))
         return self._earlier + self._dropped_now() + gates
 
-    def judge_by(self, convergence: ConvergenceConfig) -> None:
-        """Judge estimates by other thresholds, from the next window on."""
-        self.config = replace(self.config, convergence=convergence)
+    def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
+        """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
+        self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
         for reporting in self._judged:
             set_thresholds(reporting, convergence)
 

@@ -1,0 +1,126 @@
+"""The service ~/plan and the topic ~/motion: the motion that would tell most from here on. Nothing is moved by it.
+
+The search takes some seconds of a core: a process of its own makes it, while estimates go on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
+from mbaid_ros.outgoing import trajectory_message
+from mbaid_ros.session import Session
+
+_PERIOD = 0.1  # s, between two looks at whether the motion is there
+_NICE = 5  # how much less than estimates the search matters
+
+
+class Planning:
+    """Plans when it is asked to.
+
+    Parameters
+    ----------
+    node : whose service and topic these are
+    session : gives the session as it is; None while there is none
+    tell : what is told of what happens, in a line
+    """
+
+    def __init__(self, node: Node, session: Callable[[], Session | None], tell: Callable[[str], None]) -> None:
+        self._node = node
+        self._session = session
+        self._tell = tell
+        self._publisher = quiet_publisher(node, JointTrajectory, '~/motion', LATCHED)
+        self._service = node.create_service(Trigger, '~/plan', self._on_plan)
+        self._timer = node.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer.cancel()  # type: ignore[no-untyped-call]
+        self._process: Any = None
+        self._answer: Connection | None = None
+
+    def close(self) -> None:
+        """Give up what is under way, and leave the graph."""
+        self.give_up()
+        self._node.destroy_service(self._service)
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_publisher(self._publisher)
+
+    def give_up(self) -> None:
+        """End a search that is under way."""
+        self._timer.cancel()  # type: ignore[no-untyped-call]
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._answer is not None:
+            self._answer.close()
+        self._process = self._answer = None
+
+    def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        session = self._session()
+        knowledge = None if session is None else session.knowledge()
+        if self._process is not None:
+            response.message = 'a motion is being planned already; it comes on ~/motion'
+        elif session is None or knowledge is None:
+            response.message = (
+                'there is no solution to plan from yet; accepted: a call once method trajectory has come to one'
+            )
+        else:
+            self._begin(session.config, knowledge)
+            response.success = True
+            response.message = (
+                f'planning from the state at {knowledge.end.time:.1f} s; the motion comes on ~/motion, the verdict in '
+                'the log'
+            )
+            self._tell(response.message)
+        return response
+
+    def _begin(self, config: EstimatorConfig, knowledge: Knowledge) -> None:
+        # Of a process that is forked, threads of the middleware would be missing.
+        context = multiprocessing.get_context('spawn')
+        self._answer, other = context.Pipe(duplex=False)
+        self._process = context.Process(target=_work, args=(other, config, knowledge), daemon=True)
+        self._process.start()
+        other.close()
+        self._timer.reset()  # type: ignore[no-untyped-call]
+
+    def _look(self) -> None:
+        """Publish the motion, if it has been found."""
+        assert self._answer is not None, 'the timer runs while an answer is awaited'
+        if not self._answer.poll():
+            return
+        try:
+            found, lines = self._answer.recv()
+        except EOFError:
+            found, lines = None, ('no motion: the process that looked for it has ended',)
+        self.give_up()
+        if found is not None:
+            self._publisher.publish(trajectory_message(found, TYPES))
+        for line in lines:
+            self._tell(line)
+
+
+def _work(answer: Connection, config: EstimatorConfig, knowledge: Knowledge) -> None:
+    """Send back the motion, None where there is none, and what is to be told."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who has started this ends it
+    os.nice(_NICE)
+    from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - takes a while, and the node needs none of it
+
+    try:
+        plan = make_planner(config, knowledge).plan()
+    except MbaidError as error:
+        answer.send((None, (f'no motion: {error}',)))
+    else:
+        answer.send((plan.trajectory, (plan.verdict, *plan.excursions, *plan.notes)))
