@@ -32,6 +32,7 @@ help:
 	@echo "             in docs/ (seconds, an hour, five minutes, half an hour; ARGS=... for the script, as in"
 	@echo "             ARGS=\"--seeds 10\", ARGS=--help); benchmark-disturbances and benchmark-speed the same, an hour each,"
 	@echo "             benchmark-honesty a quarter of an hour, benchmark-model-errors an hour"
+	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
 setup: install/.built
@@ -103,7 +104,10 @@ $(VENV)/.installed: requirements.txt constraints.txt $(if $(MOVED),FORCE)
 	fi; \
 	echo "== packages of requirements.txt (1.2 GB on disk; a minute or two)"; \
 	pip="$(BIN)/python -m pip --quiet --disable-pip-version-check --no-input install --no-compile -c constraints.txt"; \
-	$$pip setuptools && $$pip --no-build-isolation --use-pep517 -r requirements.txt || exit 1; \
+	$(if $(HASHES),pip="$(BIN)/python -m pip --quiet --disable-pip-version-check --no-input install --no-compile --require-hashes"; \
+	grep '^setuptools==' requirements.lock >.venv/setuptools.lock && $$pip -r .venv/setuptools.lock \
+	  && $$pip --no-build-isolation --use-pep517 -r requirements.lock || exit 1;, \
+	$$pip setuptools && $$pip --no-build-isolation --use-pep517 -r requirements.txt || exit 1;) \
 	echo "   $$(($$(date +%s) - start)) s"
 	@printf '%s' "$(CURDIR)" >$@
 

@@ -28,6 +28,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', files('config', '*.*')),
+        (f'share/{PACKAGE}/config/sros2', files('config/sros2', '*.*')),
         # Bags name the type of every message: replay needs the definitions, not the built interface package.
         (f'share/{PACKAGE}/msg', files('msg_defs/msg', '*.msg')),
     ],

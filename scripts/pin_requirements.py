@@ -1,6 +1,8 @@
 """Write constraints.txt: every package that requirements.txt leads to, at one version for each supported Python.
 
-usage: pin_requirements.py PYTHON3.10 PYTHON3.11 PYTHON3.12 PYTHON3.13    (paths of interpreters with a recent pip)
+usage: pin_requirements.py [--keep] PYTHON3.10 PYTHON3.11 PYTHON3.12 PYTHON3.13    (interpreters with a recent pip)
+
+requirements.lock has the same with the SHA-256 of each file. With --keep the versions stay, and only that is written.
 """
 
 from __future__ import annotations
@@ -11,24 +13,38 @@ import subprocess
 import sys
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = """\
 # Every package that requirements.txt leads to, pinned; tried with CPython 3.10, 3.11, 3.12 and 3.13.
 # Written by scripts/pin_requirements.py.
 """
+CONSTRAINTS, LOCK = ROOT / 'constraints.txt', ROOT / 'requirements.lock'
+LOCK_HEADER = """\
+# constraints.txt with the SHA-256 of the file that pip takes on Linux x86_64 (glibc) for each of these Pythons:
+# `make setup HASHES=1` accepts no other. Written by scripts/pin_requirements.py.
+"""
 
 
-def resolve(python: str) -> tuple[str, dict[str, str]]:
+Packages = dict[str, tuple[str, str]]  # version, and SHA-256 of the file, by name
+
+
+def resolve(python: str, *, keep: bool) -> tuple[str, Packages]:
     """Return the version of an interpreter, like 3.12, and the packages that pip would install for it."""
     command = [python, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed', '--report', '-']
-    run = subprocess.run([*command, '-r', str(ROOT / 'requirements.txt')], check=True, capture_output=True, text=True)
-    report = json.loads(run.stdout)
-    packages = [item['metadata'] for item in report['install']]
-    names = [re.sub('[-_.]+', '-', package['name']).lower() for package in packages]
-    return report['environment']['python_version'], {
-        name: package['version'] for name, package in zip(names, packages, strict=True)
-    }
+    command += ['-r', str(ROOT / 'requirements.txt'), *(['-c', str(CONSTRAINTS)] if keep else [])]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    return resolved(json.loads(run.stdout))
+
+
+def resolved(report: dict[str, Any]) -> tuple[str, Packages]:
+    """Return the version of the interpreter that a report of pip's is of, and the packages."""
+    packages: Packages = {}
+    for item in report['install']:
+        name = re.sub('[-_.]+', '-', item['metadata']['name']).lower()
+        packages[name] = item['metadata']['version'], item['download_info']['archive_info']['hashes']['sha256']
+    return report['environment']['python_version'], packages
 
 
 def lines(name: str, versions: dict[str, str | None]) -> list[str]:
@@ -47,17 +63,40 @@ def lines(name: str, versions: dict[str, str | None]) -> list[str]:
     return constraints
 
 
+def locked(line: str, hashes: set[str]) -> str:
+    """Return the constraint of one package with the hashes of its files."""
+    return ' '.join([line, *(f'--hash=sha256:{each}' for each in sorted(hashes))])
+
+
+def write(found: dict[str, Packages], *, keep: bool) -> None:
+    """Write what all interpreters agree on once, what differs with markers.
+
+    Parameters
+    ----------
+    found : the packages by the version of the interpreter
+    keep : whether constraints.txt stays as it is
+    """
+    pythons = sorted(found, key=lambda python: int(python.split('.')[1]))
+    pinned, with_hashes = [], []
+    for name in sorted(set().union(*found.values())):
+        versions = {python: found[python][name][0] if name in found[python] else None for python in pythons}
+        for line in lines(name, versions):
+            version = line.partition('==')[2].partition(';')[0]
+            of_it = {found[python][name][1] for python in pythons if versions[python] == version}
+            pinned.append(line)
+            with_hashes.append(locked(line, of_it))
+    if not keep:
+        CONSTRAINTS.write_text(HEADER + '\n'.join(pinned) + '\n')
+    LOCK.write_text(LOCK_HEADER + '\n'.join(with_hashes) + '\n')
+
+
 def main() -> None:
-    """Resolve for each interpreter and write what they agree on once, what differs with markers."""
-    if len(sys.argv) == 1:
+    """Resolve for each interpreter, and write both files."""
+    keep = '--keep' in sys.argv
+    pythons = [word for word in sys.argv[1:] if word != '--keep']
+    if not pythons:
         sys.exit(__doc__)
-    resolved = dict(resolve(python) for python in sys.argv[1:])
-    pythons = sorted(resolved, key=lambda python: int(python.split('.')[1]))
-    names = sorted(set().union(*resolved.values()))
-    pinned = [
-        line for name in names for line in lines(name, {python: resolved[python].get(name) for python in pythons})
-    ]
-    (ROOT / 'constraints.txt').write_text(HEADER + '\n'.join(pinned) + '\n')
+    write(dict(resolve(python, keep=keep) for python in pythons), keep=keep)
 
 
 if __name__ == '__main__':

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import re
 import signal
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -29,6 +30,7 @@ UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 LATENCY = 0.1  # s, after which an interrupt is noticed at the latest
 _LITTER = 20_000  # objects more than before, at which Python looks for garbage by itself
 
+_NO_NODE = 'error creating node: '
 _SOURCE_PLACE = re.compile(r',? at \S+:\d+')
 
 
@@ -72,12 +74,18 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
     Raises
     ------
     ParameterError
-        ROS does not accept the arguments.
+        ROS does not accept the arguments, or what the environment asks for: security without what it takes.
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
+    # What rcl does not take apart of a node that it could not make says nothing that the error does not.
+    warnings.filterwarnings('ignore', message='Failed to fini rosout publisher', category=RuntimeWarning)
     try:
         yield Interrupt()
+    except RCLError as error:
+        if not str(error).startswith(_NO_NODE):
+            raise
+        raise ParameterError(f'the middleware makes no node: {_reason(str(error))}') from error
     finally:
         rclpy.shutdown()
 
@@ -113,7 +121,7 @@ def _refusals() -> Iterator[None]:
 def _reason(text: str) -> str:
     """Return what rcl says about an argument, without its source files, and with a hint where it is cryptic."""
     reason = _SOURCE_PLACE.sub('', text)
-    for prefix in ('failed to initialize rcl: ', 'Failed to parse ROS arguments: '):
+    for prefix in ('failed to initialize rcl: ', 'Failed to parse ROS arguments: ', _NO_NODE):
         reason = reason.removeprefix(prefix)
     if 'same type' in reason:
         reason += ' (in a list of numbers, write all with a decimal point)'

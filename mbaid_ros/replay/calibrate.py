@@ -21,6 +21,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not
 from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
@@ -171,13 +172,13 @@ def calibrated_urdf(urdf: str, calibration: Calibration) -> str:
 def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace) -> None:
     text = json.dumps(as_json(result), allow_nan=False, ensure_ascii=False) + '\n'
     if arguments.output and not result.contradicted:
-        Path(arguments.output).write_text(calibrated_urdf(urdf, result.calibration), encoding='utf-8')
+        write_text(arguments.output, calibrated_urdf(urdf, result.calibration))
     if arguments.json and arguments.json != STDOUT:
-        Path(arguments.json).write_text(text, encoding='utf-8')
+        write_text(arguments.json, text)
     if arguments.report:
         from mbaid_ros.replay.report.calibration import html  # noqa: PLC0415 - only a report needs what it imports
 
-        Path(arguments.report).write_text(html(result), encoding='utf-8')
+        write_text(arguments.report, html(result))
     if arguments.json == STDOUT:
         sys.stdout.write(text)
     else:

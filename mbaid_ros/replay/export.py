@@ -16,6 +16,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.files import write_text
 from mbaid_ros.replay import formats
 from mbaid_ros.replay.identified import Identified, read_identified
 
@@ -49,7 +50,7 @@ def _export(argv: list[str]) -> int:
     if arguments.output is None:
         sys.stdout.write(text)
     else:
-        Path(arguments.output).write_text(text, encoding='utf-8')
+        write_text(arguments.output, text)
     return 0
 
 

@@ -11,6 +11,7 @@ from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.files import write_text
 from mbaid_ros.simulated_run import SimulatedRun
 
 
@@ -29,7 +30,7 @@ def write_truth(path: Path, run: SimulatedRun) -> None:
         'seed': run.config.seed,
         'parameters': values_of(run.config),
     }
-    path.write_text(json.dumps(truth, indent=2) + '\n', encoding='utf-8')
+    write_text(path, json.dumps(truth, indent=2) + '\n')
 
 
 def _body(parameters: Array) -> dict[str, object]:

@@ -107,6 +107,19 @@ def test_what_cannot_be_used_is_one_line(arguments: list[str], text: str, capfd:
     assert '/src/' not in captured.err
 
 
+@pytest.mark.usefixtures('_domain')
+def test_security_without_its_keys_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    asked = {'ENABLE': 'true', 'STRATEGY': 'Enforce', 'KEYSTORE': str(tmp_path)}
+    for name, value in asked.items():
+        monkeypatch.setenv(f'ROS_SECURITY_{name}', value)
+    assert estimator.main(['--ros-args', '--enclave', '/mbaid_ros/estimator']) == 2
+    error = capfd.readouterr().err
+    assert f"'{tmp_path}/enclaves/mbaid_ros/estimator' does not exist" in error
+    assert error.count('\n') == 1
+
+
 def test_the_nodes_need_nothing_that_only_bags_need() -> None:
     code = """
 import sys

@@ -86,6 +86,12 @@ PARAMETERS = {
         HEAD + '    window: 1e300\n',
         "'window' is 1e+300 s; accepted: a number > 0 and <=",
     ),
+    'a size whose square no float holds': (
+        HEAD + '    known_joints: {axis_std: 1e308}\n',
+        'of a size from 1e-30 to 1e+15',
+    ),
+    'a size whose square is 0': (HEAD + '    momentum: {linear_prior_std: 1e-300}\n', 'of a size from 1e-30'),
+    'a window of no time': (HEAD + '    window: 1e-300\n', 'of a size from 1e-09 to 1e+06'),
     'a long file': (HEAD + '    window: 0.5\n' * 100_000, 'more than 250000 characters'),
 }
 
