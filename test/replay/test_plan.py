@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +47,9 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def planned(result: Path) -> dict[str, Any]:
     """Return the plan of a motion of four seconds, with the files it is in."""
     folder = result.parent
-    files = ['--yaml', str(folder / 'motion.yaml'), '--output', str(folder / 'motion'), '--json']
-    assert main([str(result), *MODEL, *QUICK, *files, str(folder / 'plan.json')]) in {0, 3}
+    files = ['--yaml', 'motion.yaml', '--output', 'motion', '--report', 'report.html', '--json', 'plan.json']
+    files = [word if word.startswith('--') else str(folder / word) for word in files]
+    assert main([str(result), *MODEL, *QUICK, *files]) in {0, 3}
     plan: dict[str, Any] = json.loads((folder / 'plan.json').read_text())
     return plan
 
@@ -63,6 +65,14 @@ def test_a_motion_from_where_a_run_has_ended(result: Path, planned: dict[str, An
     for known in planned['relative_std'].values():
         assert known['after'] <= known['now']
     assert planned['notes'][0].startswith('moved at the end of the run, and have to rest before')
+
+
+def test_the_report_says_and_draws_it(result: Path, planned: dict[str, Any]) -> None:
+    page = (result.parent / 'report.html').read_text()
+    assert escape(planned['verdict']) in page
+    assert page.count('<svg') == 4  # what it tells, the joints, the arm, the base
+    assert '<td>joint7</td>' in page
+    assert f'{1e2 * planned["relative_std"]["mass"]["after"]:.3g} %' in page
 
 
 def test_what_is_known_at_the_end_is_what_the_result_says(result: Path, planned: dict[str, Any]) -> None:

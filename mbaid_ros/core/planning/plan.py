@@ -10,6 +10,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import PARAMETERS
 
+_WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
 BINDING = 0.9  # part of a limit from which a motion is at it
 # In the order of what motions use: of the joints, then of the base.
 LIMITS = (
@@ -63,7 +64,6 @@ class Plan:
     asked : (10,) which of them a motion can tell of
     course : relative standard deviations on the way, (W, 10)
     base : how far the base is moved from where it would coast, (T, 3): rad, m, rad/s
-    base_rotation : (T, 3, 3) of the base then
     bounds, base_limits : of that; (3,), infinite where there is none
     use : (3, k) what the joints use of position, velocity and acceleration limits; 1 is all
     binding : names of the limits that it is at
@@ -82,7 +82,6 @@ class Plan:
     asked: Flags
     course: Course
     base: Course
-    base_rotation: Array
     bounds: Bounds
     base_limits: Array
     use: Array
@@ -124,6 +123,11 @@ class Plan:
         if self.reached:
             return f'{length} of motion bring every parameter of {self.target} below what is wanted; now {known}: {now}'
         at = f'; the motion is at {", ".join(self.binding)}' if self.binding else ''
+        if self.shortest and self.trajectory.duration < _WHOLE * self.longest:
+            return (
+                f'none of {self.compared} motions brings {known} to {wanted}; {length} reach {then}, now {now}{at}; '
+                'more plan.effort may find one'
+            )
         if self.shortest:
             return (
                 f'{wanted} is out of reach within plan.longest {self.longest:g} s{at}; {length} reach {then} for '

@@ -226,7 +226,7 @@ class Planner:
         trajectory = motions.splines.trajectory(
             candidate.waypoints[:, moved], motions.start[moved], tuple(names[place] for place in moved)
         )
-        times, body, away = motions.course(candidate.waypoints[None])
+        times, _, away = motions.course(candidate.waypoints[None])
         bounds = self._bounds(candidate, _MORE_DRAWS)
         use = motions.splines.use(candidate.waypoints, motions.start, motions.limits)[:, moved]
         # What the search was held to: a motion that is at that is at its limit.
@@ -239,7 +239,6 @@ class Planner:
             asked=self.information.asked,
             course=Course(self._grid(candidate.duration).ends, relative),
             base=Course(times, away[:, 0]),
-            base_rotation=body.rotation[:, 0],
             bounds=bounds,
             base_limits=settings.base.array,
             use=use,

@@ -24,7 +24,7 @@ from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.planned.begin import Begin, read_begin
 from mbaid_ros.replay.planned.words import as_json, summary
-from mbaid_ros.replay.provenance import made_by
+from mbaid_ros.replay.provenance import in_words, made_by
 from mbaid_ros.session.planning import make_planner
 
 STDOUT = '-'
@@ -105,6 +105,12 @@ def _write(found: Plan, begin: Begin, arguments: argparse.Namespace, argv: Seque
             bag.write(TOPIC, trajectory_message(found.trajectory, BAG_TYPES), 0)
     if arguments.json and arguments.json != STDOUT:
         write_text(arguments.json, text)
+    if arguments.report:
+        from mbaid_ros.replay.report.planned import html  # noqa: PLC0415 - matplotlib takes a while
+
+        knowledge = begin.knowledge
+        model = knowledge.layout.kernel.model
+        write_text(arguments.report, html(found, model, knowledge.end.joint_position, in_words(made)))
     if arguments.json == STDOUT:
         sys.stdout.write(text)
     else:
