@@ -16,7 +16,7 @@ endif
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME
 unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed paper-table
+.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -31,7 +31,8 @@ help:
 	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"
 	@echo "             in docs/ (seconds, an hour, five minutes, half an hour; ARGS=... for the script, as in"
 	@echo "             ARGS=\"--seeds 10\", ARGS=--help); benchmark-disturbances and benchmark-speed the same, an hour each,"
-	@echo "             benchmark-honesty a quarter of an hour, benchmark-model-errors an hour, benchmark-planning an hour"
+	@echo "             benchmark-honesty a quarter of an hour, benchmark-model-errors an hour, benchmark-planning an hour,"
+	@echo "             benchmark-benches half an hour"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
@@ -68,6 +69,9 @@ paper-table: install/.built
 
 benchmark-accuracy: install/.built
 	@$(BIN)/python scripts/benchmark_accuracy.py --output docs $(ARGS)
+
+benchmark-benches: install/.built
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_benches.py --output docs $(ARGS)
 
 benchmark-calibration: install/.built
 	@$(BIN)/python scripts/benchmark_calibration.py --output docs $(ARGS)

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.recordings.matlab import read_matlab
-from mbaid_ros.recordings.planar_arm import BASE, JOINTS, SHOULDER, SPOT_ARM, SPOT_ARM_SOURCE, Chaser, planar_urdf
+from mbaid_ros.recordings.planar_arm import BASE, JOINTS, SPOT_ARM, SPOT_ARM_SOURCE, Chaser, planar_urdf
 from mbaid_ros.recordings.recording import Joints, Poses, Recording, turned_about_z
 
 COMMANDS_FILE = '100NodeSolution_FreeFloating_DIDO.mat'
@@ -35,11 +34,13 @@ _SOURCE = f"""
   These are of 2023. {COMMANDS_FILE}, of 2017, has a lighter and shorter arm (0.273, 0.263,
   0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in the logs of 2021 (columns 54 to 57)
   move on a circle of 0.306 m about the shoulder, and the base shifts by 1.46 times what the lighter arm would make it.
-  phi is about an axis that is turned by 90 degrees against the motion capture's: the shoulder is at phi - 90 degrees.
+  The shoulder: (0.250, -0.0895) m from the origin of the poses, round which the elbow's marker goes in two of the runs
+  (15_33 and 16_13). model_param(8) and (7), b0 and phi about an axis that is turned by 90 degrees against the
+  motion capture's, have it 20 mm from there, at (0.239, -0.072) m; the origin of the poses is not the centre of mass.
   Moments about x and y do not matter on a table and are half of those about z.
 """
 
-CHASER = Chaser('spot_red_2021', _MASS, _INERTIA, (SHOULDER[0], SHOULDER[1] - math.pi / 2.0), 0.0, SPOT_ARM)
+CHASER = Chaser('spot_red_2021', _MASS, _INERTIA, (0.2655, -0.3438), 0.0, SPOT_ARM)
 
 _PARAMETERS = f"""\
 # SPOT 2021: poses of the motion capture every 0.2 s, told twice each; joints as commanded, not as measured.
@@ -50,7 +51,7 @@ _PARAMETERS = f"""\
     target_link: {BASE}            # the base is what is looked for: the arm's links have been weighed
     maximum_gap: 0.5                  # s, between poses
     noise:
-      joint_position: 1.0e-2          # rad, by which the arm is off its command
+      joint_position: 2.0e-3          # rad: commands are smooth; how far the arm is off them is zero_std
       base_position: 1.0e-3           # m
       base_orientation: 3.0e-3        # rad
     time_offset: {{prior_std: 0.5}}     # s, that the arm lags behind the command
