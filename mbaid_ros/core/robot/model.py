@@ -14,6 +14,7 @@ from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
 from mbaid_ros.core.robot.mimic import Transmission, transmission
 from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, read_description
+from mbaid_ros.core.robot.urdf_document import on_one_line
 
 _COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 
@@ -219,7 +220,7 @@ def _built(description: Description) -> pinocchio.Model:
     complaints: list[str] = []
     try:
         with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(description.text, pinocchio.JointModelFreeFlyer())
+            model = pinocchio.buildModelFromXML(on_one_line(description.text), pinocchio.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         reason = ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).split()) or 'no reason given'
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import NoReturn
 from xml.etree import ElementTree as ET
@@ -11,6 +12,8 @@ from mbaid_ros.core.errors import ModelError, listing
 
 _LONGEST_REASON = 1_000
 _XACRO = ('http://www.ros.org/wiki/xacro', 'http://ros.org/wiki/xacro', 'http://wiki.ros.org/xacro')
+_VALUE = re.compile(r"""=\s*(?:"[^"<]*"|'[^'<]*')""")
+_SPACES = str.maketrans('\n\r\t', '   ')
 _EXPAND = 'expand it first: xacro robot.urdf.xacro > robot.urdf'
 
 
@@ -45,6 +48,11 @@ def parse_document(text: str) -> ET.Element:
     if not robot.get('name'):
         refuse('the robot description gives <robot> no name')
     return robot
+
+
+def on_one_line(text: str) -> str:
+    """Return a document with the line breaks and tabs in its attributes as spaces: as XML has them, pinocchio not."""
+    return _VALUE.sub(lambda value: value[0].replace('\r\n', '\n').translate(_SPACES), text)
 
 
 def names_of(robot: ET.Element, kind: str) -> list[str]:

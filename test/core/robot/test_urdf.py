@@ -9,6 +9,7 @@ from mbaid_ros.core.errors import MbaidError, ModelError
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.urdf import read_description
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
+from simulated import CONFIG
 
 MASS = '<mass value="2"/>'
 INERTIA = '<inertia ixx="1" ixy="0.1" ixz="0.2" iyy="1.5" iyz="0.3" izz="1.2"/>'
@@ -225,3 +226,9 @@ def test_what_is_above_the_base_link_goes() -> None:
 
 def test_a_mimic_on_a_fixed_joint_means_nothing() -> None:
     assert load_model(pair('<mimic joint="nothing"/>', 'fixed')).joints == 0
+
+
+@pytest.mark.parametrize('written', ['joi\nnt', 'joi\tnt', 'joi\r\nnt', 'joi\rnt', 'joi nt'])
+def test_a_line_break_in_a_name_is_a_space_as_xml_says(written: str) -> None:
+    text = (CONFIG / 'table1.urdf').read_text(encoding='utf-8').replace('"joint3"', f'"{written}"')
+    assert load_model(text).joint_names == ('joint1', 'joint2', 'joi nt', 'joint4')
