@@ -35,6 +35,11 @@ class ImuConfig:
         unit='rad/s/sqrt(Hz)',
         minimum=0.0,
     )
+    alone: bool = parameter(
+        default=False,
+        description='Nothing locates the base: the gyro alone tells how it turns, about the common centre of mass. '
+        'Method trajectory; odom and pose are not used, and linear momentum and heading are not known.',
+    )
     bias_std: float = parameter(
         0.01, 'Standard deviation of the bias about each axis at the begin.', unit='rad/s', minimum=0.0
     )

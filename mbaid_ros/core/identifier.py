@@ -33,6 +33,7 @@ TWIST_DERIVED = (
     'needs none'
 )
 POSES_ALONE = 'no twist of the base: the poses alone are used'
+GYRO_ALONE = 'nothing locates the base: the angular velocity of the IMU alone is used, about the common centre of mass'
 POSES_AND_GYRO = 'no twist of the base: the poses and the angular velocity of the IMU are used'
 WITHOUT_GYRO = 'the angular velocity of the IMU is not used: method trajectory uses it'
 
@@ -196,7 +197,8 @@ class Identifier:
         if not self._estimator.needs_rates:
             if base:
                 gyro = window.gyro.shape[1] > 0 and bool(np.isfinite(window.gyro).all())
-                self._notes.setdefault(POSES_AND_GYRO if gyro else POSES_ALONE, start)
+                located = bool(np.isfinite(window.pose_covariance[0, 0, 0]))
+                self._notes.setdefault((POSES_AND_GYRO if gyro else POSES_ALONE) if located else GYRO_ALONE, start)
             return window
         if window.gyro.shape[1]:
             self._notes.setdefault(WITHOUT_GYRO, start)

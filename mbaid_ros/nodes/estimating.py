@@ -75,7 +75,7 @@ class Estimating:
             **self._base_inlets(node),
         }
         self._thrust = Inlet(node, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = Inlet(node, Imu, 'imu', self._on_imu)
+        self._imu = self._inlets.get('imu') or Inlet(node, Imu, 'imu', self._on_imu)
         topic = self._description.topic if self._description else ''
         self._stored_momentum = Inlet(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
         self._diagnostics = Diagnostics(self._inlets, self._thrust, topic)
@@ -90,7 +90,9 @@ class Estimating:
         self._say_what_is_missing()
 
     def _base_inlets(self, node: Node) -> dict[str, Inlet]:
-        """Return the subscriptions that may locate the base."""
+        """Return the subscriptions that may locate the base, or what is needed in their place."""
+        if self._config.imu.alone:
+            return {'imu': Inlet(node, Imu, 'imu', self._on_imu)}
         if self._config.pose.tf_child_frame:
             message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
             return {'tf': Inlet(node, message, '/tf', self._on_odometry)}
@@ -99,6 +101,9 @@ class Estimating:
             'odom': Inlet(node, Odometry, 'odom', self._on_odometry),
             'pose': Inlet(node, PoseStamped, 'pose', self._on_odometry, others),
         }
+
+    def _every_inlet(self) -> set[Inlet]:
+        return {*self._inlets.values(), self._thrust, self._stored_momentum, self._imu}
 
     # Robot description
 
@@ -238,7 +243,7 @@ class Estimating:
 
     def close(self) -> None:
         """Leave the graph."""
-        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum, self._imu):
+        for inlet in self._every_inlet():
             inlet.close()
         if self._description is not None:
             self._description.close()
@@ -310,7 +315,7 @@ class Estimating:
     def _report(self) -> None:
         self._report_due = False
         state = self._state
-        for inlet in (*self._inlets.values(), self._thrust, self._stored_momentum, self._imu):
+        for inlet in self._every_inlet():
             inlet.refresh()
         if state.session is not None:
             for complaint in complaints(state.session):

@@ -44,7 +44,7 @@ def _calibrate(argv: list[str]) -> int:
     urdf = read_robot_description(arguments.model)
     kernel = make_kernel(load_model(urdf, parameters.estimator.base_link), parameters)
     settings = make_settings(kernel, parameters)
-    inputs = Inputs.of(arguments, transforms=bool(parameters.estimator.pose.tf_child_frame))
+    inputs = Inputs.of(arguments, parameters.estimator)
     motions = [_motions(bag, parameters, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:
@@ -144,6 +144,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,
         gyro=parameters.estimator.imu.noise_density,
+        located=not parameters.estimator.imu.alone,
     )
 
 

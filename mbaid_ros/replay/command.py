@@ -47,7 +47,7 @@ def replay(arguments: argparse.Namespace, argv: Sequence[str]) -> int:
     truths = _truths(arguments)
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
-    inputs = Inputs.of(arguments, transforms=bool(config.pose.tf_child_frame))
+    inputs = Inputs.of(arguments, config)
     if not gc.get_freeze_count():
         gc.freeze()  # what there is by now stays: looking through it for garbage takes time, again and again
     if len(arguments.bags) > 1:

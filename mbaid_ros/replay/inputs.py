@@ -10,6 +10,7 @@ from mbaid_ros.core.errors import ParameterError
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Recorded
+    from mbaid_ros.config.estimator import EstimatorConfig
     from mbaid_ros.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
@@ -42,6 +43,7 @@ class Inputs:
     thrust : of type geometry_msgs/WrenchStamped; empty is /thrust, where there is one
     stored_momentum : of type geometry_msgs/Vector3Stamped; empty is /stored_momentum, where there is one
     imu : of type sensor_msgs/Imu; empty is /imu, where there is one
+    located : whether anything locates the base; else an IMU has to be there
     """
 
     joint_states: str = '/joint_states'
@@ -49,15 +51,16 @@ class Inputs:
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
+    located: bool = True
 
     @staticmethod
-    def of(arguments: argparse.Namespace, *, transforms: bool = False) -> Inputs:
+    def of(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
         """Return what the arguments of `add_input_arguments` say.
 
         Parameters
         ----------
         arguments : parsed
-        transforms : whether the parameters have a transform locate the base
+        config : what the parameters say of what locates the base
 
         Raises
         ------
@@ -68,12 +71,13 @@ class Inputs:
             raise ParameterError(
                 f'--odom {arguments.odom} and --pose {arguments.pose} are given; accepted: one of them'
             )
-        base = arguments.odom or arguments.pose or (TF if transforms else '')
-        return Inputs(arguments.joint_states, base, arguments.thrust, arguments.stored_momentum, arguments.imu)
+        base = arguments.odom or arguments.pose or (TF if config.pose.tf_child_frame else '')
+        others = arguments.thrust, arguments.stored_momentum, arguments.imu
+        return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone)
 
     def found(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base."""
-        if self.odometry:
+        if self.odometry or not self.located:
             return self
         of_poses = POSE in bag.topics and bag.topics[POSE].type in POSE_TYPES
         return replace(self, odometry=POSE if of_poses and ODOMETRY not in bag.topics else ODOMETRY)
@@ -87,9 +91,12 @@ class Inputs:
             The bag lacks a topic, or has it with another type.
         """
         bag.require(self.joint_states, JOINT_STATE_TYPE)
-        base = self.found(bag).odometry
-        bag.require(base, ODOMETRY_TYPE, *POSE_TYPES)
-        others = []
+        found = [self.joint_states]
+        if self.located:
+            found.append(self.found(bag).odometry)
+            bag.require(found[-1], ODOMETRY_TYPE, *POSE_TYPES)
+        else:
+            bag.require(self.imu or IMU, IMU_TYPE)
         for wanted, usual, kind in (
             (self.thrust, THRUST, THRUST_TYPE),
             (self.stored_momentum, STORED_MOMENTUM, STORED_MOMENTUM_TYPE),
@@ -98,8 +105,8 @@ class Inputs:
             if wanted:
                 bag.require(wanted, kind)
             if wanted or (usual in bag.topics and bag.topics[usual].type == kind):
-                others.append(wanted or usual)
-        return self.joint_states, base, *others
+                found.append(wanted or usual)
+        return tuple(found)
 
     def add_to(self, session: Session, messages: Recorded) -> None:
         """Hand messages of the topics to a session."""

@@ -47,6 +47,7 @@ class BaseSource:
         # A frame without a name is no link's: that of the marker.
         frame = pose.frame or ('' if robot.marker is not None else base)
         self._poses = PoseReader(frame, pose.frame, pose.tf_parent_frame, pose.tf_child_frame)
+        self._needed = not config.imu.alone
         self.kind: Source | None = 'tf' if pose.tf_child_frame else None
         self.dropped: Counter[str] = Counter()
 
@@ -76,6 +77,8 @@ class BaseSource:
         return self.poses(used)
 
     def _is_used(self, kind: Source) -> bool:
+        if not self._needed:
+            return False
         return kind == self.kind or (self.kind is None and kind != 'tf')
 
 

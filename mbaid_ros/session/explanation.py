@@ -15,7 +15,7 @@ from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import BAD_QUATERNION, IMU_FRAME, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.base_source import OTHER_SOURCE
-from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
+from mbaid_ros.session.session import IMU, JOINTS, ODOMETRY, Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
 _MANY_OUTLIERS = 0.01  # share of the odometry
@@ -63,6 +63,8 @@ def obstacles(session: Session) -> list[str]:
     found = [session.problem] if session.problem else []
     if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
+    if IMU in session.gates and session.received[JOINTS] and not session.received[IMU]:
+        found.append('imu.noise_density is set, and nothing comes on imu')
     joints, base = (session.gates[name].newest for name in (JOINTS, ODOMETRY))
     if joints is not None and base is not None and abs(joints - base) > _APART:
         ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
@@ -113,6 +115,8 @@ def _imu_frame(session: Session) -> str:
 
 
 def _other_source(session: Session) -> str:
+    if session.config.imu.alone:
+        return 'imu.alone says that the gyro alone is used'
     if session.config.pose.tf_child_frame:
         return 'pose.tf_child_frame says that it is on /tf'
     comes = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}

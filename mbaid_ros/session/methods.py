@@ -103,6 +103,7 @@ def make_estimator(
     ParameterError
         The method lacks a parameter.
     """
+    _check_imu(config)
     if not kernel.errors.count:
         kernel = kernel.doubted(declared_errors(kernel, config.known_links))
     noise = SensorNoise(**vars(config.noise))
@@ -122,11 +123,12 @@ def make_estimator(
                 adapt=config.trajectory.adapt,
                 constant=_axes(config.disturbance.constant),
                 gyro=config.imu.noise_density,
+                located=not config.imu.alone,
             ),
             reporting,
         )
-        if config.disturbance.constant != 'none':
-            return second  # the first stage takes the momentum for constant
+        if config.disturbance.constant != 'none' or config.imu.alone:
+            return second  # the first stage takes the momentum for constant, and needs poses
         return TwoStageEstimator(_difference(config, known, noise, reporting), second)
     if config.orbit.mean_motion > 0.0:
         raise ParameterError(
@@ -147,6 +149,30 @@ def make_estimator(
             length=config.convergence.length,
         ),
     )
+
+
+def _check_imu(config: EstimatorConfig) -> None:
+    """Refuse what a gyro alone cannot do.
+
+    Raises
+    ------
+    ParameterError
+        It is to be alone, and is none, or the rest of the parameters needs poses.
+    """
+    if not config.imu.alone:
+        return
+    needs = {
+        'imu.noise_density is 0, which does not use the IMU; accepted: its noise': config.imu.noise_density == 0.0,
+        f'method is {config.method}, which needs poses; accepted: trajectory': config.method != 'trajectory',
+        'disturbance.constant is set, which needs poses; accepted: none': config.disturbance.constant != 'none',
+        'orbit.mean_motion is set, which needs poses; accepted: 0': config.orbit.mean_motion > 0.0,
+        'the run has a capture, which needs poses; accepted: capture.phase post_capture': (
+            config.capture.phase != 'post_capture' or config.capture.time > 0.0
+        ),
+    }
+    for problem, there in needs.items():
+        if there:
+            raise ParameterError(f"parameter 'imu.alone' is true, and {problem}")
 
 
 def _difference(

@@ -15,6 +15,7 @@ from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
+from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
@@ -263,6 +264,7 @@ class Session:
         self._reorder = Reorder[BaseStream](self._reorder_limit)
         self._reorder_imu = Reorder[ImuStream](self._reorder_limit)
         self.imu_reader = imu_reader(config, model)
+        self._reckoning = DeadReckoning() if config.imu.alone else None
         self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
         self._judged = []
@@ -306,7 +308,8 @@ class Session:
 
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
-        joints, odometry = self.gates[JOINTS], self.gates[ODOMETRY]
+        alone = self._reckoning is not None
+        joints, odometry = self.gates[JOINTS], self.gates[IMU if alone else ODOMETRY]
         if sum(len(gate.messages) for gate in self.gates.values()) >= PART:
             return True
         end = self._identifier.end_of_window
@@ -317,8 +320,9 @@ class Session:
         if stamp < end or joints.newest is None or odometry.newest is None:
             return False
         # A window is complete with the first joints after it and odometry that is no earlier than these.
-        newest_joints, newest_odometry = joints.newest - self.merge.hold, odometry.newest - self._reorder.hold
-        if IMU in self.gates:
+        hold = (self._reorder_imu if alone else self._reorder).hold
+        newest_joints, newest_odometry = joints.newest - self.merge.hold, odometry.newest - hold
+        if IMU in self.gates and not alone:
             newest_imu = self.gates[IMU].newest
             if newest_imu is None or newest_imu - self._reorder_imu.hold < (newest_joints if name == JOINTS else end):
                 return False
@@ -356,13 +360,14 @@ class Session:
 
     def _work(self) -> list[Estimate]:
         joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
-        imu = self._measured_by_imu()
         joints, dropped_joints = self.joint_reader.read(joint_states)
         base, dropped_base = self.odometry_reader.read(odometry)
         self.thrust.odometry_frame = self.odometry_reader.frame
         self.received[JOINTS] += number_of(joint_states)
         self.received[ODOMETRY] += number_of(odometry)
         self._refused += dropped_joints + dropped_base
+        imu = self._measured_by_imu()
+        located = self._reorder.push(base) if self._reckoning is None else self._reckoning.push(imu)
         told = self.stored_momentum.stream()
         if told is not None:
             every = range(len(self.robot.readings))
@@ -371,7 +376,7 @@ class Session:
         if merged is not None:
             merged = merged.divided(len(self.robot.model.independent_joints))
         try:
-            estimates = self._identifier.push(self._all_joints(merged), self._reorder.push(base), imu)
+            estimates = self._identifier.push(self._all_joints(merged), located, imu)
             joints_there_are = self.robot.model.joint_names  # also those that follow others
             return suspecting(estimates, [name for name in self.joint_reader.others if name not in joints_there_are])
         except UNSOLVABLE as error:

@@ -15,6 +15,8 @@ from mbaid_ros.core.unknowns.gyro import GyroErrors
 from mbaid_ros.core.unknowns.target_body import TargetPrior
 from mbaid_ros.session.surroundings import spin_deviations, uncertain_thrusters
 
+_NO_MOMENTUM = 1e-9  # N s
+
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
     """Return what the parameters declare of joints, mount, wheels, stamps, target and momentum.
@@ -46,16 +48,17 @@ def with_surroundings(
     mount : m and rad, of the odometry's mount
     """
     position, orientation = mount
+    alone = config.imu.alone  # then nothing else is mounted anywhere, and the frame has no momentum
     return Uncertainty(
         *joints,
-        mount_position=position,
-        mount_orientation=orientation,
+        mount_position=0.0 if alone else position,
+        mount_orientation=0.0 if alone else orientation,
         spin_inertias=spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
         thrust_direction=config.thrust.direction_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-        linear_momentum=config.momentum.linear_prior_std,
+        linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
         gyro=_gyro(config.imu),
     )
 
@@ -63,7 +66,9 @@ def with_surroundings(
 def _gyro(config: ImuConfig) -> GyroErrors | None:
     if config.noise_density == 0.0:
         return None
-    return GyroErrors(config.bias_std, config.scale_std, config.orientation_std, config.delay_std, config.bias_walk)
+    # Alone, it is as late as the joints are early.
+    delay = 0.0 if config.alone else config.delay_std
+    return GyroErrors(config.bias_std, config.scale_std, config.orientation_std, delay, config.bias_walk, config.alone)
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

@@ -57,7 +57,7 @@ class Motion:
         kernel: MomentumKernel,
         detector: PlaneDetector,
         uncertainty: Uncertainty,
-        sensing: tuple[SensorNoise, float, float],
+        sensing: tuple[SensorNoise, float, float, bool],
     ) -> Motion:
         """Return the motion in some windows of samples.
 
@@ -67,10 +67,12 @@ class Motion:
         kernel : of the robot, the errors of its known bodies included
         detector : decides whether the motion is planar, and in which plane
         uncertainty : of the known side, the target link included
-        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise
+        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything
+            else locates the base
         """
         layout = layout_of(kernel, uncertainty, detector)
-        averaging = KnotAveraging(kernel.model.joints, *sensing)
+        noise, length, gyro, located = sensing
+        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, located=located)
         taken = averaging.take(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:

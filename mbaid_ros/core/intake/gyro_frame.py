@@ -41,11 +41,11 @@ class GyroFrame:
             length = float(window.time[-1] - window.time[0])
             turned = log(window.base_rotation[0].T @ window.base_rotation[-1])
             both = np.concatenate((turned, window.gyro[-1] - window.gyro[0])) / length
-            if np.all(np.isfinite(both)):
+            ends = window.pose_covariance[[0, -1], 3:, 3:]
+            if np.all(np.isfinite(both)) and np.all(np.isfinite(ends)):
                 self._count += 1
                 self._sums = self._sums + both
                 self._squares = self._squares + np.outer(both, both)
-                ends = window.pose_covariance[[0, -1], 3:, 3:]
                 self._variance += float(np.trace(np.sum(ends, axis=0))) / 3.0 / length**2
                 self.contradiction = self._judged()
         return self.contradiction

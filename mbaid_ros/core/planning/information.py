@@ -161,6 +161,7 @@ class Information:
             tide=np.zeros((count, 0)),
             thrust=np.zeros((count, 24 * frames)),
             gyro=np.zeros((count, 0)),
+            course=np.zeros((count, 0)),
         )
 
     def _noise(self, length: float) -> WindowNoise:

@@ -18,6 +18,7 @@ from mbaid_ros.core.samples import Samples
 
 _PARALLEL = 1e-9
 _SIGNIFICANT = 6.0  # standard deviations of a window's mean
+_OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,12 @@ class PlaneDetector:
         # The reference normal has the first window's noise: twice the variance.
         # A rate that is not measured (NaN) says nothing.
         turns_out = out_of_plane > _SIGNIFICANT * rate_std
-        self.planar = bool(tilt <= _SIGNIFICANT * np.sqrt(2.0) * tilt_std and not turns_out)
+        # Nor does an orientation that is none (NaN), but integrated: then the gyro has to say it, whatever its bias.
+        tilts = tilt > _SIGNIFICANT * np.sqrt(2.0) * tilt_std
+        if np.isnan(tilt_std) and window.gyro.shape[1] and count > 1:
+            turned = (window.gyro[-1] - window.gyro[0]) / (window.time[-1] - window.time[0])
+            tilts = np.linalg.norm(turned - self._axis * (self._axis @ turned)) > _OUT_OF_PLANE
+        self.planar = not (tilts or turns_out)
 
     def plane(self, link: Link) -> Plane | None:
         """Return the plane in a link's frame, None for a spatial motion."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots, averages, bridged
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST
 from mbaid_ros.core.trajectory.windows import Window, WindowNoise
 
@@ -41,13 +41,18 @@ class KnotAveraging:
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
+    located : whether anything but that locates the base
 
     Attributes
     ----------
     origin : (3,) m, where the base was at first: the run's origin, which positions are relative to
     """
 
-    def __init__(self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0) -> None:
+    def __init__(
+        self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, located: bool = True
+    ) -> None:
+        self._located = located
+        self._course: Array = np.zeros(27)
         self._gyro = gyro
         self._noise = noise
         self._length = length
@@ -69,6 +74,8 @@ class KnotAveraging:
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
+        if not self._located:
+            own = self._followed(own, count)
         knots = own if self._kept is None else Knots.concatenate([self._kept, own])
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
@@ -82,6 +89,14 @@ class KnotAveraging:
             taken.append(Taken(ready, still_open, self._moved))
         self._kept = knots[-2 * count :]
         return taken
+
+    def _followed(self, own: Knots, count: int) -> Knots:
+        """Return knots of windows with what the gyro's errors have made of the orientation, window by window."""
+        parts = []
+        for begin in range(0, len(own), count):
+            followed, self._course = with_course(own[begin : begin + count], self._length / count, self._course)
+            parts.append(followed)
+        return Knots.concatenate(parts)
 
     def _collect(
         self, knots: Knots, empty: list[bool], place: int, number: int, noise_now: WindowNoise

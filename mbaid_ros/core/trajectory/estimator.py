@@ -54,6 +54,7 @@ class TrajectorySettings:
     adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
     constant : axes of a constant force and torque that is taken to act
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    located : whether anything locates the base; linear momentum means nothing where not
     """
 
     noise: SensorNoise
@@ -64,6 +65,7 @@ class TrajectorySettings:
     adapt: bool
     constant: Axes = 'none'
     gyro: float = 0.0
+    located: bool = True
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,9 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._averaging = KnotAveraging(kernel.model.joints, settings.noise, settings.window, settings.gyro)
+        self._averaging = KnotAveraging(
+            kernel.model.joints, settings.noise, settings.window, settings.gyro, located=settings.located
+        )
         self._run: FilterRun | None = None
         self._layout: Layout
         self._variables: Variables
@@ -199,7 +203,8 @@ class TrajectoryEstimator:
             self._layout = layout_of(kernel, settings.uncertainty, self._plane)
             self._variables = variables(self._layout, self._plane, settings.uncertainty)
             known_mass = float(np.sum(kernel.known[:, 0]))
-            bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=settings.adapt)
+            adapt = settings.adapt and settings.located  # what drifts would show in poses
+            bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
             self._run = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
             suspicion = Suspicion(self._layout, self._plane, settings.uncertainty, bank)
             self._inquiries = Inquiries(suspicion, settings.noise)
@@ -306,7 +311,8 @@ class TrajectoryEstimator:
         estimates = self._reporting.estimates(
             self.method, [one.solution for one in solved], [one.instant for one in solved]
         )
-        return [_judged(estimate, one) for estimate, one in zip(estimates, solved, strict=True)]
+        judged = [_judged(estimate, one) for estimate, one in zip(estimates, solved, strict=True)]
+        return judged if self._settings.located else [_without_linear_momentum(estimate) for estimate in judged]
 
 
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
@@ -330,6 +336,13 @@ def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
         time_offset=solved.delay[0],
         time_offset_std=solved.delay[1],
     )
+
+
+def _without_linear_momentum(estimate: Estimate) -> Estimate:
+    """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
+    momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
+    momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
+    return replace(estimate, momentum=momentum, momentum_covariance=covariance)
 
 
 def _force(track: Track, moments: Moments) -> tuple[Event, ...]:

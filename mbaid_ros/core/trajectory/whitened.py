@@ -59,9 +59,12 @@ def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
-    pose = _whitened(windows.pose_value, windows.pose_rows, windows.pose_covariance, variables, variables.measured)
+    located = np.asarray(np.isfinite(windows.pose_covariance).all(axis=(1, 2)))
+    select = variables.measured if located.all() else variables.measured[:0]  # of a run all are, or none
+    covariance = np.where(located[:, None, None], windows.pose_covariance, np.eye(6))
+    pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
     weighed = pose.weighed(windows.joints)
-    places = np.arange(variables.poses)
+    places = np.arange(len(select))
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
     for moving, select, of_rates in _rates(windows.twist_value, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)

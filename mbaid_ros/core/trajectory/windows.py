@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, cross, rotate_back
 from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
-from mbaid_ros.core.trajectory.knots import Knots, at_the_base
+from mbaid_ros.core.trajectory.knots import Knots, at_the_base, turned_back
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
 
@@ -99,6 +99,11 @@ class Stack:
         Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
         """
         middle = self.middle
+        if side.gyro.any() and self.knots.course.shape[-1]:
+            middle = midpoints(turned_back(self.knots, side.gyro), self.windows[0].spacing)
+            read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
+            errors = side.gyro[:3] + side.gyro[3:6] * read + cross(read, np.broadcast_to(side.gyro[6:], read.shape))
+            middle = replace(middle, gyro=middle.gyro - errors)
         if side.mount.any():
             middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
         if side.delay != 0.0:

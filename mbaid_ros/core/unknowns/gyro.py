@@ -5,7 +5,7 @@ It reads (1 + diag(k)) Exp(-e) w(t - d) + b in the axes that its frame is said t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class GyroErrors:
     ----------
     bias, scale, orientation, delay : rad/s, relative, rad, s
     walk : rad/s/sqrt(s), of the bias
+    alone : whether it alone tells the orientation, which windows are linearised along
     """
 
     bias: float = 0.0
@@ -32,6 +33,7 @@ class GyroErrors:
     orientation: float = 0.0
     delay: float = 0.0
     walk: float = 0.0
+    alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +43,11 @@ class Gyro(Unknown):
     Attributes
     ----------
     wandering : (10, w) factor of what the bias changes by in a second
+    alone : whether it alone tells the orientation
     """
 
     wandering: Array = field(default_factory=lambda: np.zeros((10, 0)))
+    alone: bool = False
 
     read = True
     in_equations = False  # which do not know of it
@@ -60,14 +64,20 @@ class Gyro(Unknown):
         return np.concatenate((motion.axes, motion.stretching, motion.turning, -motion.slope[:, :3, None]), axis=-1)
 
     def settled(self, value: Array, deviation: Array) -> Array:
-        """Return zero: the readings are linear, and windows are those that are read."""
+        """Return zero where poses are measured: the readings are linear, and windows are those that are read.
+
+        Of a gyro alone they are those that it has led to, less what is known of bias, scale and turn.
+        """
         del deviation
-        return np.zeros_like(value)
+        if not self.alone:
+            return np.zeros_like(value)
+        numbers = self.factor @ value
+        numbers[9] = 0.0
+        return np.asarray(np.linalg.pinv(self.factor) @ numbers)
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:
-        """Return the known side as it is."""
-        del value
-        return side
+        """Return the known side with these errors."""
+        return replace(side, gyro=side.gyro + value[:9]) if self.alone else side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return bias and scale of what it reads about the normal, and the delay."""
@@ -82,7 +92,7 @@ class Gyro(Unknown):
         normal = self.plane_basis(detector)[:3, :1]
         wandering = np.zeros((10, 1))
         wandering[:3] = normal * np.sqrt(np.sum((normal.T @ self.wandering[:3]) ** 2))
-        return Gyro(seen.factor, seen.labels, wandering if self.wandering.any() else self.wandering)
+        return Gyro(seen.factor, seen.labels, wandering if self.wandering.any() else self.wandering, self.alone)
 
 
 def gyro(errors: GyroErrors | None) -> Gyro:
@@ -92,4 +102,4 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering = np.zeros((10, 3))
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:3], 3).tolist(), LATE)
-    return Gyro(np.diag(deviations)[:, deviations > 0.0], labels, wandering[:, : 3 * (own.walk > 0.0)])
+    return Gyro(np.diag(deviations)[:, deviations > 0.0], labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone)

@@ -55,7 +55,7 @@ def read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
     if Path(path).suffix.lower() != '.json':
         config = build(EstimatorConfig, _given(arguments))
         with progress_bar(path) as progress:
-            run = replay_bag(path, config, urdf, Inputs.of(arguments), progress=progress)
+            run = replay_bag(path, config, urdf, Inputs.of(arguments, config), progress=progress)
         return _begin(path, config, urdf, run.final.status, run.state)
     content = _content(path)
     made = content.get('made_by') or {}

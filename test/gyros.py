@@ -1,0 +1,98 @@
+"""Runs of the robots of config/ with an IMU at 200 Hz and poses without a twist at 10 Hz, for the tests of the gyro."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from observed import MID
+from simulated import CONFIG, robot
+from streams import urdf
+
+DENSITY = 1e-4  # rad/s/sqrt(Hz)
+IMU: dict[str, object] = {
+    'imu.rate': 200.0,
+    'imu.noise_density': DENSITY,
+    'imu.bias': [3e-3, -2e-3, 1e-3],
+    'imu.bias_walk': 2e-5,
+    'imu.scale': [2e-3, -1e-3, 3e-3],
+}
+KNOWN: dict[str, object] = {
+    **EXACT,
+    'maximum_gap': 0.25,
+    'imu.noise_density': DENSITY,
+    'imu.bias_std': 5e-3,
+    'imu.scale_std': 3e-3,
+}
+Spoil = Callable[[float, Any], Any]
+
+
+@cache
+def messages(name: str, seconds: float, seed: int) -> tuple[TimedMessage, ...]:
+    """Return what the sensors of a robot say: an IMU at 200 Hz, poses without a twist at 10 Hz."""
+    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
+    noise = {f'noise.{channel}': value for channel, value in vars(MID).items() if channel != 'base_correlation_time'}
+    config = build(SimulatorConfig, {**values, **noise, **IMU, 'seed': seed, 'odometry_rate': 10.0})
+    made = SimulatedRun(config, urdf(name), BAG_TYPES)
+    made.start = 1_700_000_000_000_000_000
+    said = made.read(seconds - 0.001)
+    for each in said:
+        if each.topic == 'odom':
+            motion = each.message.twist.twist
+            for part in (motion.linear, motion.angular):
+                part.x = part.y = part.z = np.nan
+    return tuple(said)
+
+
+def taken(
+    said: tuple[TimedMessage, ...],
+    name: str,
+    parameters: Mapping[str, object] = KNOWN,
+    spoil: Spoil | None = None,
+    at_once: int = 100_000,
+) -> tuple[Session, list[Estimate]]:
+    session = Session(build(EstimatorConfig, parameters), urdf(name))
+    take = {'joint_states': session.add_joint_state, 'odom': session.add_odometry, 'imu': session.add_imu}
+    found: list[Estimate] = []
+    for place, each in enumerate(said):
+        message = each.message
+        if each.topic == 'imu' and spoil is not None:
+            message = spoil(each.time, deepcopy(message))
+        if message is not None:
+            take[each.topic](message)
+        if place % at_once == at_once - 1:
+            found += session.process()
+    return session, [*found, *session.process()]
+
+
+def normalised(estimate: Estimate, name: str) -> Array:
+    """Return the errors of what is determined in standard deviations."""
+    model = robot(name)
+    truth = physical(model.link(model.last_link).parameters)
+    return ((estimate.parameters - truth) / estimate.std)[estimate.identifiable]
+
+
+def rated(change: Callable[[Array], Array]) -> Spoil:
+    """Return what changes the angular velocity of a message."""
+
+    def spoil(_time: float, message: Any) -> Any:
+        rate = message.angular_velocity
+        rate.x, rate.y, rate.z = change(np.array([rate.x, rate.y, rate.z]))
+        return message
+
+    return spoil
