@@ -6,7 +6,6 @@ The search takes some seconds of a core: a process of its own makes it, while es
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -27,7 +26,6 @@ from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.session import Session
 
 _PERIOD = 0.1  # s, between two looks at whether the motion is there
-_NICE = 5  # how much less than estimates the search matters
 
 
 class Planning:
@@ -115,7 +113,6 @@ class Planning:
 def _work(answer: Connection, config: EstimatorConfig, knowledge: Knowledge) -> None:
     """Send back the motion, None where there is none, and what is to be told."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who has started this ends it
-    os.nice(_NICE)
     from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - takes a while, and the node needs none of it
 
     try:

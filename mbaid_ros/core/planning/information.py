@@ -6,6 +6,7 @@ next window are those that the filter makes of a motion as it is predicted.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.planning.floating import BaseMotion
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
-from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.filter import advance, update
 from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
@@ -109,19 +110,42 @@ class Information:
         -------
         (B, 10), or (W, B, 10) on the way
         """
+        course = [
+            self._relative(np.stack([self._covariance(belief) for belief in beliefs]))
+            for number, beliefs in enumerate(self._followed(grid, joints, base), start=1)
+            if number == grid.windows or (every and number % every == 0)
+        ]
+        return np.stack(course) if every else course[-1]
+
+    def shares(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> tuple[tuple[str, ...], Array]:
+        """Return the causes of uncertainty beside the sensors, c names, and their shares of what one motion leaves.
+
+        Parameters
+        ----------
+        grid, joints, base : as for `after`, of one motion
+
+        Returns
+        -------
+        c names, (10, c) parts of the variances of the ten parameters
+        """
+        last = self._start
+        for (belief,) in self._followed(grid, joints, base):
+            last = belief
+        moments = Moments.of(last, self._known.variables)
+        own = self._jacobian @ moments.factor[BODY]
+        causes, variances = moments.contributions(own, self._known.layout)
+        return causes, variances / np.sum(own**2, axis=1, keepdims=True)
+
+    def _followed(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> Iterator[list[Belief]]:
+        """Give what will be known of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
-        course = []
         beliefs = [self._start] * batch
         for number in range(grid.windows):
             own = whitened[number * batch : (number + 1) * batch]
             beliefs = [update(belief, window) for belief, window in zip(beliefs, own, strict=True)]
-            last = number == grid.windows - 1
-            if last or (every and number % every == every - 1):
-                course.append(self._relative(np.stack([self._covariance(belief) for belief in beliefs])))
-            if not last:
-                beliefs = [self._advanced(*pair) for pair in zip(beliefs, own, strict=True)]
-        return np.stack(course) if every else course[-1]
+            yield beliefs
+            beliefs = [self._advanced(*pair) for pair in zip(beliefs, own, strict=True)]
 
     def _advanced(self, belief: Belief, window: WhitenedWindow) -> Belief:
         return advance(belief, window, self._known.variables, self._known.hypothesis)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.planning.advice import beyond_motion, single_joint
 from mbaid_ros.core.planning.collisions import Collisions
 from mbaid_ros.core.planning.information import Grid, Information
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
@@ -146,6 +147,15 @@ class Planner:
         found = search.best if settings.duration or search.reached is None else search.reached
         return self._finished(self._sure(found), search.base, compared)
 
+    def _advice(self, candidate: Candidate) -> list[str]:
+        """Return what would help, beside this motion."""
+        grid = candidate.motions.coarse
+        lines = (
+            single_joint(candidate.motions, self._wanted, self._settings.base),
+            beyond_motion(candidate.motions, candidate.waypoints, grid, self._wanted),
+        )
+        return [line for line in lines if line]
+
     def _notes(self) -> list[str]:
         """Return what holds of where the motion begins."""
         notes, knowledge = [], self.motions.knowledge
@@ -249,6 +259,6 @@ class Planner:
             longest=settings.longest,
             compared=compared,
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
-            notes=(*self._notes(), *self._collisions.notes),
+            notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,
         )

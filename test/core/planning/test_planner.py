@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -124,3 +125,14 @@ def test_what_is_out_of_reach_is_told_with_the_limit_that_makes_it_so(servicer: 
 def test_what_is_known_well_enough_needs_no_motion(servicer: Begun) -> None:
     with pytest.raises(ParameterError, match='known as well as is wanted already'):
         planner(servicer, relative=np.full(10, 100.0)).plan()
+
+
+def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
+    robot = begun('ets7', known_links__relative_std=0.05)
+    plan = planner(robot, duration=20.0, effort=10).plan()
+    assert not plan.reached
+    single, beyond = plan.notes[:2]
+    assert re.match(
+        r'of single joints joint\d tells most of \w+: [\d.]+ deg there and back in 10 s bring it from', single
+    )
+    assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from link:base_link: better', beyond)
