@@ -25,7 +25,7 @@ from mbaid_ros.nodes.runner import Interrupt, own_arguments, ros
 
 NAME = 'recorder'
 
-_INPUTS = ('joint_states', 'odom', 'thrust', 'stored_momentum', 'robot_description')
+_INPUTS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'robot_description')
 _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
 _DISCOVERY_PERIOD = 0.1  # s
 _FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails; a tenth of its age of a younger recording

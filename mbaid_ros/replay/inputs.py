@@ -133,6 +133,12 @@ def add_input_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that name bags and the topics to read."""
     add = parser.add_argument
     add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
+    add_topic_arguments(parser)
+
+
+def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that name the topics to read."""
+    add = parser.add_argument
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
     add('--odom', default='', metavar='TOPIC', help='Odometry that locates the base (default: /odom)')
     add(

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.inputs import add_topic_arguments
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,10 +39,7 @@ def _parser() -> ArgumentParser:
     add('--model', required=True, metavar='URDF', help='the robot description')
     add('--params', metavar='YAML', help="the estimator node's parameter file (default: what RESULT was made with)")
     add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
-    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='of a bag; default: %(default)s')
-    add('--odom', default=Inputs.odometry, metavar='TOPIC', help='of a bag; default: /odom')
-    add('--thrust', default='', metavar='TOPIC', help='of a bag; default: /thrust, if recorded')
-    add('--stored-momentum', default='', metavar='TOPIC', help='of a bag; default: /stored_momentum, if recorded')
+    add_topic_arguments(parser)  # of a bag
     add('--yaml', metavar='FILE', help='write the motion as ros2 topic pub takes it, and simulate --trajectory')
     add('--output', metavar='BAG', help='write the motion as a message into a new bag')
     add('--json', metavar='FILE', help='write the plan as JSON; - for standard output')
