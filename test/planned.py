@@ -54,8 +54,8 @@ class Begun:
     def moved(self, trajectory: JointTrajectory, rest: float = 0.5) -> tuple[Truth, Estimate]:
         """Return how the robot truly follows a trajectory, and what the same run knows in the end."""
         truth = follow(self.kernel, self.state, trajectory, trajectory.duration + rest)
-        seen = observe(truth, MID, 7)[1:]
-        seen = replace(seen, time=seen.time + self.samples.time[-1])
+        seen = observe(truth, MID, 7)
+        seen = replace(seen, time=seen.time + self.samples.time[-1] + 1.0 / RATE)
         return truth, self.method.update(windows(seen), 0)[-1]
 
 

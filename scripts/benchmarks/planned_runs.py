@@ -128,8 +128,8 @@ def run(case: Case) -> Outcome:
     wanted = Wanted(settings.relative, planner.information.asked)
     best = _best_of_sinusoids(planner.motions, wanted, base, generator)
     moved = _follow(kernel, _last(truth), plan.trajectory, plan.trajectory.duration + REST)
-    seen = _seen(moved, case.seed + 1000)[1:]
-    final = _updated(method, replace(seen, time=seen.time + samples.time[-1]))
+    seen = _seen(moved, case.seed + 1000)
+    final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
     turned = _turned(kernel, truth, moved, plan)
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], kernel)
     return Outcome(

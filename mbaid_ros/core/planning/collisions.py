@@ -10,6 +10,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import read_description
 
 _DENSE = 60  # instants of a motion at which distances are asked for
@@ -40,10 +41,7 @@ class Collisions:
     def __init__(self, model: RobotModel, clearance: float, start: Array) -> None:
         text, meshes = _without_meshes(read_description(model.urdf, model.base_link).text)
         self._robot = parse(model.urdf, model.base_link)
-        try:
-            self._shapes = pinocchio.buildGeomFromUrdfString(self._robot, text, pinocchio.GeometryType.COLLISION)
-        except (ValueError, RuntimeError) as error:
-            raise ModelError(f'a collision shape of the robot description cannot be read: {error}') from error
+        self._shapes = _read(self._robot, text)
         self._names = model.joint_names
         self._data = self._robot.createData()
         joints = list(self._robot.joints)[2:]
@@ -117,6 +115,28 @@ class Collisions:
         configuration[turning] = np.cos(position[self._turning])
         configuration[turning + 1] = np.sin(position[self._turning])
         pinocchio.updateGeometryPlacements(self._robot, self._data, self._shapes, self._geometry, configuration)
+
+
+def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
+    """Return the collision shapes of a robot description.
+
+    Raises
+    ------
+    ModelError
+        One of them cannot be read; pinocchio would leave it out.
+    """
+    complaints: list[str] = []
+    try:
+        with kept_words(complaints):
+            shapes = pinocchio.buildGeomFromUrdfString(robot, text, pinocchio.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        complaints.append(str(error))
+        shapes = None
+    given = sum(len(link.findall('collision')) for link in ET.fromstring(text).iter('link'))
+    if shapes is None or len(shapes.geometryObjects) != given:
+        reason = ' '.join('; '.join(complaints).split()) or 'no reason given'
+        raise ModelError(f'a collision shape of the robot description cannot be read: {reason}')
+    return shapes
 
 
 def _link(shape: str) -> str:
