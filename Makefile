@@ -16,13 +16,14 @@ endif
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME
 unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed paper-table
+.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
+	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
@@ -41,6 +42,9 @@ setup: install/.built
 
 demo: install/.built
 	@. ./install/setup.sh && python3 scripts/demo.py
+
+demo-plan: install/.built
+	@. ./install/setup.sh && python3 scripts/demo_plan.py $(ARGS)
 
 bags: install/.built
 	@. ./install/setup.sh && python3 scripts/make_bags.py $(ARGS)
