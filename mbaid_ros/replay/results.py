@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -149,12 +149,15 @@ class History:
         self._stride = 1
         self._count = 0
         self._kept: list[Estimate] = []
+        self._ends_with_last = False  # whether the last one is among these
         self.last: Estimate | None = None
 
     def add(self, estimate: Estimate) -> None:
         """Take the next estimate."""
-        if self._count % self._stride == 0:
-            self._kept.append(estimate)
+        self._ends_with_last = self._count % self._stride == 0
+        if self._ends_with_last:
+            # Only the last one's error budget is told of: it is most of what an estimate takes.
+            self._kept.append(estimate if estimate.budget is None else replace(estimate, budget=None))
             if len(self._kept) > 2 * self._limit:
                 self._kept = self._kept[::2]
                 self._stride *= 2
@@ -163,12 +166,13 @@ class History:
 
     def entries(self) -> tuple[Estimate, ...]:
         """Return at most `limit` estimates at equal distances, and the last one."""
-        kept = self._kept
+        kept, step = self._kept, 1
         if len(kept) > self._limit - 1 and self._count > self._limit:
-            kept = kept[:: -(-len(kept) // (self._limit - 1))]
-        if self.last is not None and kept[-1] is not self.last:
-            return (*kept, self.last)
-        return tuple(kept)
+            step = -(-len(kept) // (self._limit - 1))
+        thinned = kept[::step]
+        if self._ends_with_last and (len(kept) - 1) % step == 0:
+            return tuple(thinned)
+        return tuple(thinned) if self.last is None else (*thinned, self.last)
 
 
 def as_json(run: Run) -> dict[str, Any]:
