@@ -33,7 +33,10 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
     moved = np.flatnonzero(motions.limits.moved)
     waypoints: Array = np.zeros((len(moved), 2, len(size)))
     # Towards the middle of its range: there is more room.
-    centre = np.where(np.isfinite(motions.limits.upper), 0.5 * (motions.limits.lower + motions.limits.upper), np.inf)
+    limits = motions.limits
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    centre = np.full(len(size), np.inf)
+    centre[bounded] = 0.5 * (limits.lower[bounded] + limits.upper[bounded])
     waypoints[np.arange(len(moved)), 0, moved] = (size * np.where(motions.start > centre, -1.0, 1.0))[moved]
     waypoints = alone.gentle(alone.within(waypoints), base)
     after = alone.relative(waypoints, alone.coarse)

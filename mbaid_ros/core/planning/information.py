@@ -134,7 +134,7 @@ class Information:
         moments = Moments.of(last, self._known.variables)
         own = self._jacobian @ moments.factor[BODY]
         causes, variances = moments.contributions(own, self._known.layout)
-        return causes, variances / np.sum(own**2, axis=1, keepdims=True)
+        return causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
     def _followed(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> Iterator[list[Belief]]:
         """Give what will be known of B motions after each window."""
