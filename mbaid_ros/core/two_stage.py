@@ -47,6 +47,11 @@ class SecondStage(Estimator, Protocol):
         """Return what it has come to know, for what is to come; None while there is no solution that stays."""
         ...
 
+    @property
+    def changed(self) -> bool:
+        """Whether the target has changed since the run began: stage 1 would take both bodies for one."""
+        ...
+
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         ...
@@ -109,6 +114,9 @@ class TwoStageEstimator:
         if early is not None and early.identifiable[0] and early.status != 'inconsistent':
             self._second.offer(early)
         (late,) = self._second.update([window], origin)
+        if self._second.changed:
+            self._first = None
+            return late
         if self._windows >= _LONGEST:
             self._first = None
         if early is None:

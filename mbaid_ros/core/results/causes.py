@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from mbaid_ros.core.geometry import Array
+
 PULSE = 'thrust pulse or contact'
 SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
@@ -16,3 +18,17 @@ def constant_force(axes: Literal['inertial', 'body']) -> str:
         else 'base axes: a leak or thrust'
     )
     return f'a force or torque that is constant in {likely}'
+
+
+def changed_by(text: str, mass: float | None, centre: Array) -> str:
+    """Return that a target has changed, with by how much.
+
+    Parameters
+    ----------
+    text : what has happened
+    mass : kg; None where it cannot have changed
+    centre : (3,) m, of the centre of mass, target link's frame
+    """
+    along = ', '.join(f'{value:+.3g}' for value in centre)
+    heavier = '' if mass is None else f', the mass by {mass:+.3g} kg'
+    return f'{text}; the centre of mass has changed by ({along}) m{heavier}'

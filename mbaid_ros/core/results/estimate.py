@@ -26,24 +26,26 @@ def _unknown(*shape: int) -> Array:
 
 @dataclass(frozen=True)
 class Event:
-    """Something external that changed the momentum.
+    """Something that changed the momentum from outside, or the target.
 
     Attributes
     ----------
     time : s since the first sample
-    kind : 'step' (a change of momentum) or 'ramp' (a rate of change)
-    linear, angular : (3,) N s, N m s about the odometry origin (N, N m for a ramp)
+    kind : 'step' (a change of momentum), 'ramp' (a rate of change) or 'target_changed'
+    linear, angular : (3,) N s, N m s about the odometry origin (N, N m for a ramp; zero for a target that has changed)
     cause : what it may have been
     """
 
     time: float
-    kind: Literal['step', 'ramp']
+    kind: Literal['step', 'ramp', 'target_changed']
     linear: Array
     angular: Array
     cause: str
 
     def __str__(self) -> str:
         """Return it as a warning."""
+        if self.kind == 'target_changed':
+            return self.cause
         linear, angular = (', '.join(f'{value:.3g}' for value in vector) for vector in (self.linear, self.angular))
         if self.kind == 'ramp':
             return f'momentum changes since {self.time:.1f} s, by ({linear}) N, ({angular}) N m: {self.cause}'

@@ -24,6 +24,7 @@ _FALSE_ALARM = 1e-8
 # Windows that one jump may take: a pulse across the border of two is in both. While windows are linearised at a guess,
 # what they leave unexplained is no pulse.
 LONGEST, LONGEST_AT_A_GUESS = 2, 1
+_REMEMBERED = 4  # jumps, of which the belief before is kept
 _JUMP = 0.3  # standard deviation of a jump, in typical sizes of the momentum
 
 
@@ -35,10 +36,12 @@ class Jump:
     ----------
     time : s since the first sample, start of the window in which it was noticed
     before : (6,) (P, L) until then, about the run's origin
+    belief : a window earlier, which nothing of it has touched; of the first jumps of a run only
     """
 
     time: float
     before: Array
+    belief: Belief | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +54,7 @@ class Track:
     jumped: int = 0  # windows in a row, the last one among them, that the momentum has jumped in
     inflations: int = 0  # windows in all
     longest: int = LONGEST  # windows that one jump may take
+    previous: Belief | None = None  # before the latest window
 
     @property
     def misfit(self) -> float:
@@ -81,7 +85,7 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or track.jumped == track.longest:
-        return replace(track, belief=after, jumped=0)
+        return replace(track, belief=after, jumped=0, previous=before)
     likelihood = _as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     belief = update(loose, white)
@@ -91,10 +95,12 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     jumps = track.jumps
     if not track.jumped:
         mean = before.least_squares[: len(variables.scale)]
-        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean))
+        untouched = track.previous if len(jumps) < _REMEMBERED else None
+        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, untouched))
     return replace(
         track,
         belief=replace(belief, log_likelihood=likelihood),
+        previous=before,
         jumps=jumps,
         jumped=track.jumped + 1,
         inflations=track.inflations + 1,

@@ -7,10 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.causes import PULSE, SYMPTOM, constant_force
 from mbaid_ros.core.results.estimate import Estimate, Event, Status, Thruster
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
@@ -22,20 +20,24 @@ from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
+from mbaid_ros.core.trajectory.events import ChangedTarget, forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
+from mbaid_ros.core.trajectory.grasp import another_body
 from mbaid_ros.core.trajectory.inquiries import Inquiries
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
-from mbaid_ros.core.trajectory.suspicion import Suspicion
+from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
-from mbaid_ros.core.verdict.judgement import MOST_JUMPS, Evidence, Judgement, judge
+from mbaid_ros.core.unknowns.words import of_change
+from mbaid_ros.core.verdict.judgement import Evidence, Judgement, judge
 
-_NOTHING = 1e-6  # chance of a force that is none to be told of
+_SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
 
@@ -105,6 +107,8 @@ class TrajectoryEstimator:
         self._variables: Variables
         self._inquiries: Inquiries
         self._samples = 0
+        self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
+        self._changed: ChangedTarget | None = None
         self._last: Samples | None = None
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -163,6 +167,11 @@ class TrajectoryEstimator:
         best = self._run.best
         return best.hypothesis.disturbed or len(best.jumps) > 0 or self._run.delayed
 
+    @property
+    def changed(self) -> bool:
+        """Whether the target has changed since the run began."""
+        return self._changed is not None
+
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._run is not None:
@@ -189,6 +198,8 @@ class TrajectoryEstimator:
         self._plane.update(window)
         self._samples += len(window)
         run = self._running()
+        if (change := self._inquiries.change) is not None:
+            run = self._run = self._begin_again(run, change)
         run.expect(coming)
         run.take(taken.ready, taken.still_open, moved=taken.moved)
         self._inquiries.take(taken.ready, window)
@@ -199,16 +210,46 @@ class TrajectoryEstimator:
     def _running(self) -> FilterRun:
         """Return the filter; a new one where the motion has turned out spatial."""
         if self._run is None or self._run.planar != self._plane.planar:
-            settings, kernel = self._settings, self._kernel
-            self._layout = layout_of(kernel, settings.uncertainty, self._plane)
-            self._variables = variables(self._layout, self._plane, settings.uncertainty)
-            known_mass = float(np.sum(kernel.known[:, 0]))
-            adapt = settings.adapt and settings.located  # what drifts would show in poses
-            bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
-            self._run = FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
-            suspicion = Suspicion(self._layout, self._plane, settings.uncertainty, bank)
-            self._inquiries = Inquiries(suspicion, settings.noise)
+            self._layout = layout_of(self._kernel, self._settings.uncertainty, self._plane)
+            self._variables = variables(self._layout, self._plane, self._settings.uncertainty)
+            self._run = self._begun()
         return self._run
+
+    def _begun(self) -> FilterRun:
+        """Return a filter that has met nothing yet, and begin to inquire into it."""
+        settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
+        adapt = settings.adapt and settings.located  # what drifts would show in poses
+        bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
+        self._inquiries = Inquiries(Suspicion(self._layout, self._plane, settings.uncertainty, bank), settings.noise)
+        return FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
+
+    def _begin_again(self, run: FilterRun, change: Change) -> FilterRun:
+        """Follow the target as it is since a change: what is known of the robot carries over, and what has stayed."""
+        slack = _SETTLING * self._settings.window
+        belief = run.belief_before(change.time, slack)
+        known = None if belief is None else Moments.of(belief, self._variables)
+        self._earlier = (*self._past(known), *(jump for jump in self._jumps(run) if jump.time < change.time - slack))
+        text = of_change(change.time, exchanged=change.exchanged)
+        self._changed = ChangedTarget(change.time, text, change.exchanged, known)
+        if belief is not None:
+            after = another_body(belief, self._variables, exchanged=change.exchanged)
+            moments = Moments.of(after, self._variables)
+            carried = Carried(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
+            self._layout = replace(self._layout, known=carried)
+            self._variables = self._variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
+        windows = self._inquiries.since(change.time + slack)
+        begun = self._begun()
+        begun.expect(windows)
+        for window in windows:
+            begun.take(window, None, moved=True)
+        return begun
+
+    def _past(self, now: Moments | None) -> tuple[Event, ...]:
+        """Return what happened until the target changed last, if it did, and that."""
+        return self._earlier if self._changed is None else (*self._earlier, self._changed.event(now))
+
+    def _jumps(self, run: FilterRun) -> tuple[Event, ...]:
+        return jumps(run.best, run.moments().mean[MOMENTUM], self._averaging.origin) if run.started else ()
 
     def _waiting(self, run: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
         """Return an estimate that says why there is no solution; None where there is one."""
@@ -227,7 +268,14 @@ class TrajectoryEstimator:
             self._inquiries.follow(run, suspicious=run.unexplained)
         causes = tuple((cause.text, cause.gain) for cause in self._inquiries.causes(run))
         return Estimate(
-            self.method, status, now.time, now.stamp, samples=now.samples, causes=causes, warnings=(warning,)
+            self.method,
+            status,
+            now.time,
+            now.stamp,
+            samples=now.samples,
+            causes=causes,
+            events=self._past(None),
+            warnings=(warning,),
         )
 
     def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> _Solved:
@@ -248,7 +296,7 @@ class TrajectoryEstimator:
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
         )
-        found = (*_force(track, moments), *jumps(track, moments.mean[MOMENTUM], origin))
+        found = (*forces(track, moments), *self._past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
         budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
         return _Solved(
             moments.mean, solution, now, self._thrusters(moments), track, judgement, found, self._delay(moments), budget
@@ -343,33 +391,3 @@ def _without_linear_momentum(estimate: Estimate) -> Estimate:
     momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
     momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
     return replace(estimate, momentum=momentum, momentum_covariance=covariance)
-
-
-def _force(track: Track, moments: Moments) -> tuple[Event, ...]:
-    """Return the constant force and torque (6,), if there is one and it is not nothing."""
-    axes = track.hypothesis.force
-    if axes == 'none':
-        return ()
-    value, factor = moments.force, moments.force_factor
-    significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
-    if significance < chi_square.limit(_NOTHING, len(value)):
-        return ()
-    return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
-
-
-def jumps(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
-    """Return the jumps of the momentum, each as the difference of what is known now of it before and after.
-
-    Parameters
-    ----------
-    track : Track
-    momentum : (6,) (P, L) at present, about the run's origin
-    origin : (3,) m, of the run, in the odometry frame
-    """
-    levels = [*(jump.before for jump in track.jumps), momentum]
-    found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
-    for jump, after in zip(track.jumps, levels[1:], strict=True):
-        linear = after[:3] - jump.before[:3]
-        angular = after[3:] - jump.before[3:] + cross(origin, linear)
-        found.append(Event(jump.time, 'step', linear, angular, cause))
-    return tuple(found)

@@ -27,6 +27,7 @@ _RETRY, _RETRY_PART = 2, 0.1
 _GROWN, _KNOWN = 40, 0.1
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
+_TELLING = 8  # windows that tell whether a jump was a push
 _PART = 300  # of these, done at a time
 # Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere. Then what moves are
 # the directions known as well as this, relative to typical sizes, and those that are so far off that their square, what
@@ -72,6 +73,7 @@ class FilterRun:
         self._search: Search | None = None  # that is under way
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
+        self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._point: Point | None = None  # at which windows are linearised at present
         self._reference: Array = np.zeros(layout.size)  # the estimate then
@@ -124,14 +126,26 @@ class FilterRun:
         return belief.nis > LARGEST_NIS * belief.measured or len(self._latest.jumps) > 0
 
     @property
-    def unconfirmed(self) -> tuple[float, ...]:
-        """When the momentum of a young run seems to have jumped since its latest pass, s.
+    def jumped(self) -> tuple[float, ...]:
+        """When the momentum seemed to jump, s, if nothing drifts."""
+        return () if self._bank is None else tuple(jump.time for jump in self._bank[0].jumps)
 
-        A window that moves a joint for the first time may show no more than that the run is linearised elsewhere.
+    def belief_before(self, time: float, slack: float) -> Belief | None:
+        """Return what was believed, if nothing drifts, before a jump of the momentum near a time, s."""
+        jumps = () if self._bank is None else self._bank[0].jumps
+        return next((jump.belief for jump in jumps if abs(jump.time - time) <= slack), None)
+
+    @property
+    def unconfirmed(self) -> tuple[float, ...]:
+        """When the momentum seems to have jumped, s, while that may be something else.
+
+        After a push all is as it was, but if the target has moved in the grasp, the next windows will not fit. And a
+        window that moves a joint for the first time may show no more than that a young run is linearised elsewhere:
+        until the next pass over it.
         """
-        if self._young is None:
-            return ()
-        return tuple(jump.time for jump in self.best.jumps if jump.time > self._passed)
+        passed = np.inf if self._young is None else self._passed
+        since = min(passed, self._begun - _TELLING * self._length)
+        return tuple(jump.time for jump in self.best.jumps if jump.time > since)
 
     @property
     def point(self) -> Point:
@@ -166,7 +180,9 @@ class FilterRun:
         self._point = point = self._held(best(self._bank).belief)
         if ready is not None:
             self._bank = follow(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
-        latest = best(self._bank)
+        latest, newest = best(self._bank), still_open or ready
+        if newest is not None:
+            self._begun, self._length = newest.start, newest.length
         if still_open is not None:
             white = self._linearised.whitened(still_open, point)
             # Where nothing acts or drifts, the pose error alone goes on from its first knot.

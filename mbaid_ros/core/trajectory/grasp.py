@@ -1,4 +1,4 @@
-"""A body that has moved in the grasp: from some window on it is another one; all else carries over."""
+"""A target that has changed: from some window on it is another body, or sits elsewhere; all else carries over."""
 
 from __future__ import annotations
 
@@ -10,24 +10,33 @@ import numpy as np
 from mbaid_ros.core.trajectory.bank import Track, as_usual
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.filter import inflated, pose_reset
-from mbaid_ros.core.trajectory.state import BODY
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 
 
-def moved_in_grasp(track: Track, during: Sequence[WhitenedWindow], variables: Variables) -> Track:
-    """Return a hypothesis after windows in which the body has moved: nothing is predicted of these.
+def target_changed(track: Track, during: Sequence[WhitenedWindow], variables: Variables, *, exchanged: bool) -> Track:
+    """Return a hypothesis after windows in which the target has changed: nothing is predicted of these.
 
-    Momentum and known side are as before, of pose error and body nothing is known.
+    The known side is as before, and so are mass and momentum of a body that has only moved in the grasp.
     """
     belief = track.belief
     likelihood = belief.log_likelihood + sum(as_usual(belief, white) - belief.log_likelihood for white in during)
-    return replace(track, belief=replace(another_body(belief, variables), log_likelihood=likelihood))
+    after = another_body(belief, variables, exchanged=exchanged)
+    return replace(track, belief=replace(after, log_likelihood=likelihood))
 
 
-def another_body(belief: Belief, variables: Variables) -> Belief:
-    """Return the belief with a target body and a pose error of which nothing is known."""
-    own, head = variables.own, variables.head
-    noise = np.zeros((own, BODY.stop - BODY.start))
-    noise[head:] = variables.gather[head:own, BODY] @ variables.factor[BODY, BODY]
-    return pose_reset(inflated(belief, noise), variables)
+def another_body(belief: Belief, variables: Variables, *, exchanged: bool) -> Belief:
+    """Return the belief with a target of which nothing is known, or with the same mass elsewhere, and a new pose error.
+
+    Parameters
+    ----------
+    belief : before
+    variables : of the filter
+    exchanged : whether it is another body, which brings or takes along a momentum of its own
+    """
+    own, opened = variables.own, variables.open.copy()
+    if not exchanged:
+        opened[MOMENTUM] = opened[BODY.start] = 0.0
+    places = np.flatnonzero(opened)
+    return pose_reset(inflated(belief, variables.gather[:own, places] * opened[places]), variables)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.suspicion import Found, Inquiry, Suspicion
+from mbaid_ros.core.trajectory.suspicion import Change, Found, Inquiry, Suspicion
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.words import of_hypothesis
 from mbaid_ros.core.verdict.correlated import seen_in
@@ -16,7 +16,8 @@ from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
-_FIRST, _GROWTH = 24, 2.0  # windows before the first inquiry, and of each next one
+_FIRST, _AFTER_A_JUMP = 24, 6  # windows before the first inquiry, and since what may be a change of the target
+_APART = 16  # windows from one inquiry to the next, at least
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHORT = 0.12  # of a window, below which a time of correlation is none
@@ -38,7 +39,7 @@ class Inquiries:
         self._samples: deque[Samples] = deque(maxlen=_LATEST)
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
-        self._next = _FIRST
+        self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
         self._inquiry: Inquiry | None = None
         self._found: Found | None = None
 
@@ -51,9 +52,12 @@ class Inquiries:
 
     def follow(self, run: FilterRun, *, suspicious: bool) -> None:
         """Do a part of an inquiry into a run, if one is under way, or due where the run is suspicious."""
-        if self._inquiry is None and suspicious and self._seen >= self._next:
-            self._next = int(np.ceil(_GROWTH * self._seen))
-            self._inquiry = self._suspicion.inquire(list(self._windows), run.point if run.started else None)
+        if not suspicious:
+            self._onset, self._next = self._seen, max(_FIRST, self._seen)
+        early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
+        if self._inquiry is None and suspicious and self._seen >= self._next and not early:
+            self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
+            self._inquiry = self._suspicion.inquire(list(self._windows), run.point if run.started else None, run.jumped)
         done = 0
         while self._inquiry is not None and done < _SHARE:
             try:
@@ -66,6 +70,15 @@ class Inquiries:
             else:
                 done += work
 
+    @property
+    def change(self) -> Change | None:
+        """What has become of the target, if the latest inquiry has found that to be what is wrong."""
+        return None if self._found is None else self._found.change
+
+    def since(self, time: float) -> list[Window]:
+        """Return the windows that begin at a time, s, or later."""
+        return [window for window in self._windows if window.start >= time]
+
     def causes(self, run: FilterRun) -> tuple[Cause, ...]:
         """Return what the latest inquiry has found to be wrong with a run, the likeliest first; nothing before one."""
         found = self._found
@@ -74,7 +87,10 @@ class Inquiries:
         inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
         leading = run.best.hypothesis if run.started else None
         if leading is not None and leading.disturbed:  # the run may know more by now
-            inquired.setdefault(of_hypothesis(leading), (run.lead, leading.physical))
+            # Over all of the run, not its latest windows alone: what explains anything is no likelier for that.
+            least = min((cause.gain for cause in found.causes), default=run.lead)
+            lead = run.lead if leading.physical else min(run.lead, least)
+            inquired.setdefault(of_hypothesis(leading), (lead, leading.physical))
         rough = roughness(self._samples, self._noise.joint_position)
         correlated = (0.0, 0.0) if self._noise.base_correlation_time > 0.0 else seen_in(self._samples[-1])
         if correlated[0] < _SHORT * self._windows[-1].length:  # poses between two others look like that, too

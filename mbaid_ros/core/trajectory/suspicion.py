@@ -3,8 +3,8 @@
 The windows are passed through the filter once without any jump of the momentum, at the point that the run has come to,
 with more unknowns than the run has (`unknowns/suspects.py`). What is known of the robot is then made less certain, one
 thing at a time: what the data would gain by that follows from this one pass. The likeliest are passed once more, ever
-nearer to what they say. What acts from outside, jumps of the momentum and a body that has moved in the grasp are passes
-of their own. All gains are log-likelihoods over the same pass: they tell the causes apart.
+nearer to what they say. What acts from outside, jumps of the momentum and a target that has changed are passes of their
+own. All gains are log-likelihoods over the same pass: they tell the causes apart.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.bank import LONGEST
+from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.state import Layout, Point
-from mbaid_ros.core.trajectory.wide_pass import WidePass, Windows
+from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -39,16 +39,40 @@ _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
 _REFINED = 4  # of how many the gain is found by passes of their own
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_PARTS = 3  # of the first windows that are unlikely: where the body may have moved in the grasp
+_FEWEST = 4  # windows after a change of the target that tell of it
+_PARTS = 3  # of the first jumps, at which the target may have changed
+
+
+@dataclass(frozen=True)
+class Change:
+    """A target that has moved in the grasp, or was exchanged for another.
+
+    Attributes
+    ----------
+    time : s since the first sample, start of the window in which it was noticed
+    exchanged : whether mass and momentum have changed as well
+    """
+
+    time: float
+    exchanged: bool
 
 
 @dataclass(frozen=True)
 class Suspected:
-    """What may be wrong, how much likelier that makes the data (log-likelihood), and whether that says what it is."""
+    """What may be wrong.
+
+    Attributes
+    ----------
+    text : in words
+    gain : how much likelier that makes the data (log-likelihood)
+    physical : whether it says what happens
+    change : what has become of the target, where that leaves nothing unexplained
+    """
 
     text: str
     gain: float
     physical: bool = True
+    change: Change | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +89,15 @@ class Found:
     causes: tuple[Suspected, ...]
     innovations: Innovations
     misfit: float
+
+    @property
+    def change(self) -> Change | None:
+        """What has become of the target, if nothing else that happens explains the data nearly as well."""
+        physical = [each for each in self.causes if each.physical]
+        if not physical or physical[0].change is None:
+            return None
+        leads = len(physical) == 1 or physical[0].gain > physical[1].gain + _WORTH
+        return physical[0].change if leads else None
 
 
 Inquiry = Iterator['int | Found']
@@ -87,13 +120,14 @@ class Suspicion:
     uncertainty: Uncertainty
     hypotheses: tuple[Hypothesis, ...]
 
-    def inquire(self, windows: Sequence[Window], point: Point | None) -> Inquiry:
+    def inquire(self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()) -> Inquiry:
         """Yield how much work each bit was, in steps of the filter, and at last what has been found.
 
         Parameters
         ----------
         windows : in order
         point : of the run's layout, at which they are linearised; None where it has come to none
+        jumps : s, when the momentum seemed to jump in the run
         """
         wide, quiet = self.extended(*suspects()), self.hypotheses[0]
         fits = yield from self._fits(windows)
@@ -104,34 +138,45 @@ class Suspicion:
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
             found.append(Suspected(of_line(frequency), track.belief.log_likelihood - base.log_likelihood))
-        found += yield from self._from_outside(wide, at, passed, base)
+        found += yield from self._from_outside(wide, passed, base)
+        track = yield from wide.passed(passed, quiet, LONGEST)
+        found += _pulses(track, base)
+        times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
+        found += yield from self._changed(wide, windows, point or at, times[:_PARTS], base)
         found.sort(key=lambda each: -each.gain)
         worth = tuple(each for each in found if each.gain > _WORTH)
         yield Found(worth, base.innovations, 0.5 * (base.nis - base.measured))
 
-    def _from_outside(
-        self, wide: WidePass, at: Point, passed: Windows, base: Belief
-    ) -> Generator[int, None, list[Suspected]]:
-        """Return what would be gained by what acts or drifts, by jumps, and by a body that has moved in the grasp."""
-        quiet, *others = self.hypotheses
+    def _from_outside(self, wide: WidePass, passed: Windows, base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by what acts or drifts."""
         found: list[Suspected] = []
-        for hypothesis in others:
+        for hypothesis in self.hypotheses[1:]:
             track = yield from wide.passed(passed, hypothesis, 0)
-            found.append(
-                Suspected(
-                    of_hypothesis(hypothesis), track.belief.log_likelihood - base.log_likelihood, hypothesis.physical
-                )
-            )
-        track = yield from wide.passed(passed, quiet, LONGEST)
-        jumps = track.jumps
-        if 0 < len(jumps) <= _MOST_PULSES and track.belief.nis < LARGEST_NIS * track.belief.measured:
-            times = ', '.join(f'{jump.time:.1f}' for jump in jumps)
-            found.append(Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood))
+            gained = track.belief.log_likelihood - base.log_likelihood
+            found.append(Suspected(of_hypothesis(hypothesis), gained, hypothesis.physical))
+        return found
+
+    def _changed(
+        self, wide: WidePass, windows: Sequence[Window], point: Point, times: Sequence[float], base: Belief
+    ) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by a target that has moved in the grasp, or was exchanged, at some time."""
         changes: list[Suspected] = []
-        for jump in jumps[:_PARTS]:
-            track = yield from wide.changed([window for window, _ in passed], at, quiet, jump.time)
-            changes.append(Suspected(of_change(jump.time), track.belief.log_likelihood - base.log_likelihood))
-        return found + sorted(changes, key=lambda each: -each.gain)[:1]
+        for time in times:
+            place = next(index for index, window in enumerate(windows) if window.start >= time)
+            later = windows[place + SLIPPING :]
+            if len(later) < _FEWEST:
+                break
+            # Another body may be far from the one before: where it is to be looked for, a fit tells.
+            points = point, fitted(self.layout.kernel, later, next(misreadings(self.layout.kernel))).point(self.layout)
+            yield _FITTED
+            for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
+                quiet, exchanged = self.hypotheses[0], change.exchanged
+                track = yield from wide.changed(windows, place, points, quiet, exchanged=exchanged)
+                gained = track.belief.log_likelihood - base.log_likelihood
+                explains = track.belief.nis < LARGEST_NIS * track.belief.measured
+                text = of_change(time, exchanged=exchanged)
+                changes.append(Suspected(text, gained, change=change if explains else None))
+        return sorted(changes, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
@@ -187,3 +232,12 @@ class Suspicion:
                 gained = track.belief.log_likelihood - base.log_likelihood
                 found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))
         return found
+
+
+def _pulses(track: Track, base: Belief) -> list[Suspected]:
+    """Return what would be gained by jumps of the momentum, where a few leave nothing unexplained."""
+    explains = track.belief.nis < LARGEST_NIS * track.belief.measured
+    if not explains or not 0 < len(track.jumps) <= _MOST_PULSES:
+        return []
+    times = ', '.join(f'{jump.time:.1f}' for jump in track.jumps)
+    return [Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,8 @@ class Variables:
     known : (e, e) square-root information of the unknowns then
     typical_momentum : (6,) typical sizes, whatever is known of it
     walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
+    left : (v, v + 1) square-root information that the run has left before its target changed, and beside it what that
+        makes of the mean; None where nothing has changed
     """
 
     basis: Array
@@ -48,6 +50,7 @@ class Variables:
     known: Array
     typical_momentum: Array
     walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    left: Array | None = None
 
     @property
     def poses(self) -> int:
@@ -75,6 +78,12 @@ class Variables:
         return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
 
     @cached_property
+    def open(self) -> Array:
+        """Standard deviations of momentum and body of which nothing is known, in their places of the state, (s,)."""
+        sizes = _OPEN * np.sqrt(np.add.reduce(self.spread**2, axis=1))
+        return np.where(np.isin(np.arange(len(sizes)), np.r_[MOMENTUM, BODY]), sizes, 0.0)
+
+    @cached_property
     def gather(self) -> Array:
         """The (v, s) matrix from state to variables."""
         return self.basis.T / self.scale[:, None]
@@ -85,6 +94,20 @@ class Variables:
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
         return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
 
+    def going_on(self, root: Array, mean: Array, *, exchanged: bool) -> Variables:
+        """Return these for a run with another target, or with the same elsewhere.
+
+        Parameters
+        ----------
+        root : (v, v + 2) as of `Belief`, of what is left of the run before
+        mean : (s,) that it leads to
+        exchanged : whether nothing is known of the target's mass
+        """
+        expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
+        expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
+        left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
+        return replace(self, mean=expected, left=left)
+
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
         """Return mean (v,), square-root information (v, v) and log-likelihood before the first measurement.
 
@@ -93,10 +116,16 @@ class Variables:
         mass : kg that the target body is held near; the log-likelihood is that of such bodies among all
         """
         mean, factor, likelihood = self.mean, self.factor, 0.0
+        before = factor[BODY.start, BODY.start]
+        deviation = before if mass is None else min(_NEAR * mass, before)
         if mass is not None:
-            before = factor[BODY.start, BODY.start]
-            deviation = min(_NEAR * mass, before)
             likelihood = float(np.log(deviation / before))
+        if self.left is not None:
+            held = np.append(self.spread[BODY.start], mass or 0.0) / deviation
+            both = np.vstack((self.left, held)) if mass is not None else self.left
+            root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
+            return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
+        if mass is not None:
             along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
             factor[:, BODY.start] = deviation * along

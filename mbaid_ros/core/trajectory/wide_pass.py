@@ -12,7 +12,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import Track, follow
 from mbaid_ros.core.trajectory.belief import Belief, Moments
-from mbaid_ros.core.trajectory.grasp import moved_in_grasp
+from mbaid_ros.core.trajectory.grasp import target_changed
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
@@ -28,7 +28,7 @@ _PART = 20  # windows whose linearisation counts as one piece of work
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
-_SLIPPING = 2  # windows that a slip may take
+SLIPPING = 2  # windows that a slip may take
 
 Passed = Generator[int, None, Track]
 Windows = list[tuple[Window, WhitenedWindow]]
@@ -78,16 +78,33 @@ class WidePass:
             yield 1
         return track
 
-    def changed(self, windows: Sequence[Window], at: Point, hypothesis: Hypothesis, changes: float) -> Passed:
-        """Return a hypothesis after windows, from one of which on (s) the body has moved in the grasp: the best."""
-        place = next(index for index, window in enumerate(windows) if window.start >= changes)
-        end, before, after = place + _SLIPPING, at, at
+    def changed(
+        self,
+        windows: Sequence[Window],
+        place: int,
+        points: tuple[Point, Point],
+        hypothesis: Hypothesis,
+        *,
+        exchanged: bool,
+    ) -> Passed:
+        """Return a hypothesis after windows, from one of which on the target is another, or elsewhere: the best.
+
+        Parameters
+        ----------
+        windows : in order
+        place : of the first window in which the target changes
+        points : at which windows before and after are linearised first
+        hypothesis : that is followed
+        exchanged : whether it is another target
+        """
+        end, (before, after) = place + SLIPPING, points
         best: Track | None = None
         for _ in range(_REFINEMENTS):
             passed = yield from self.linearised(windows[:end], before)
             track = yield from self.passed(passed[:place], hypothesis, 0)
             before = self._point(track.belief)
-            track = moved_in_grasp(track, [white for _, white in passed[place:]], self.variables)
+            during = [white for _, white in passed[place:]]
+            track = target_changed(track, during, self.variables, exchanged=exchanged)
             passed = yield from self.linearised(windows[end:], after)
             track = yield from self.passed(passed, hypothesis, 0, begin=track)
             if best is None or track.belief.log_likelihood > best.belief.log_likelihood:

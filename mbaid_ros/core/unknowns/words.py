@@ -24,8 +24,10 @@ def of_hypothesis(hypothesis: Hypothesis) -> str:
     return _DRIFTING if hypothesis.position > 0.0 else _MOVING
 
 
-def of_change(time: float) -> str:
-    """Return that the body moved in the grasp at a time, s."""
+def of_change(time: float, *, exchanged: bool) -> str:
+    """Return that the body moved in the grasp at a time, s, or was exchanged for another."""
+    if exchanged:
+        return f'another body is in the grasp since {time:.1f} s, caught or lost: identify it from then on'
     return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'
 
 

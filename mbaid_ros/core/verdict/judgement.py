@@ -44,7 +44,7 @@ class Evidence:
     deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
         their squares; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
-    unconfirmed : s, times of those that no pass over the windows linearised at the latest solution has met yet
+    unconfirmed : s, times of those that may be something else yet
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
     odometry_drifts : whether it lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
@@ -102,7 +102,7 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append('the noise of a sensor is not as declared')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
-        reasons.append(f'the momentum seems to jump at {times} s: the next pass over the run has to confirm it')
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
     correlated = (evidence.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > _SIGNIFICANT)

@@ -1,0 +1,58 @@
+"""A target that is another from some time on: told, and identified anew with what is known of the robot."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.honesty.runs import PUBLISHED, run
+from captured import capture
+from mbaid_ros.core.results.causes import PULSE
+from mbaid_ros.core.results.estimate import Estimate
+from observed import MID, estimator, kernel, observe, true_body, windows
+from shortened import shorten
+
+CAUGHT, END = 20.0, 40.0  # s
+VELOCITY, SPIN = np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015])  # m/s, rad/s
+
+
+@cache
+def history() -> list[Estimate]:
+    truth = capture(CAUGHT, END - CAUGHT, VELOCITY, SPIN).truth
+    return estimator(kernel('servicer7'), MID, method='trajectory').update(windows(observe(truth, MID, 1)), 0)
+
+
+def test_a_second_body_in_the_grasp_is_told_and_identified() -> None:
+    last = history()[-1]
+    (event,) = last.events
+    assert event.kind == 'target_changed'
+    assert event.time == pytest.approx(CAUGHT, abs=0.5)
+    assert 'another body' in event.cause
+    assert last.status in PUBLISHED
+    assert np.all(np.abs(last.parameters - true_body(kernel('servicer7'))) < 4.0 * last.std)
+
+
+def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> None:
+    since = [estimate for estimate in history() if estimate.time > CAUGHT + 0.5 and estimate.status in PUBLISHED]
+    assert since
+    for estimate in since:
+        assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
+
+
+def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'a thrust pulse of 1 N s, 0.5 N m s'
+    shorten(monkeypatch, name, 40.0)
+    told = run((name, 'trajectory', 0))
+    assert told.status in PUBLISHED
+    assert told.named == PULSE
+    assert told.worst < 5.0
+
+
+def test_after_a_slip_the_run_goes_on() -> None:
+    told = run(('the body slips in the grasp by 5 deg', 'trajectory', 0))
+    assert told.status in PUBLISHED
+    assert 'moved in the grasp at 30.0 s' in told.causes
+    given = told.std > 0.0
+    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
