@@ -20,13 +20,14 @@ from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.filter import advance, new_motion, pose_reset, update
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
+from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Window, stacked
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-_PASSES = 12
+_PASSES = 24
 _SETTLED = 0.1  # standard deviations
 _TOGETHER = 30  # windows linearised in one call
 _FEW = 60  # windows of the first passes
@@ -132,6 +133,8 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
     first = motions[0]
     common = np.concatenate((start, first.layout.known.mean))
     momenta: Array = np.zeros((len(motions), 6))
+    for momentum, motion in zip(momenta, motions, strict=True):
+        momentum[3:] = angular_momentum(first.layout.kernel, start, motion.windows)
     if sum(len(motion.windows) for motion in motions) > 2 * _FEW:
         # A part of the windows takes most of the way, for a part of the work.
         near = _repeat([replace(first, windows=first.windows[:_FEW])], common, momenta[:1])

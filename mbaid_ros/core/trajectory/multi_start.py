@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,8 @@ from mbaid_ros.core.trajectory.bank import (
 )
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, Layout, Point
+from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
@@ -182,7 +183,7 @@ class MultiStart:
         quite another mass explain the windows as well: those tell.
         """
         held: list[_Result] = []
-        for guess in self._guesses():
+        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows]):
             fresh = self._fresh(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[_MASS]))
             result = yield from self._repeat(stacks, guess, fresh, held=True)
             held += [] if result is None else [result]
@@ -291,8 +292,11 @@ class MultiStart:
                 yield 1
         return bank
 
-    def _guesses(self) -> list[Point]:
-        """Return the parameters of balls at rest: of the mass that is declared, or of parts of the known mass."""
+    def _guesses(self, windows: Sequence[Window]) -> list[Point]:
+        """Return the parameters of balls: of the mass that is declared, or of parts of the known mass.
+
+        At rest; where a gyro alone tells the motion in some windows, in a robot that turns as it says.
+        """
         kernel = self.layout.kernel
         declared = float(self.variables.mean[BODY.start])
         parts = [part * float(np.sum(kernel.known[:, 0])) for part in _GUESSED_MASSES]
@@ -303,6 +307,7 @@ class MultiStart:
             state = np.concatenate((np.zeros(BODY.stop), self.layout.known.mean))
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
+            state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
             guesses.append(self.layout.point(state))
         return guesses
 
