@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.driver import add_run_arguments, driving, parser_of
 from benchmarks.pages import machine, number, table
-from benchmarks.planned_runs import SINUSOIDS, TURN, WANTED, Case, Outcomes, run
+from benchmarks.planned_runs import LENGTHS, SINUSOIDS, TURN, WANTED, Case, Outcomes, run
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
 HEADER = (
@@ -39,11 +39,12 @@ Hz (encoders 0.1 mrad, base 1 mm and 0.1 mrad, twist 1 mm/s and 0.1 mrad/s), ide
 there a motion is planned that brings every parameter to {wanted:g} %, with the default 500 motions compared.
 **planned**: its length, median. **best of {sinusoids}**: the shortest time in which one of {sinusoids} random
 sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow) is predicted
-to reach the same. **planned / best**: median of the ratios, and their range. Then the planned motion is made by the
-simulated robot, with noise, and the run goes on. **reached / promised**: standard deviations of the estimator over
-the predicted ones, median and range over parameters and states. **in 95 %**: errors within the estimator's intervals.
-**turned, most**: the furthest that a base was truly turned from where it would have been with the joints at rest, and
-how many were further than the limit. **search**: median time of one core.
+to reach the same, a dash where in half of the states none does so in {longest:g} s. **planned / best**: median of the
+ratios, and their range; 0 where no sinusoid reaches it. Then the planned motion is made by the simulated robot, with
+noise, and the run goes on. **reached / promised**: standard deviations of the estimator over the predicted ones,
+median and range over parameters and states. **in 95 %**: errors within the estimator's intervals. **turned, most**:
+the furthest that a base was truly turned from where it would have been with the joints at rest, and how many were
+further than the limit. **search**: median time of one core.
 
 """
 
@@ -65,8 +66,10 @@ def main() -> int:
             rows.append(_row(name, driver.completed(Outcomes, file, work, run), limited=limited))
             print(' | '.join(rows[-1]), flush=True)
     if arguments.output is not None:
-        said = f' --seeds {arguments.seeds}'
-        head = HEAD.format(arguments=said, machine=machine(), wanted=100.0 * WANTED, sinusoids=SINUSOIDS)
+        said = f' --seeds {arguments.seeds}' + (f" --rows '{arguments.rows}'" if arguments.rows else '')
+        head = HEAD.format(
+            arguments=said, machine=machine(), wanted=100.0 * WANTED, sinusoids=SINUSOIDS, longest=LENGTHS[-1]
+        )
         (arguments.output / PAGE).write_text(f'{head}{table(HEADER, rows)}\n', encoding='utf-8')
     return 0
 
