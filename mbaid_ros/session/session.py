@@ -138,9 +138,10 @@ class Session:
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
         if IMU in self.gates:
             messages[IMU] = imu
-        elif imu:
+        taken = let_through(self.gates, self._epoch, messages)
+        if taken and IMU not in self.gates and imu:
             self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
-        return let_through(self.gates, self._epoch, messages)
+        return taken
 
     def add_thrust(self, message: Any) -> None:
         """Take a WrenchStamped of what is commanded, from its stamp on."""

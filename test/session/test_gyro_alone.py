@@ -18,8 +18,10 @@ from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.calibrate import main as calibrate
+from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
+from simulated import CONFIG
 from streams import urdf
 
 THROWN = """<robot name="thrown">
@@ -54,6 +56,24 @@ def test_a_robot_is_identified_by_how_it_turns() -> None:
     assert np.isnan(last.momentum[:3]).all()
     assert np.isfinite(last.momentum[3:]).all()
     assert last.warnings[-1].startswith('nothing locates the base')
+
+
+def test_a_bag_without_poses_gives_json_and_exit_code(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        bag.add_topic('/imu', 'sensor_msgs/msg/Imu')
+        for timed in messages('ets7', 14.0, 3):
+            if timed.topic != 'odom':
+                bag.write(f'/{timed.topic}', timed.message, 1_700_000_000_000_000_000 + round(1e9 * timed.time))
+    given = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 1e-3}
+    arguments = [str(tmp_path / 'bag'), '--model', str(CONFIG / 'ets7.urdf'), '--json', str(tmp_path / 'found.json')]
+    for name, value in given.items():
+        arguments += ['-p', f'{name}:={json.dumps(value)}']
+    assert replay(arguments) == 0
+    found = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))
+    assert found['momentum']['linear'] == [None] * 3
+    assert None not in found['momentum']['angular']
+    assert found['estimate']['mass'] is not None
 
 
 @pytest.mark.parametrize(

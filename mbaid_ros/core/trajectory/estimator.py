@@ -145,9 +145,12 @@ class TrajectoryEstimator:
             self._run.work_off()
 
     def knowledge(self) -> Knowledge | None:
-        """Return what the run has come to know, for what is to come; None while there is no solution that stays."""
+        """Return what the run has come to know, for what is to come; None while there is no solution that stays.
+
+        Nor is there any where nothing locates the base: it is not known where that is.
+        """
         run, last = self._run, self._last
-        if run is None or last is None or not run.started or not run.settled:
+        if run is None or last is None or not run.started or not run.settled or not self._settings.located:
             return None
         moments = run.moments()
         at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
