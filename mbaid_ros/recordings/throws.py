@@ -16,6 +16,8 @@ _HOLDER, _HOLDER_COM = 0.1785, np.array([0.0, 0.0, -18.9e-3])
 _HOLDER_INERTIA = np.diag([2.994e-1, 1.004e-1, 3.506e-1]) * _HOLDER / 145.2
 _BLOCK, _BLOCK_SIZE = 0.0701, np.array([15e-3, 15e-3, 40e-3])
 _PROOF, _PROOF_SIZE = 0.346, np.array([60.0e-3, 70.0e-3, 30.2e-3])
+# Where what is thrown has its centre of mass in the device's frame, and the device's own moments: what to begin with.
+_BELOW, _OWN = np.array([0.0, 0.0, 0.048]), np.diag([7.6e-5, 2.2e-5, 8.9e-5])
 _PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
 
 
@@ -41,6 +43,12 @@ class Thrown:
     def moments(self) -> Array:
         """Principal moments of inertia, (3,) kg m^2, the smallest first."""
         return np.asarray(np.linalg.eigvalsh(self.inertia))
+
+    def whole(self) -> tuple[float, Array, Array]:
+        """Return about what device and all have: mass, centre of mass (3,) in the device's frame, inertia (3, 3)."""
+        mass = _DEVICE + self.mass
+        com = self.mass / mass * _BELOW
+        return mass, com, self.inertia + _OWN + _moved(_DEVICE * self.mass / mass, _BELOW)
 
 
 def _cuboid(mass: float, size: Array) -> Array:
@@ -81,14 +89,16 @@ _URDF = """\
   Frame of the device: that of the IMU as the authors turn it (x = -raw y, y = raw x, z = raw z), in its place.
   Mass of the device {device} kg: input/final_calibration/config.py, weighed, with the flywheel. What it is bolted to,
   {mass:.4f} kg: weighed; its own principal moments of inertia {moments} kg m^2: of the geometry, lib.py and config.py.
-  Where the device is on it, and its own inertia, are not published. So the moments of the device below are those of
-  what it is bolted to and nothing more; they are what is looked for, and nothing depends on them.
+  Where the device is on it, and its own inertia, are not published. The moments below are what to begin with: those of
+  what it is bolted to, {below:.0f} mm from the IMU along z, about as the accelerometer says, and of the device, about
+  as throws of it alone say.
   Moment of inertia of the flywheel {spin:.4g} kg m^2: from throws of the device alone and with the proof body, whose
   inertia is known, by the authors' calibrate.py. Its mass is in that of the device: it is on its own axis.
 -->
 <robot name="throwing_device">
   <link name="{base}">
     <inertial>
+      <origin xyz="0 0 {com:.4g}"/>
       <mass value="{total:.6g}"/>
       <inertia ixx="{ixx:.6g}" ixy="0" ixz="0" iyy="{iyy:.6g}" iyz="0" izz="{izz:.6g}"/>
     </inertial>
@@ -108,36 +118,50 @@ _URDF = """\
 """
 
 _PARAMETERS = """\
-# A throw of TU Delft: the device and what it is bolted to are the target. A wheel cannot tell their mass: a scale does.
+# A throw of TU Delft: the device and what it is bolted to are one body. A wheel cannot tell its mass: a scale does.
 #
-#   ros2 run mbaid_ros replay FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
+#   ros2 run mbaid_ros calibrate FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml --unknown {base}
 /**:
   ros__parameters:
     target_link: {base}
-    window: 0.01                      # s, of half a second of flight
+    window: 0.005                     # s, of half a second of flight
     target_prior: {{mass: {total:.5g}, mass_std: {mass_std:.2g}}}   # kg, weighed
     known_links: {{relative_std: 0.0}}
     known_joints: {{zero_std: 0.0, origin_std: 0.0, axis_std: 0.0}}
     odometry_mount: {{position_std: 0.0, orientation_std: 0.0}}   # the device is where its IMU is
+    time_offset: {{prior_std: 2.0e-3}}  # s
+    imu: {{alone: true, noise_density: 5.0e-3, bias_std: 5.0e-3, bias_walk: 1.0e-3,
+          scale_std: 5.0e-3, orientation_std: 1.0e-3}}
     noise:
       joint_position: 0.1             # rad
       joint_velocity: 20.0            # rad/s; the speed of the flywheel is new 900 times a second
-      base_position: 1.0e-3           # m, of dead reckoning
-      base_orientation: 3.0e-3        # rad
+calibrate:
+  ros__parameters:
+    prior: {{mass_relative_std: 1.0e-3, com_std: 0.01, inertia_relative_std: 0.5, zero_std: 0.0,
+            origin_std: 0.0, axis_std: 0.0}}
 """
 
 
 def throw_urdf(thrown: Thrown) -> str:
     """Return the robot description of the device with what it is bolted to."""
-    about = thrown.moments if thrown.mass > 0.0 else np.full(3, 4e-5)
+    mass, com, inertia = thrown.whole()
     return _URDF.format(
-        name=thrown.name, device=_DEVICE, mass=thrown.mass, total=_DEVICE + thrown.mass,
-        moments=', '.join(f'{moment:.4g}' for moment in thrown.moments), ixx=about[0], iyy=about[1], izz=about[2],
-        spin=_SPIN_INERTIA, half=_SPIN_INERTIA / 2.0, base=Thrown.BASE, joint=Thrown.JOINT,
-    )  # fmt: skip
+        name=thrown.name,
+        device=_DEVICE,
+        mass=thrown.mass,
+        moments=', '.join(f'{moment:.4g}' for moment in thrown.moments),
+        below=1e3 * _BELOW[2],
+        com=com[2],
+        total=mass,
+        **dict(zip(('ixx', 'iyy', 'izz'), np.diag(inertia), strict=True)),
+        spin=_SPIN_INERTIA,
+        half=_SPIN_INERTIA / 2.0,
+        base=Thrown.BASE,
+        joint=Thrown.JOINT,
+    )
 
 
 def throw_parameters(thrown: Thrown) -> str:
     """Return the parameters for it."""
-    total = _DEVICE + thrown.mass
+    total = thrown.whole()[0]
     return _PARAMETERS.format(base=Thrown.BASE, total=total, mass_std=1e-3 * total)
