@@ -19,7 +19,8 @@ from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from observed import windows
 

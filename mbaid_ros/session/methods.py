@@ -16,7 +16,8 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator, TrajectorySettings
+from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.session.known import KnownRobot, declared_errors, known_side

@@ -15,59 +15,24 @@ from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, brought
-from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
-from mbaid_ros.core.trajectory.events import ChangedTarget, forces, jumps
+from mbaid_ros.core.trajectory.events import forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.grasp import another_body
-from mbaid_ros.core.trajectory.inquiries import Inquiries
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
-from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
-from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.trajectory.settings import TrajectorySettings
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
+from mbaid_ros.core.trajectory.target_runs import TargetRuns
 from mbaid_ros.core.trajectory.windows import Window
-from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
-from mbaid_ros.core.unknowns.words import of_change
-from mbaid_ros.core.verdict.judgement import Evidence, Judgement, judge
+from mbaid_ros.core.verdict.judgement import Judgement, judge
 
-_SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
-
-
-@dataclass(frozen=True)
-class TrajectorySettings:
-    """Settings of the trajectory-level estimator.
-
-    Attributes
-    ----------
-    noise : of the joint sensors, and of the base where the samples carry none
-    window : s
-    start : windows before the first estimate
-    kept : windows linearised again while the run is young
-    uncertainty : of the known side
-    adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
-    constant : axes of a constant force and torque that is taken to act
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    located : whether anything locates the base; linear momentum means nothing where not
-    """
-
-    noise: SensorNoise
-    window: float
-    start: int
-    kept: int
-    uncertainty: Uncertainty
-    adapt: bool
-    constant: Axes = 'none'
-    gyro: float = 0.0
-    located: bool = True
 
 
 @dataclass(frozen=True)
@@ -102,13 +67,8 @@ class TrajectoryEstimator:
         self._averaging = KnotAveraging(
             kernel.model.joints, settings.noise, settings.window, settings.gyro, located=settings.located
         )
-        self._run: FilterRun | None = None
-        self._layout: Layout
-        self._variables: Variables
-        self._inquiries: Inquiries
+        self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
-        self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
-        self._changed: ChangedTarget | None = None
         self._last: Samples | None = None
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -136,54 +96,54 @@ class TrajectoryEstimator:
         """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
         kernel = self._kernel
         if window.tide.shape[1]:
-            kernel = self._layout.point(state).side.kernel
+            kernel = self._runs.layout.point(state).side.kernel
         return brought(window, kernel.with_target(state[BODY]))
 
     def work_off(self) -> None:
         """Do a part of what is to be done before the next window, if anything."""
-        if self._run is not None:
-            self._run.work_off()
+        if self._runs.run is not None:
+            self._runs.run.work_off()
 
     def knowledge(self) -> Knowledge | None:
         """Return what the run has come to know, for what is to come; None while there is no solution that stays.
 
         Nor is there any where nothing locates the base: it is not known where that is.
         """
-        run, last = self._run, self._last
+        run, last = self._runs.run, self._last
         if run is None or last is None or not run.started or not run.settled or not self._settings.located:
             return None
         moments = run.moments()
         at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
         brought = self._brought(last, moments.mean)
-        return knowledge(self._layout, self._variables, run.best.hypothesis, moments, at_end.after(brought))
+        return knowledge(self._runs.layout, self._runs.variables, run.best.hypothesis, moments, at_end.after(brought))
 
     @property
     def settled(self) -> bool:
         """Whether the run has come to a solution that stays."""
-        return self._run is not None and self._run.started and self._run.settled
+        return self._runs.run is not None and self._runs.run.started and self._runs.run.settled
 
     @property
     def disturbed(self) -> bool:
         """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
-        if self._run is None or not self._run.started:
+        if self._runs.run is None or not self._runs.run.started:
             return False
-        best = self._run.best
-        return best.hypothesis.disturbed or len(best.jumps) > 0 or self._run.delayed
+        best = self._runs.run.best
+        return best.hypothesis.disturbed or len(best.jumps) > 0 or self._runs.run.delayed
 
     @property
     def changed(self) -> bool:
         """Whether the target has changed since the run began."""
-        return self._changed is not None
+        return self._runs.changed
 
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
-        if self._run is not None:
-            self._run.offer(partial(self._point_of, estimate))
+        if self._runs.run is not None:
+            self._runs.run.offer(partial(self._point_of, estimate))
 
     def restart(self) -> None:
         """Give up the solution and look for a start again."""
-        if self._run is not None:
-            self._run.restart()
+        if self._runs.run is not None:
+            self._runs.run.restart()
 
     def _point_of(self, estimate: Estimate) -> Point:
         """Return where an estimate would have windows linearised; what a planar motion leaves open matters nowhere."""
@@ -192,67 +152,21 @@ class TrajectoryEstimator:
         body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
         momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
         momentum[3:] -= cross(self._averaging.origin, momentum[:3])
-        state = np.concatenate((np.zeros(BODY.stop), self._layout.known.mean))
+        state = np.concatenate((np.zeros(BODY.stop), self._runs.layout.known.mean))
         state[MOMENTUM], state[BODY] = momentum, standard(body)
-        return self._layout.point(state)
+        return self._runs.layout.point(state)
 
     def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> _Solved | Estimate:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
         self._plane.update(window)
         self._samples += len(window)
-        run = self._running()
-        if (change := self._inquiries.change) is not None:
-            run = self._run = self._begin_again(run, change)
+        run = self._runs.present(self._averaging.origin)
         run.expect(coming)
         run.take(taken.ready, taken.still_open, moved=taken.moved)
-        self._inquiries.take(taken.ready, window)
+        self._runs.inquiries.take(taken.ready, window)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         return self._waiting(run, taken, instant) or self._solved(run, instant, window)
-
-    def _running(self) -> FilterRun:
-        """Return the filter; a new one where the motion has turned out spatial."""
-        if self._run is None or self._run.planar != self._plane.planar:
-            self._layout = layout_of(self._kernel, self._settings.uncertainty, self._plane)
-            self._variables = variables(self._layout, self._plane, self._settings.uncertainty)
-            self._run = self._begun()
-        return self._run
-
-    def _begun(self) -> FilterRun:
-        """Return a filter that has met nothing yet, and begin to inquire into it."""
-        settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
-        adapt = settings.adapt and settings.located  # what drifts would show in poses
-        bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
-        self._inquiries = Inquiries(Suspicion(self._layout, self._plane, settings.uncertainty, bank), settings.noise)
-        return FilterRun(self._layout, self._variables, bank, (settings.start, settings.kept))
-
-    def _begin_again(self, run: FilterRun, change: Change) -> FilterRun:
-        """Follow the target as it is since a change: what is known of the robot carries over, and what has stayed."""
-        slack = _SETTLING * self._settings.window
-        belief = run.belief_before(change.time, slack)
-        known = None if belief is None else Moments.of(belief, self._variables)
-        self._earlier = (*self._past(known), *(jump for jump in self._jumps(run) if jump.time < change.time - slack))
-        text = of_change(change.time, exchanged=change.exchanged)
-        self._changed = ChangedTarget(change.time, text, change.exchanged, known)
-        if belief is not None:
-            after = another_body(belief, self._variables, exchanged=change.exchanged)
-            moments = Moments.of(after, self._variables)
-            carried = Carried(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
-            self._layout = replace(self._layout, known=carried)
-            self._variables = self._variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
-        windows = self._inquiries.since(change.time + slack)
-        begun = self._begun()
-        begun.expect(windows)
-        for window in windows:
-            begun.take(window, None, moved=True)
-        return begun
-
-    def _past(self, now: Moments | None) -> tuple[Event, ...]:
-        """Return what happened until the target changed last, if it did, and that."""
-        return self._earlier if self._changed is None else (*self._earlier, self._changed.event(now))
-
-    def _jumps(self, run: FilterRun) -> tuple[Event, ...]:
-        return jumps(run.best, run.moments().mean[MOMENTUM], self._averaging.origin) if run.started else ()
 
     def _waiting(self, run: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
         """Return an estimate that says why there is no solution; None where there is one."""
@@ -268,8 +182,8 @@ class TrajectoryEstimator:
         else:
             return None
         if taken.moved:
-            self._inquiries.follow(run, suspicious=run.unexplained)
-        causes = tuple((cause.text, cause.gain) for cause in self._inquiries.causes(run))
+            self._runs.inquiries.follow(run, suspicious=run.unexplained)
+        causes = tuple((cause.text, cause.gain) for cause in self._runs.inquiries.causes(run))
         return Estimate(
             self.method,
             status,
@@ -277,7 +191,7 @@ class TrajectoryEstimator:
             now.stamp,
             samples=now.samples,
             causes=causes,
-            events=self._past(None),
+            events=self._runs.past(None),
             warnings=(warning,),
         )
 
@@ -285,11 +199,11 @@ class TrajectoryEstimator:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._evidence(run, moments, latest))
-        self._inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
-        if not judgement.adequate and (causes := self._inquiries.causes(run)):
+        judgement = judge(self._runs.evidence(run, latest))
+        self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
+        if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        covariance = moments.covariance(_ORDER, self._variables) * judgement.widening
+        covariance = moments.covariance(_ORDER, self._runs.variables) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,
@@ -299,42 +213,15 @@ class TrajectoryEstimator:
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
         )
-        found = (*forces(track, moments), *self._past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
-        budget = error_budget(moments, self._layout, self._variables, self._settings.uncertainty)
+        found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
+        budget = error_budget(moments, self._runs.layout, self._runs.variables, self._settings.uncertainty)
         return _Solved(
             moments.mean, solution, now, self._thrusters(moments), track, judgement, found, self._delay(moments), budget
         )
 
-    def _evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
-        """Return what the run says of its model."""
-        track = run.best
-        belief, hypothesis = track.belief, track.hypothesis
-        if not hypothesis.physical:  # a walk takes up what would show where the robot is wrong
-            moments = run.moments_of_first()
-        known = self._layout.known
-        values = known.whitening @ (moments.mean[BODY.stop :] - known.mean)
-        largest = np.max(np.abs(values)[:, None] * self._layout.belongs, axis=0, initial=0.0)
-        squares = values**2 @ self._layout.belongs
-        return Evidence(
-            nis=belief.nis / max(belief.measured, 1),
-            innovations=belief.innovations,
-            deviations=dict(
-                zip(self._layout.causes, zip(largest.tolist(), squares.tolist(), strict=True), strict=True)
-            ),
-            jumps=len(track.jumps),
-            unconfirmed=run.unconfirmed,
-            hypothesis=hypothesis.name if hypothesis.disturbed else '',
-            physical=hypothesis.physical,
-            odometry_drifts=hypothesis.position > 0.0,
-            gain=run.lead,
-            latest=latest,
-            window=self._settings.window,
-            correlation_time=self._settings.noise.base_correlation_time,
-        )
-
     def _delay(self, moments: Moments) -> tuple[float, float]:
         """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-        for unknown, place in zip(self._layout.unknowns, self._layout.places, strict=True):
+        for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
             if isinstance(unknown, TimeOffset):
                 value = unknown.factor @ moments.mean[place]
                 deviation = np.abs(unknown.factor @ moments.deviation[place])
@@ -344,7 +231,7 @@ class TrajectoryEstimator:
     def _thrusters(self, moments: Moments) -> tuple[Thruster, ...]:
         """Return by how much thrusters have turned out to be off their commands."""
         found: list[Thruster] = []
-        for unknown, place in zip(self._layout.unknowns, self._layout.places, strict=True):
+        for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
             if isinstance(unknown, Thrusters):
                 values = (unknown.factor @ moments.mean[place]).reshape(-1, OF_A_THRUSTER)
                 # Each number of the state is one of these, in units of its prior.

@@ -69,7 +69,7 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     )
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
-    run = estimator._run
+    run = estimator._runs.run
     assert run is not None
     moments = run.moments()
     error = moments.force - FORCE_TORQUE

@@ -191,13 +191,13 @@ def test_windows_together_are_windows_one_by_one(
 
 def test_memory_is_bounded(robot: MomentumKernel, servicer: Truth) -> None:
     estimator = make(robot, MID)
-    estimator._settings = replace(estimator._settings, kept=15)
+    estimator._runs._settings = replace(estimator._runs._settings, kept=15)
     for number, window in enumerate(windows(until(observe(servicer, MID, 2), 13.0))):
         estimator.update([window], 0)
         kept = estimator._averaging._kept
         assert kept is not None
         assert len(kept) <= 20  # two windows of ten knots
-        run = estimator._run
+        run = estimator._runs.run
         assert run is not None
         assert len(run._young or []) <= 23
         if number > 24:

@@ -82,8 +82,8 @@ def _run(case: Case, seed: int) -> Run:
     samples = observe(wrong.read(truth), MID, seed)
     estimator = make(robot, MID, known_std=LINKS, uncertainty=case.uncertainty)
     last = estimator.update(windows(samples), 0)[-1]
-    assert estimator._run is not None
-    moments = estimator._run.moments()
+    assert estimator._runs.run is not None
+    moments = estimator._runs.run.moments()
     # The catalogue's order is that of the state: what is only read comes last in both.
     found, factor = moments.mean[BODY.stop :], moments.factor[BODY.stop :]
     return Run(case, samples, last, found - np.concatenate(numbers), factor @ factor.T)

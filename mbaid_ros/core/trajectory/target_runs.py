@@ -1,0 +1,140 @@
+"""The runs of the filter over one stream: another one begins where the target has changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Event
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.events import ChangedTarget, jumps
+from mbaid_ros.core.trajectory.filter_run import FilterRun
+from mbaid_ros.core.trajectory.grasp import another_body
+from mbaid_ros.core.trajectory.inquiries import Inquiries
+from mbaid_ros.core.trajectory.settings import TrajectorySettings
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
+from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
+from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.core.unknowns.words import of_change
+from mbaid_ros.core.verdict.judgement import Evidence
+
+_SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
+
+
+class TargetRuns:
+    """The present run of the filter, what its state is made of, and what happened in the runs before.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    settings : TrajectorySettings
+    plane : decides whether the motion is planar
+
+    Attributes
+    ----------
+    run : the present one; None before the first window
+    layout, variables : of its state
+    inquiries : into it
+    """
+
+    def __init__(self, kernel: MomentumKernel, settings: TrajectorySettings, plane: PlaneDetector) -> None:
+        self._kernel = kernel
+        self._settings = settings
+        self._plane = plane
+        self.run: FilterRun | None = None
+        self.layout: Layout
+        self.variables: Variables
+        self.inquiries: Inquiries
+        self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
+        self._changed: ChangedTarget | None = None
+
+    @property
+    def changed(self) -> bool:
+        """Whether the target has changed since the first run began."""
+        return self._changed is not None
+
+    def past(self, now: Moments | None) -> tuple[Event, ...]:
+        """Return what happened in the runs before this one, and why it began.
+
+        Parameters
+        ----------
+        now : what this one has come to; None where nothing yet
+        """
+        return self._earlier if self._changed is None else (*self._earlier, self._changed.event(now))
+
+    def present(self, origin: Array) -> FilterRun:
+        """Return the run for the next window: another one where motion has turned out spatial, or the target changed.
+
+        Parameters
+        ----------
+        origin : (3,) m, of the runs, in the odometry frame
+        """
+        if self.run is None or self.run.planar != self._plane.planar:
+            self.layout = layout_of(self._kernel, self._settings.uncertainty, self._plane)
+            self.variables = variables(self.layout, self._plane, self._settings.uncertainty)
+            self.run = self._begun()
+        elif (change := self.inquiries.change) is not None:
+            self.run = self._begun_again(self.run, change, origin)
+        return self.run
+
+    def _begun(self) -> FilterRun:
+        """Return a filter that has met nothing yet, and begin to inquire into it."""
+        settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
+        adapt = settings.adapt and settings.located  # what drifts would show in poses
+        bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
+        self.inquiries = Inquiries(Suspicion(self.layout, self._plane, settings.uncertainty, bank), settings.noise)
+        return FilterRun(self.layout, self.variables, bank, (settings.start, settings.kept))
+
+    def _begun_again(self, run: FilterRun, change: Change, origin: Array) -> FilterRun:
+        """Follow the target as it is since a change: what is known of the robot carries over, and what has stayed."""
+        slack = _SETTLING * self._settings.window
+        belief = run.belief_before(change.time, slack)
+        known = None if belief is None else Moments.of(belief, self.variables)
+        met = jumps(run.best, run.moments().mean[MOMENTUM], origin) if run.started else ()
+        self._earlier = (*self.past(known), *(jump for jump in met if jump.time < change.time - slack))
+        text = of_change(change.time, exchanged=change.exchanged)
+        self._changed = ChangedTarget(change.time, text, change.exchanged, known)
+        if belief is not None:
+            after = another_body(belief, self.variables, exchanged=change.exchanged)
+            moments = Moments.of(after, self.variables)
+            carried = Carried(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
+            self.layout = replace(self.layout, known=carried)
+            self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
+        windows = self.inquiries.since(change.time + slack)
+        begun = self._begun()
+        begun.expect(windows)
+        for window in windows:
+            begun.take(window, None, moved=True)
+        return begun
+
+    def evidence(self, run: FilterRun, latest: Samples) -> Evidence:
+        """Return what a run that has started says of its model, after its latest window."""
+        track = run.best
+        belief, hypothesis = track.belief, track.hypothesis
+        # A walk takes up what would show where the robot is wrong.
+        moments = run.moments() if hypothesis.physical else run.moments_of_first()
+        known = self.layout.known
+        values = known.whitening @ (moments.mean[BODY.stop :] - known.mean)
+        largest = np.max(np.abs(values)[:, None] * self.layout.belongs, axis=0, initial=0.0)
+        squares = values**2 @ self.layout.belongs
+        return Evidence(
+            nis=belief.nis / max(belief.measured, 1),
+            innovations=belief.innovations,
+            deviations=dict(zip(self.layout.causes, zip(largest.tolist(), squares.tolist(), strict=True), strict=True)),
+            jumps=len(track.jumps),
+            unconfirmed=run.unconfirmed,
+            hypothesis=hypothesis.name if hypothesis.disturbed else '',
+            physical=hypothesis.physical,
+            odometry_drifts=hypothesis.position > 0.0,
+            gain=run.lead,
+            latest=latest,
+            window=self._settings.window,
+            correlation_time=self._settings.noise.base_correlation_time,
+        )
