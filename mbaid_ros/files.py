@@ -86,6 +86,8 @@ def write_text(path: str | Path, text: str) -> None:
     try:
         new.write_text(text, encoding='utf-8')
         new.replace(target)
+    except OSError as reason:  # of a file that nobody has heard of
+        raise OSError(reason.errno, reason.strerror, str(path)) from reason
     finally:
         new.unlink(missing_ok=True)
 

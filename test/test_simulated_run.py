@@ -186,7 +186,6 @@ WILD: list[tuple[dict[str, Any], str]] = [
     ({'initial.base_angular_velocity': [1e3, 1e3, 0.0]}, 'not finite'),
     ({'motion.kind': 'random', 'motion.amplitude': 1e9, 'motion.within_limits': False}, 'not finite'),
     ({'thrust.duration': 1.0, 'thrust.torque': [1e9] * 3}, 'not finite'),
-    ({'initial.base_linear_velocity': [1e300] * 3}, 'not finite'),
 ]
 
 
