@@ -50,6 +50,7 @@ bags: install/.built
 	@. ./install/setup.sh && python3 scripts/make_bags.py $(ARGS)
 
 test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test: export OPENBLAS_NUM_THREADS := 1
 test: lint
 	$(STEP) "tests"
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal
