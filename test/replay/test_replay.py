@@ -262,7 +262,8 @@ def wrong_model(folder: Path) -> str:
 
 def test_data_that_contradict_the_model_end_with_4(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag, report = str(CONFIG.parent / 'bags' / 'servicer7_mid'), tmp_path / 'report.html'
-    assert main([bag, '--model', wrong_model(tmp_path), '--report', str(report)]) == 4
+    arguments = ['--model', wrong_model(tmp_path), '-p', 'method:=difference', '--report', str(report)]
+    assert main([bag, *arguments]) == 4
     assert 'its numbers must not be trusted' in capsys.readouterr().out
     page = report.read_text()
     assert '<p class="verdict wrong">The data contradict the model of link7' in page
