@@ -70,6 +70,18 @@ def read_text(
     return text
 
 
+def require_writable(option: str, path: str | None) -> None:
+    """Refuse, before the long work, a file of an option that could not be written after it; None is no file.
+
+    Raises
+    ------
+    ParameterError
+        It is in no folder that exists, or a folder itself.
+    """
+    if path is not None and (not path or not Path(path).parent.is_dir() or Path(path).is_dir()):
+        raise ParameterError(f"{option} '{path}' cannot be written; accepted: a file in a folder that exists")
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write a file so that at every instant it is there as a whole, whoever else writes it; a device is written to.
 

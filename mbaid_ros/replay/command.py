@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
@@ -18,7 +17,7 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.files import write_text
+from mbaid_ros.files import require_writable, write_text
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
@@ -73,8 +72,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse before the long work what could not be written after it."""
     for option in ('json', 'report'):
         path = getattr(arguments, option)
-        if path and path != STDOUT and (not Path(path).parent.is_dir() or Path(path).is_dir()):
-            raise ParameterError(f"--{option} '{path}' cannot be written; accepted: a file in a folder that exists")
+        if path and path != STDOUT:
+            require_writable(f'--{option}', path)
     if arguments.output and len(arguments.bags) > 1:
         raise ParameterError(f'--output takes the estimates of one BAG; {len(arguments.bags)} are given')
 

@@ -19,7 +19,7 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.planning.plan import Plan
-from mbaid_ros.files import write_text
+from mbaid_ros.files import require_writable, write_text
 from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.planned.begin import Begin, read_begin
@@ -64,10 +64,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse before the long work what could not be written after it."""
     for option in ('json', 'report', 'yaml'):
         path = getattr(arguments, option)
-        if path is None or (option == 'json' and path == STDOUT):
-            continue
-        if not path or not Path(path).parent.is_dir() or Path(path).is_dir():
-            raise ParameterError(f"--{option} '{path}' cannot be written; accepted: a file in a folder that exists")
+        if option != 'json' or path != STDOUT:
+            require_writable(f'--{option}', path)
     if arguments.output and Path(arguments.output).exists():
         raise ParameterError(f"--output '{arguments.output}' exists already; accepted: a folder that does not")
 
