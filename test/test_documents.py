@@ -14,7 +14,8 @@ import pytest
 from documents import DOCUMENTS, README, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
-from mbaid_ros.config.estimator import METHODS, EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import specifications
 from mbaid_ros.replay.results import as_json
 

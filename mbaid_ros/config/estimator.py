@@ -13,11 +13,11 @@ from mbaid_ros.config.capture import (
     ThrustConfig,
 )
 from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
+from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
 
-METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
 TIME_JUMPS = ('reset', 'error', 'ignore')

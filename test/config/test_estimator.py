@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mbaid_ros.config.estimator import METHODS, EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import build, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
 
