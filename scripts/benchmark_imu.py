@@ -13,15 +13,12 @@ half a per cent.
 from __future__ import annotations
 
 import argparse
-import json
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from mbaid_ros.bags import BagWriter
+from benchmarks.thrown import INERTIA, calibrated, record
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -29,7 +26,6 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.calibrate import main as calibrate
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 
@@ -69,27 +65,6 @@ CONDITIONS: dict[str, tuple[dict[str, object], dict[str, object], bool]] = {
 }
 
 ALONE: dict[str, object] = {**KNOWN_GYRO, 'imu.alone': True, 'imu.orientation_std': 1e-3}
-THROWN = """<robot name="thrown">
-  <link name="base_link"><inertial><origin xyz="0.001 -0.002 0.003"/><mass value="0.28"/>
-    <inertia ixx="{}" iyy="{}" izz="{}" ixy="{}" ixz="{}" iyz="{}"/></inertial></link>
-  <link name="wheel"><inertial><mass value="0.005"/>
-    <inertia ixx="1e-6" iyy="1e-6" izz="1.687e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="spin" type="continuous"><parent link="base_link"/><child link="wheel"/>
-    <origin xyz="0 0.01 0.02"/><axis xyz="0 0 1"/></joint>
-</robot>"""
-INERTIA = dict(
-    zip(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), (2.2e-4, 3.1e-4, 4e-4, 1e-5, -2e-5, 1.5e-5), strict=True)
-)
-CALIBRATE = """calibrate:
-  ros__parameters:
-    window: 0.02
-    imu: {alone: true, noise_density: 1.0e-4, bias_std: 3.0e-3, bias_walk: 1.0e-4, scale_std: 2.0e-3,
-          orientation_std: 1.0e-3}
-    noise: {joint_position: 1.0e-3, joint_velocity: 1.0}
-    time_offset: {prior_std: 1.0e-3}
-    prior: {mass_relative_std: 1.0e-3, com_std: 2.0e-3, inertia_relative_std: 0.2, zero_std: 0.0, origin_std: 0.0,
-            axis_std: 0.0}
-"""
 
 
 def thrown(seed: int, folder: Path) -> tuple[Array, Array]:
@@ -98,36 +73,17 @@ def thrown(seed: int, folder: Path) -> tuple[Array, Array]:
     spin = rng.normal(size=3)
     values: dict[str, object] = {
         'seed': seed,
-        'step': 1e-3,
-        'joint_rate': 1000.0,
         'imu.rate': 4000.0,
-        'imu.noise_density': 1e-4,
         'imu.bias': (3e-3 * rng.normal(size=3)).tolist(),
         'imu.scale': (2e-3 * rng.normal(size=3)).tolist(),
         'initial.base_angular_velocity': (15.0 * spin / np.linalg.norm(spin)).tolist(),
-        'initial.joint_positions': [-400.0],
-        'motion.kind': 'sinusoids',
-        'motion.amplitudes': [400.0],
-        'motion.frequencies': [0.4],
-        'motion.phases': [-0.5 * np.pi],
-        'noise.joint_position': 1e-3,
     }
-    run = SimulatedRun(build(SimulatorConfig, values), THROWN.format(*INERTIA.values()), BAG_TYPES)
-    with BagWriter(folder / 'throw') as bag:
-        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
-        bag.add_topic('/imu', 'sensor_msgs/msg/Imu')
-        for timed in run.read(0.57):
-            if timed.topic != 'odom':
-                bag.write(f'/{timed.topic}', timed.message, run.stamp(timed.time))
+    record(folder, values, 0.57)
     drawn = [value * (1.0 + rng.uniform(-0.1, 0.1)) for value in list(INERTIA.values())[:3]]
-    (folder / 'drawn.urdf').write_text(THROWN.format(*drawn, 0.0, 0.0, 0.0), encoding='utf-8')
-    (folder / 'calibrate.yaml').write_text(CALIBRATE, encoding='utf-8')
-    arguments = [folder / 'throw', '--model', folder / 'drawn.urdf', '--params', folder / 'calibrate.yaml']
-    arguments += ['--unknown', 'base_link', '--json', folder / 'found.json']
-    with redirect_stdout(StringIO()):
-        if calibrate([str(each) for each in arguments]) != 0:
-            return np.full(6, np.nan), np.full(6, np.nan)
-    link = json.loads((folder / 'found.json').read_text(encoding='utf-8'))['links']['base_link']
+    result = calibrated(folder, [*drawn, 0.0, 0.0, 0.0])
+    if result is None:
+        return np.full(6, np.nan), np.full(6, np.nan)
+    link = result['links']['base_link']
     found, std = (np.array([link[key]['inertia'][name] for name in INERTIA]) for key in ('estimate', 'std'))
     return found - np.array(list(INERTIA.values())), std
 

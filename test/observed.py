@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.sampled import sampled
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
@@ -63,19 +64,7 @@ def observe(
     """Return the samples that sensors give of a motion; without a seed exact ones that claim that noise."""
     none = SensorNoise(*(0.0,) * 6)
     sensors = Sensors(none if seed is None else noise, seed or 0, model_errors)
-    joints, base = sensors.joints(truth), sensors.base(truth)
-    count = len(truth)
-    return Samples(
-        time=truth.time - truth.time[0],
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        base_position=base.position,
-        base_rotation=rotation_from_quaternion(base.orientation),
-        base_linear_velocity=quaternions.rotate(base.orientation, base.linear_velocity),
-        base_angular_velocity=quaternions.rotate(base.orientation, base.angular_velocity),
-        pose_covariance=np.tile(noise.pose_covariance(), (count, 1, 1)),
-        twist_covariance=np.tile(noise.twist_covariance(), (count, 1, 1)),
-    )
+    return sampled(truth, sensors, noise)
 
 
 def windows(samples: Samples, length: float = 0.5) -> list[Samples]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.sampled import sampled
 from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
@@ -28,7 +29,6 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth
@@ -182,20 +182,7 @@ def _updated(method: Estimator, samples: Samples) -> Estimate:
 
 
 def _seen(truth: Truth, seed: int) -> Samples:
-    sensors = Sensors(NOISE, seed)
-    joints, base = sensors.joints(truth), sensors.base(truth)
-    count = len(truth)
-    return Samples(
-        time=truth.time - truth.time[0],
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        base_position=base.position,
-        base_rotation=rotation_from_quaternion(base.orientation),
-        base_linear_velocity=quaternions.rotate(base.orientation, base.linear_velocity),
-        base_angular_velocity=quaternions.rotate(base.orientation, base.angular_velocity),
-        pose_covariance=np.tile(NOISE.pose_covariance(), (count, 1, 1)),
-        twist_covariance=np.tile(NOISE.twist_covariance(), (count, 1, 1)),
-    )
+    return sampled(truth, Sensors(NOISE, seed), NOISE)
 
 
 def _turned(kernel: MomentumKernel, before: Truth, moved: Truth, plan: Plan) -> float:
