@@ -15,6 +15,8 @@ unexport LD_LIBRARY_PATH
 endif
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME
 unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# The tests start hundreds of processes: what one has compiled, the others need not compile again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
 .NOTPARALLEL:
