@@ -211,7 +211,8 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> Passed:
         heads.append(belief.root[own.poses : own.head])
     assert belief is not None, 'there is a motion'
     head = motions[0].variables.head
-    mean, _, factor = belief.with_root(belief.root[head:, head:]).moments()
+    rest = belief.with_root(belief.root[head:, head:])
+    mean, factor = rest.moments()[0], rest.factor
     found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
     return Passed(belief, mean, factor, momenta, [each for _, each in found])

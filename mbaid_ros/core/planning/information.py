@@ -132,7 +132,7 @@ class Information:
         for (belief,) in self._followed(grid, joints, base):
             last = belief
         moments = Moments.of(last, self._known.variables)
-        own = self._jacobian @ moments.factor[BODY]
+        own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
         causes, variances = moments.contributions(own, self._known.layout)
         return causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
@@ -201,7 +201,7 @@ class Information:
         extra = 6 if self._known.hypothesis.force != 'none' else 0
         extra = variables.force.shape[1] if extra else 0
         size = count + extra
-        root = np.zeros((size, size + 2))
+        root = np.zeros((size, size + 2), order='F')
         root[:poses, :poses] = variables.prior()[1][:poses, :poses]
         factor = variables.gather[poses:, FIRST:] @ self._known.triangle.T
         triangle = np.linalg.qr(factor.T, mode='r')

@@ -56,6 +56,10 @@ class Track:
     longest: int = LONGEST  # windows that one jump may take
     previous: Belief | None = None  # before the latest window
 
+    def after(self, belief: Belief) -> Track:
+        """Return the same with another belief."""
+        return Track(self.hypothesis, belief, self.jumps, self.jumped, self.inflations, self.longest, self.previous)
+
     @property
     def misfit(self) -> float:
         """Sum of the normalised innovations squared, and what its jumps count against it."""
@@ -74,7 +78,7 @@ def best(bank: Bank) -> Track:
 def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return the hypotheses at the first knot after a window; a momentum that must have jumped is let jump, once."""
     return tuple(
-        replace(track, belief=advance(track.belief, white, variables, track.hypothesis))
+        track.after(advance(track.belief, white, variables, track.hypothesis))
         for track in (met(each, window, white, variables) for each in bank)
     )
 
@@ -85,7 +89,7 @@ def met(track: Track, window: Window, white: WhitenedWindow, variables: Variable
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or track.jumped == track.longest:
-        return replace(track, belief=after, jumped=0, previous=before)
+        return Track(track.hypothesis, after, track.jumps, 0, track.inflations, track.longest, before)
     likelihood = _as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     belief = update(loose, white)

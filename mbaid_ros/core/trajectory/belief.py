@@ -6,14 +6,15 @@ reflections make it triangular again, and what no window has seen of an unknown 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.trajectory.state import BODY, Layout
+from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations
 
@@ -26,8 +27,9 @@ class Belief:
 
     Attributes
     ----------
-    root : (v, v + 2) the triangle R, and beside it z of the correction for noise that rows and values share, and z of
-        the least squares' mean: x = R^-1 (their sum); innovations are those of the mean itself
+    root : (v, v + 2), its columns one after the other as LAPACK has them: the triangle R, and beside it z of the
+        correction for noise that rows and values share, and z of the least squares' mean: x = R^-1 (their sum);
+        innovations are those of the mean itself
     innovations : what they were, sensor by sensor
     nis, measured : sum of the normalised innovations squared, and how many there were
     last_nis, last_measured : the same of the last update
@@ -54,7 +56,7 @@ class Belief:
         """
         mean, triangle, likelihood = variables.prior(mass)
         size = len(mean) + extra
-        root = np.zeros((size, size + 2))
+        root = np.zeros((size, size + 2), order='F')
         root[: len(mean), : len(mean)] = triangle
         root[: len(mean), -1] = triangle @ mean
         root[len(mean) :, len(mean) : -2] = np.eye(extra)
@@ -65,19 +67,23 @@ class Belief:
         """Number v of variables."""
         return len(self.root)
 
-    def moments(self) -> tuple[Array, Array, Array]:
-        """Return the mean (v,), what of it is the correction for shared noise (v,), and a covariance factor (v, v).
+    def moments(self) -> tuple[Array, Array]:
+        """Return the mean (v,), and what of it is the correction for shared noise (v,).
 
         Raises
         ------
         LinAlgError
             The information has a direction without any.
         """
-        factor, info = dtrtri(self.root[:, :-2])
+        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
         if info:
             raise np.linalg.LinAlgError('a direction of the state has no information')
-        both = factor @ self.root[:, -2:]
-        return both[:, 0] + both[:, 1], both[:, 0], np.asarray(factor)
+        return both[:, 0] + both[:, 1], both[:, 0]
+
+    @property
+    def factor(self) -> Array:
+        """A factor of the covariance, (v, v)."""
+        return np.asarray(dtrtri(self.root[:, :-2])[0])
 
     @property
     def least_squares(self) -> Array:
@@ -86,7 +92,7 @@ class Belief:
 
     def with_root(self, root: Array) -> Belief:
         """Return the same with other variables: what has been measured stays."""
-        return replace(self, root=root)
+        return Belief(root, *(value for name, value in vars(self).items() if name != 'root'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,46 +101,61 @@ class Moments:
 
     Attributes
     ----------
+    belief, variables : Belief, Variables
     mean : (s,) of the state
-    factor : (s, v) of its covariance, without what the variables leave out
     shift : (s,) what of the mean is the correction for shared noise
-    variance : (s,) with what the variables leave out
-    force, force_factor : (6,), (6, v) of a constant force; zero where there is none
+    force : (6,) a constant one, and a torque; zero where there is none
     """
 
+    belief: Belief
+    variables: Variables
     mean: Array
-    factor: Array
     shift: Array
-    variance: Array
     force: Array
-    force_factor: Array
 
     @staticmethod
     def of(belief: Belief, variables: Variables) -> Moments:
         """Return the moments of a belief."""
-        mean, shift, factor = belief.moments()
+        mean, shift = belief.moments()
         count, spread = len(variables.scale), variables.spread
-        spread_factor = spread @ factor[:count]
-        variance = np.add.reduce(spread_factor**2, axis=1) + variables.outside.diagonal()
-        force = variables.force[:, : belief.size - count]
-        return Moments(
-            spread @ mean[:count],
-            spread_factor,
-            spread @ shift[:count],
-            variance,
-            force @ mean[count:],
-            force @ factor[count:],
-        )
+        force = variables.force[:, : belief.size - count] @ mean[count:]
+        return Moments(belief, variables, spread @ mean[:count], spread @ shift[:count], force)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Of the covariance of the state, (s, v), without what the variables leave out."""
+        return self.variables.of_state(self.belief.factor[: len(self.variables.scale)])
+
+    @property
+    def force_factor(self) -> Array:
+        """Of the covariance of the constant force, (6, v)."""
+        count = len(self.variables.scale)
+        return np.asarray(self.variables.force[:, : self.belief.size - count] @ self.belief.factor[count:])
+
+    @cached_property
+    def variance(self) -> Array:
+        """Of the state, with what the variables leave out, (s,)."""
+        return np.add.reduce(self.factor**2, axis=1) + self.variables.outside.diagonal()
 
     @property
     def deviation(self) -> Array:
         """Standard deviations, (s,)."""
         return np.sqrt(self.variance)
 
-    def covariance(self, rows: Integers, variables: Variables) -> Array:
+    def factor_of(self, numbers: Array) -> Array:
+        """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
+        right = np.zeros((self.belief.size, len(numbers)), order='F')
+        right[: numbers.shape[1]] = numbers.T
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+
+    def covariance(self, rows: Integers) -> Array:
         """Return the covariance of some numbers of the state."""
-        part = self.factor[rows]
-        return np.asarray(part @ part.T + variables.outside[np.ix_(rows, rows)])
+        part = self.factor_of(self.variables.spread[rows])
+        return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
+
+    def with_variables(self, own: Array) -> Array:
+        """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
 
     def contributions(self, own: Array, layout: Layout) -> tuple[tuple[str, ...], Array]:
         """Return the part of the variance of m numbers that comes from the prior of each cause.
@@ -145,12 +166,13 @@ class Moments:
 
         Parameters
         ----------
-        own : (m, v) a covariance factor of the numbers, rows of `factor` or linear in these
+        own : (m, v) a covariance factor of the numbers, as of `factor_of`
         layout : of the state
 
         Returns
         -------
         names of c causes, (m, c) variances
         """
-        squares = (own @ self.factor[BODY.stop :].T @ layout.known.whitening.T) ** 2
+        unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        squares = (layout.known.whitening @ unknowns).T ** 2
         return layout.causes, squares @ layout.belongs

@@ -21,7 +21,7 @@ def error_budget(moments: Moments, layout: Layout, variables: Variables, uncerta
     moments, layout, variables : of the filter
     uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
     """
-    own = physical_jacobian(moments.mean[BODY]) @ moments.factor[BODY]
+    own = moments.factor_of(physical_jacobian(moments.mean[BODY]) @ variables.spread[BODY, : variables.own])
     variance = np.sum(own**2, axis=1)
     causes, parts = moments.contributions(own, layout)
     given = []
@@ -42,6 +42,5 @@ def _of_a_prior(own: Array, moments: Moments, variables: Variables, which: slice
     In units of its own square root the prior is of unit variance.
     """
     gather = variables.gather[which]
-    together = own @ (gather @ moments.factor).T
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
-    return np.asarray(np.sum(np.linalg.solve(root, together.T) ** 2, axis=0))
+    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(own)[which]) ** 2, axis=0))

@@ -199,11 +199,11 @@ class TrajectoryEstimator:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._runs.evidence(run, latest))
+        judgement = judge(self._runs.evidence(run, moments, latest))
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        covariance = moments.covariance(_ORDER, self._runs.variables) * judgement.widening
+        covariance = moments.covariance(_ORDER) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,
@@ -224,7 +224,7 @@ class TrajectoryEstimator:
         for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
             if isinstance(unknown, TimeOffset):
                 value = unknown.factor @ moments.mean[place]
-                deviation = np.abs(unknown.factor @ moments.deviation[place])
+                deviation = np.abs(unknown.factor @ _deviation(moments, place))
                 return float(value[0]), float(deviation[0])
         return np.nan, np.nan
 
@@ -235,7 +235,7 @@ class TrajectoryEstimator:
             if isinstance(unknown, Thrusters):
                 values = (unknown.factor @ moments.mean[place]).reshape(-1, OF_A_THRUSTER)
                 # Each number of the state is one of these, in units of its prior.
-                stds = np.abs(unknown.factor @ moments.deviation[place]).reshape(values.shape)
+                stds = np.abs(unknown.factor @ _deviation(moments, place)).reshape(values.shape)
                 found += [
                     Thruster(frame, 1.0 + float(value[0]), float(std[0]), value[1:], std[1:])
                     for frame, value, std in zip(unknown.frames, values, stds, strict=True)
@@ -251,6 +251,11 @@ class TrajectoryEstimator:
         )
         judged = [_judged(estimate, one) for estimate, one in zip(estimates, solved, strict=True)]
         return judged if self._settings.located else [_without_linear_momentum(estimate) for estimate in judged]
+
+
+def _deviation(moments: Moments, place: slice) -> Array:
+    """Return the standard deviations of a part of the state."""
+    return np.sqrt(moments.covariance(np.arange(place.start, place.stop)).diagonal())
 
 
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:

@@ -18,27 +18,34 @@ from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-_BLOCK = 16  # columns that LAPACK reflects together
+_BLOCK = 8  # columns that LAPACK reflects together
 
 
 def update(belief: Belief, window: WhitenedWindow) -> Belief:
-    """Return the belief after a window's measurements."""
+    """Return the belief after a window's measurements.
+
+    One factorisation gives all: of R above the rows H, beside 0 above 1, beside z above the values. What it makes of
+    the 1 is a triangle U with U^T U the inverse of the innovations' covariance, and U times the innovations, which is
+    left of the values, is the innovations normalised, each given those after it. So the rows are taken in reverse.
+    """
     size, (count, columns) = belief.size, window.rows.shape
-    triangle = np.zeros((size + 2, size + 2), order='F')
-    triangle[:size] = belief.root
-    rows = np.zeros((count, size + 2), order='F')
-    rows[:, :columns], rows[:, -1] = window.rows, window.value
-    triangle, _, _, _ = dtpqrt(0, min(_BLOCK, size + 2), triangle, rows, overwrite_a=True, overwrite_b=True)
-    root = triangle[:size]
-    # What is left of the values are the innovations, normalised and turned.
-    nis = float(triangle[-2, -1] ** 2 + triangle[-1, -1] ** 2)
+    inner = size + count
+    triangle = np.zeros((inner + 2, inner + 2), order='F')
+    triangle[:size, :size], triangle[:size, inner:] = belief.root[:, :size], belief.root[:, size:]
+    rows = np.zeros((count, inner + 2), order='F')
+    rows[:, :columns], rows[:, size:inner], rows[:, -1] = window.rows[::-1], _identity(count), window.value[::-1]
+    triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
+    root = np.empty((size, size + 2), order='F')
+    root[:, :size], root[:, size:] = triangle[:size, :size], triangle[:size, inner:]
     score = np.zeros(size)
     score[:columns] = window.shared
     root[:, -2] += dtrtrs(root[:, :size], score, trans=1)[0]
-    growth = 2.0 * float(_log_diagonal(root) - _log_diagonal(belief.root))
+    left, diagonal = triangle[size:inner, -1], triangle.diagonal()[size:inner]
+    nis = float(left @ left)
+    growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
     return Belief(
         root,
-        belief.innovations.after(_normalised(belief, window), window.places),
+        belief.innovations.after((left * np.sign(diagonal))[::-1], window.places),
         belief.nis + nis,
         belief.measured + count,
         nis,
@@ -47,39 +54,23 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
     )
 
 
-def _normalised(belief: Belief, window: WhitenedWindow) -> Array:
-    """Return a window's innovations in units of their standard deviations, each given those before it, (k,)."""
-    size, (count, columns) = belief.size, window.rows.shape
-    rows = np.zeros((size, count), order='F')
-    rows[:columns] = window.rows.T
-    gain = dtrtrs(belief.root[:, :size], rows, trans=1, overwrite_b=True)[0]  # R^-T H^T
-    innovation = window.value - gain.T @ belief.root[:, -1]
-    # Their covariance 1 + gain^T gain is that of a triangle, which may span more than a covariance can hold.
-    triangle = dgeqrf(np.concatenate((gain, _identity(count))), overwrite_a=True)[0][:count]
-    return np.asarray(dtrtrs(triangle, innovation, trans=1)[0])
-
-
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
     """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
-    size, head, poses = belief.size, variables.head, variables.poses
-    columns = len(variables.scale)
-    transition = np.zeros((head, size))
-    transition[:poses, :columns] = window.transition
-    transition[poses:, poses:head] = np.eye(head - poses)
+    root, head, poses, columns = belief.root, variables.head, variables.poses, len(variables.scale)
+    # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
+    back = root[:head, :head] @ window.back
+    of_poses = back[:, :poses]
+    rest = root[:head, head:].copy()
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:]
     if hypothesis.force != 'none':
-        transition[poses:, columns:] = window.push(hypothesis.force)
-    joints, walks = window.process.shape[1], len(hypothesis.walking)
-    noise = np.zeros((head, joints + walks))
-    noise[:poses, :joints] = window.process
-    if walks:
-        noise[:, joints:] = np.sqrt(window.length) * _walk(hypothesis, variables)
-    drift = np.zeros((head, 2))
-    drift[:poses, 1] = window.drift
-    advanced = belief.with_root(_propagated(belief.root, transition, noise, drift))
+        rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
+    rest[:, -1] += of_poses @ window.drift
+    noise = of_poses @ window.process
+    if hypothesis.walking.size:
+        noise = np.concatenate((noise, np.sqrt(window.length) * (back @ _walk(hypothesis, variables))), axis=1)
+    advanced = belief.with_root(_eliminated(root, back, noise, rest))
     if variables.walks.shape[1]:
-        return advanced.with_root(
-            _walked(advanced.root, np.sqrt(window.length) * variables.walks, len(variables.scale))
-        )
+        return advanced.with_root(_walked(advanced.root, np.sqrt(window.length) * variables.walks, columns))
     return advanced
 
 
@@ -125,35 +116,28 @@ def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variab
 
 def inflated(belief: Belief, noise: Array) -> Belief:
     """Return the belief with more noise in its first h variables: (h, w), of independent numbers of unit variance."""
-    head = len(noise)
-    return belief.with_root(_propagated(belief.root, np.eye(head, belief.size), noise, np.zeros((head, 2))))
+    root, head = belief.root, len(noise)
+    back = root[:head, :head]
+    return belief.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
 
 
-def _propagated(root: Array, transition: Array, noise: Array, drift: Array) -> Array:
-    """Return the triangle of what x_head' = transition x + drift + noise w makes of its first variables.
+def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
+    """Return the triangle when noise w in its first rows, back x - noise w + rest ..., has been eliminated.
 
     Parameters
     ----------
     root : (v, v + 2)
-    transition : (h, v) regular in its first h columns
+    back : (h, h) the first rows, of the first variables
     noise : (h, w) of independent w of unit variance
-    drift : (h, 2) of the two means
+    rest : (h, v - h + 2) the first rows, of the other variables, and their values
     """
     head, count = noise.shape
-    size = len(root)
-    # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it; w is eliminated first.
-    back = root[:head, :head] @ np.linalg.inv(transition[:, :head])
-    wide = np.zeros((count + head, count + size + 2), order='F')
+    wide = np.zeros((count + head, count + head + rest.shape[1]), order='F')
     wide[:count, :count] = _identity(count)
-    wide[count:, :count] = -back @ noise
-    wide[count:, count : count + head] = back
-    wide[count:, count + head :] = root[:head, head:]
-    wide[count:, count + head : count + size] -= back @ transition[:, head:]
-    wide[count:, count + size :] += back @ drift
+    wide[count:, :count], wide[count:, count : count + head], wide[count:, count + head :] = -noise, back, rest
     triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
-    after = root.copy()
-    after[:head] = triangle
-    after[:head, :head] *= _upper(head)
+    after = root.copy(order='F')
+    after[:head, :head], after[:head, head:] = triangle[:, :head] * _upper(head), triangle[:, head:]
     return after
 
 
@@ -171,18 +155,14 @@ def _walked(root: Array, noise: Array, own: int) -> Array:
     wide[:count, :count] = _identity(count)
     wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
     wide[count:, count:] = root
-    triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
+    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
     triangle[:, :size] *= _upper(size)
-    return np.asarray(triangle)
+    return triangle
 
 
 def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:
     """Return the factor of the covariance of pose error and momentum that a hypothesis' walks make in a second."""
     return np.asarray(variables.gather[: variables.head, hypothesis.walking] * hypothesis.intensities)
-
-
-def _log_diagonal(root: Array) -> float:
-    return float(np.add.reduce(np.log(np.abs(root.diagonal()))))
 
 
 @cache

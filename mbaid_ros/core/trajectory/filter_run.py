@@ -262,7 +262,8 @@ class FilterRun:
     def _knows_body(self, belief: Belief) -> bool:
         """Tell whether what windows leave open at second order is small: where they are linearised may stay."""
         moments = Moments.of(belief, self._variables)
-        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(moments.factor[BODY] ** 2, axis=1))
+        factor = moments.factor_of(self._variables.spread[BODY])
+        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
         return bool(body[0] > 0.0 and np.all(seen < _KNOWN * body_sizes(body)))
 
     def _found(self) -> Point | None:

@@ -114,14 +114,14 @@ class TargetRuns:
             begun.take(window, None, moved=True)
         return begun
 
-    def evidence(self, run: FilterRun, latest: Samples) -> Evidence:
-        """Return what a run that has started says of its model, after its latest window."""
+    def evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
+        """Return what a run that has started says of its model, by its moments after its latest window."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis
         # A walk takes up what would show where the robot is wrong.
-        moments = run.moments() if hypothesis.physical else run.moments_of_first()
+        mean = (moments if hypothesis.physical else run.moments_of_first()).mean
         known = self.layout.known
-        values = known.whitening @ (moments.mean[BODY.stop :] - known.mean)
+        values = known.whitening @ (mean[BODY.stop :] - known.mean)
         largest = np.max(np.abs(values)[:, None] * self.layout.belongs, axis=0, initial=0.0)
         squares = values**2 @ self.layout.belongs
         return Evidence(

@@ -77,6 +77,11 @@ class Variables:
         moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, : self.own]
         return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
 
+    def of_state(self, columns: Array) -> Array:
+        """Return (v, m) columns of the variables as (s, m) of the state, where unknowns are both."""
+        moving = self.spread[: BODY.stop, : self.own] @ columns[: self.own]
+        return np.concatenate((moving, columns[self.own :]))
+
     @cached_property
     def open(self) -> Array:
         """Standard deviations of momentum and body of which nothing is known, in their places of the state, (s,)."""

@@ -26,6 +26,7 @@ class WhitenedWindow:
     transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first knot, which are
         the first variables; what else there is stays, without force. The last is a factor of the covariance of what
         joint noise adds on the way
+    back : (2 p, 2 p) the inverse of what the transition makes of pose error and momentum
     shared : (v,) the score that noise makes on average because rows and value share it
     moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
@@ -39,6 +40,7 @@ class WhitenedWindow:
     transition: Array
     drift: Array
     process: Array
+    back: Array
     shared: Array
     moved: Array
     inertial: Array
@@ -79,13 +81,17 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
             measured[index] = (*own, all_places)
     turn = variables.gather[: variables.poses, POSE]
+    transition = turn @ variables.rows(windows.transition)
+    head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
+    head[:, : variables.poses] = transition[..., : variables.head]
     return [
         WhitenedWindow(value, rows, float(log_noise), *rest)
         for (value, rows, log_noise), *rest in zip(
             (each[:3] for each in measured),
-            turn @ variables.rows(windows.transition),
+            transition,
             (turn @ windows.drift[..., None])[..., 0],
             turn @ windows.process,
+            np.linalg.inv(head),
             _shared(weighed, windows.joints_by_unknowns, variables),
             windows.transition[..., MOMENTUM],
             *_pushes(windows, variables),

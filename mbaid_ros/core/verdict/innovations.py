@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -23,70 +24,67 @@ class Innovations:
     Attributes
     ----------
     angular : how many of the k are angular: three, or one in a plane
-    squares, count : (m,) of the normalised innovations
-    products, pairs : (m,) of those of neighbouring windows
+    sums, counts : (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
     previous : (m,) those of the last window; NaN of what was not measured
     """
 
     angular: int
-    squares: Array
-    count: Array
-    products: Array
-    pairs: Array
+    sums: Array
+    counts: Array
     previous: Array
 
     @staticmethod
     def none(poses: int) -> Innovations:
         """Return the sums before the first window, of k = 6 pose measurements, or 3 in a plane."""
         angular = 3 if poses > 3 else 1
-        nothing = np.zeros(2 * poses + angular)
-        return Innovations(angular, nothing, nothing, nothing, nothing, np.full(len(nothing), np.nan))
+        nothing = np.zeros((2, 2 * poses + angular))
+        return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
 
     def after(self, normalised: Array, places: Integers) -> Innovations:
         """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
-        latest = np.full(len(self.squares), np.nan)
+        latest = np.full(len(self.previous), np.nan)
         latest[places] = normalised
-        product = latest * self.previous
-        both = np.isfinite(product)
-        squares, count = self.squares.copy(), self.count.copy()
-        squares[places] += normalised**2
-        count[places] += 1.0
-        return replace(
-            self,
-            squares=squares,
-            count=count,
-            products=self.products + np.where(both, product, 0.0),
-            pairs=self.pairs + both,
-            previous=latest,
-        )
+        products = np.array((latest, self.previous)) * latest
+        known = np.isfinite(products)
+        return Innovations(self.angular, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
 
-    def by_sensor(self, sums: Array) -> Array:
-        """Return the (5,) totals of sums, in the order of SENSORS."""
-        poses = (len(sums) - self.angular) // 2
+    @cached_property
+    def _of_sensors(self) -> tuple[Array, Array]:
+        """Sums and counts, (2, 5) each, in the order of SENSORS."""
+        poses = (len(self.previous) - self.angular) // 2
         ends = (0, self.angular, poses, poses + self.angular, 2 * poses)
-        return np.add.reduceat(sums, ends)
+        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), ends, axis=2)
+        return sums, counts
 
     @property
+    def count(self) -> Array:
+        """How many innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][0]
+
+    @property
+    def pairs(self) -> Array:
+        """How many pairs of neighbouring windows' innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][1]
+
+    @cached_property
     def ratio(self) -> Array:
         """Mean normalised innovation squared of each sensor, (5,): 1 for noise as declared; NaN without any."""
-        count = self.by_sensor(self.count)
-        return np.where(count > 0.0, self.by_sensor(self.squares) / np.maximum(count, 1.0), np.nan)
+        return np.where(self.count > 0.0, self._of_sensors[0][0] / np.maximum(self.count, 1.0), np.nan)
 
-    @property
+    @cached_property
     def ratio_significance(self) -> Array:
         """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (5,)."""
-        return (self.ratio - 1.0) * np.sqrt(0.5 * self.by_sensor(self.count))
+        return (self.ratio - 1.0) * np.sqrt(0.5 * self.count)
 
-    @property
+    @cached_property
     def correlation(self) -> Array:
         """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
 
         0 where the noise is white. What is far below the declared noise is no matter, however correlated.
         """
-        pairs = self.by_sensor(self.pairs)
-        return np.where(pairs > 0.0, self.by_sensor(self.products) / np.maximum(pairs, 1.0), np.nan)
+        return np.where(self.pairs > 0.0, self._of_sensors[0][1] / np.maximum(self.pairs, 1.0), np.nan)
 
-    @property
+    @cached_property
     def correlation_significance(self) -> Array:
         """How many of its standard deviations, the ratio over sqrt(n), each of these is, (5,)."""
-        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.by_sensor(self.pairs))
+        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)

@@ -135,9 +135,8 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if largest > 0.6 * _FAR
     ]
     innovations = evidence.innovations
-    counts, pairs = innovations.by_sensor(innovations.count), innovations.by_sensor(innovations.pairs)
     for place, sensor in enumerate(SENSORS):
-        ratio, count = float(innovations.ratio[place]), float(counts[place])
+        ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
             parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
@@ -145,7 +144,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:
             relative = correlation / max(ratio, 1.0)
-            gain = -0.5 * float(pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
+            gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
     # Means of correlated noise are larger than declared, too.
     of_noise = sum(cause.gain for cause in causes if cause.text.startswith('noise.base_'))

@@ -44,10 +44,11 @@ class Case:
         rows[:, unseen] = way[:, unseen] = 0.0
         shared = rng.normal(size=size)
         shared[unseen] = 0.0
-        none = np.zeros((6, 6))
+        none, head = np.zeros((6, 6)), np.eye(12)
+        head[:6] = way[:, :12]
         return WhitenedWindow(
-            *(rng.normal(size=MEASURED), rows, 0.0, way, rng.normal(size=6), np.zeros((6, 0)), shared),
-            *(none, none, none, 0.5),
+            *(rng.normal(size=MEASURED), rows, 0.0, way, rng.normal(size=6), np.zeros((6, 0)), np.linalg.inv(head)),
+            *(shared, none, none, none, 0.5),
             places=np.arange(MEASURED),
         )
 
@@ -115,7 +116,7 @@ def test_numbers_of_the_state_have_the_covariance_of_their_factor() -> None:
     rows = np.array([3, 14, 30])
     factor = case.moments.factor
     outside = replace(case.space, basis=case.space.basis[:, :-1], scale=case.space.scale[:-1])
-    found = case.moments.covariance(rows, case.space)
+    found = case.moments.covariance(rows)
     assert found == pytest.approx((factor @ factor.T)[np.ix_(rows, rows)])
     # What the variables leave out is as uncertain as ever.
     last = np.array([case.layout.size - 1])

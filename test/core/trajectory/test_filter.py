@@ -123,6 +123,23 @@ def test_the_filter_is_least_squares(seed: int) -> None:
     assert moments.mean == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
 
 
+@pytest.mark.parametrize('force', [0, 6])
+def test_innovations_are_those_of_each_measurement_given_those_before(force: int) -> None:
+    rng = np.random.default_rng(7)
+    space = variables(rng)
+    first, second = (prepare(window(rng), space) for _ in range(2))
+    before = update(Belief.prior(space, force), first)
+    after = update(before, second)
+    count = len(space.scale)
+    covariance = before.factor[:count] @ before.factor[:count].T
+    innovation = second.value - second.rows @ before.least_squares[:count]
+    whole = second.rows @ covariance @ second.rows.T + np.eye(len(innovation))
+    expected = np.linalg.solve(np.linalg.cholesky(whole), innovation)
+    assert after.innovations.previous[second.places] == pytest.approx(expected, rel=1e-8)
+    assert after.last_nis == pytest.approx(innovation @ np.linalg.solve(whole, innovation), rel=1e-8)
+    assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
+
+
 def test_an_unmeasured_twist_is_left_out() -> None:
     rng = np.random.default_rng(0)
     model = window(rng)
@@ -212,7 +229,7 @@ def test_covariances_stay_symmetric_and_positive() -> None:
     for number in range(3000):
         white = windows[number % len(windows)]
         belief = advance(update(belief, white), white, space, Hypothesis('', force='inertial'))
-    factor = belief.moments()[2]
+    factor = belief.factor
     covariance = factor @ factor.T
     assert np.array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
@@ -232,7 +249,7 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
         model, pose_covariance=sharp * model.pose_covariance, twist_covariance=sharp * model.twist_covariance
     )
     white = prepare(model, space)
-    factor = update(Belief.prior(space, 6), white).moments()[2]
+    factor = update(Belief.prior(space, 6), white).factor
     spread = np.sum((white.rows @ factor[:STATE]) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
 
