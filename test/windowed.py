@@ -17,14 +17,14 @@ FIRST, LAST = START + 0.025, START + LENGTH + 0.025  # s, its first knot and the
 JOINT = 1e-4  # rad
 
 
-def window_of(samples: Samples, spacing: float) -> Window:
+def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -> Window:
     """Return the window at START, with its neighbours, of samples that are free of noise."""
     begin = START - BEFORE * spacing
     count = BEFORE + round(LENGTH / spacing) + AFTER
     first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
     knots = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
     assert knots is not None
-    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30)
+    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, 0.0, correlation_time)
     return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
 
 

@@ -1,4 +1,4 @@
-"""Noise with a time constant: what it does to windows, and how it is recognised."""
+"""Noise with a time constant: how poses are weighted, and how it is recognised."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.verdict.correlated import of_a_mean, of_neighbours, seen_in
+from mbaid_ros.core.verdict.correlated import seen_in
 from measured import base_stream, joint_stream
 
-WINDOW, STEP, SIZE = 0.5, 0.01, 1e-3  # s, s, m
+STEP, SIZE = 0.01, 1e-3  # s, m
 
 
 def coloured(constant: float, count: int, seed: int) -> Array:
@@ -32,20 +32,6 @@ def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
     found = Synchroniser(1.0, constant).push(joint_stream(stamps), base[::every])
     assert found is not None
     return found
-
-
-@pytest.mark.parametrize('constant', [0.1, 0.3, 1.0])
-def test_means_of_windows_vary_as_told(constant: float) -> None:
-    count = round(WINDOW / STEP)
-    means = coloured(constant, 6_000 * count, 0).reshape(-1, count, 3).mean(axis=1)
-    keep = np.exp(-STEP / constant)
-    white = (1.0 + keep) / (1.0 - keep) / count
-    assert np.mean(means**2) / white == pytest.approx(of_a_mean(constant, WINDOW), rel=0.08)
-    assert np.mean(means[1:] * means[:-1]) / white == pytest.approx(of_neighbours(constant, WINDOW), rel=0.15)
-
-
-def test_white_noise_has_nothing_of_it() -> None:
-    assert (of_a_mean(0.0, WINDOW), of_neighbours(0.0, WINDOW)) == (1.0, 0.0)
 
 
 @pytest.mark.parametrize('constant', [0.05, 0.3, 2.0])

@@ -176,7 +176,7 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), noise.joint_position, pose, twist, gyro)
+        WindowNoise(len(window), noise.joint_position, pose, twist, gyro, noise.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
     ]
 

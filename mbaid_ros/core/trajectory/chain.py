@@ -116,18 +116,21 @@ def _models(
     # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
+    change = stack.whitening
+    # The joints' errors, independent from knot to knot, are in the change by those of two knots.
+    ends = (1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     pose, twist = _readings(layout, stack, predicted, motion, slope)
     return WindowModel(
-        *_pose_measurement(errors, pose, point.readings),
-        stack.pose_covariance / stack.samples + of_joints,
+        *_pose_measurement(errors, change, pose, point.readings),
+        stack.pose_covariance / stack.samples + ends * of_joints,
         *_twist_measurement(errors, prediction, middle, point, twist),
         _twist_covariance(stack, middle, of_joints, noise.stored),
         transition=_state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
         process=noise.process,
-        joints=noise.pose,
-        joints_by_unknowns=noise.by_unknowns,
-        joints_in_twist=np.full(len(stack.windows), _telescoped(len(middle), spacing)),
+        joints=np.sqrt(ends) * noise.pose,
+        joints_by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns,
+        joints_in_twist=_telescoped(len(middle), spacing) / ends[:, 0, 0],
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
@@ -141,18 +144,19 @@ def _readings(
     around, inside = motion
     windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
     twist = _at_knots(predicted.twist, inside)
+    change = stack.whitening
     own = predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
     linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
     rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
     seen = Reading(
-        twist=_total(twist)[..., ANGULAR_FIRST] / len(twist),
+        twist=_mean(twist, change)[..., ANGULAR_FIRST],
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
-        rotation=_total(rotation) / len(rotation),
+        rotation=_mean(rotation, change[..., None]),
         turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
         sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
         time=stack.middles,
-        position=_total(_at_knots(around.base_position, inside)) / len(twist),
+        position=_mean(_at_knots(around.base_position, inside), change),
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:
@@ -210,19 +214,30 @@ def _state_rows(errors: Array, readings: Array) -> Array:
 
 
 def _at_knots(values: Array, inside: slice) -> Array:
-    """Return what is known midway, at the first knots of the intervals inside; without one before, that midway."""
-    before = values[max(inside.start - 1, 0) : inside.start or 1]
-    return 0.5 * (np.concatenate((before, values[inside.start : inside.stop - 1])) + values[inside])
+    """Return what is known midway, at the knots of the intervals inside; without one before or after, that midway."""
+    around = np.concatenate(
+        (values[max(inside.start - 1, 0) : inside.start or 1], values[inside.start : inside.stop + 1])
+    )
+    around = around if len(values) > inside.stop else np.concatenate((around, values[-1:]))
+    return 0.5 * (around[:-1] + around[1:])
 
 
-def _pose_measurement(errors: Array, readings: Array, point: Array) -> tuple[Array, Array]:
+def _mean(knots: Array, change: Array) -> Array:
+    """Return the mean of values (m + 1, B, ...) at a window's knots and the next, with some of their change."""
+    mean = _total(knots[:-1]) / (len(knots) - 1)
+    return mean + change * (knots[-1] - knots[0]) if change.any() else mean
+
+
+def _pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
     """0 = mean of xi over the knots + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
+
+    With some of what xi changes by, where its errors are correlated: the noise is then independent of other windows'.
 
     The twist in the readings is that at the knots themselves. Its noise is the joints', as that of xi is, and cancels
     in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
     by that half.
     """
-    mean = _total(errors[:-1]) / (len(errors) - 1)
+    mean = _mean(errors, change[..., None])
     return readings @ point - mean[..., -1], _state_rows(mean, readings)
 
 

@@ -135,6 +135,5 @@ class TargetRuns:
             odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             latest=latest,
-            window=self._settings.window,
             correlation_time=self._settings.noise.base_correlation_time,
         )

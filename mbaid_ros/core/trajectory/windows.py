@@ -29,6 +29,7 @@ class WindowNoise:
     pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
     twist : (6, 6) of one sample, (angular, linear), base axes
     gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
+    correlation_time : s, over which the errors of the poses are correlated; 0 for independent ones
     """
 
     samples: int
@@ -36,6 +37,7 @@ class WindowNoise:
     pose: Array
     twist: Array
     gyro: float = 0.0
+    correlation_time: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,18 @@ class Stack:
     def middles(self) -> Array:
         """Time in the middle of each window, (B,) s."""
         return np.array([window.start + 0.5 * window.length for window in self.windows])
+
+    @cached_property
+    def whitening(self) -> Array:
+        """How much of a pose's change over each window makes the errors of its mean independent, (B, 1).
+
+        An autoregression x' = c x + e from knot to knot has the mean of e over m of them, over 1 - c: the mean of x and
+        1 / (m (1 - c)) of what x changes by. 0 where the errors are independent as they are.
+        """
+        times = np.array([window.noise.correlation_time for window in self.windows])
+        step = -np.expm1(-self.windows[0].spacing / np.where(times > 0.0, times, np.inf))
+        first, last, _ = self.windows[0].inside.indices(len(self.knots))
+        return np.where(times > 0.0, 1.0 / ((last - first) * np.where(times > 0.0, step, 1.0)), 0.0)[:, None]
 
     @cached_property
     def joint_variance(self) -> Array:

@@ -1,7 +1,4 @@
-"""Noise that is correlated over a time, a first-order autoregression, as it shows in windows.
-
-Variances of means are in units of that which white noise with as much power at low frequencies would have.
-"""
+"""Noise that is correlated over a time, a first-order autoregression, as it shows in windows."""
 
 from __future__ import annotations
 
@@ -15,18 +12,6 @@ from mbaid_ros.core.samples import Samples
 # correlations of -2/3 to -1/2 from one to the next; those of interpolated poses, also small, have positive ones.
 _SMALL, _SMOOTH = 0.25, -0.25
 _FEWEST = 20  # samples
-
-
-def of_a_mean(time: float, window: float) -> float:
-    """Return the variance of a window's mean; a window of white noise, whose time is 0, has 1."""
-    if time <= 0.0:
-        return 1.0
-    return 1.0 + time / window * math.expm1(-window / time)
-
-
-def of_neighbours(time: float, window: float) -> float:
-    """Return the covariance of the means of neighbouring windows."""
-    return 0.0 if time <= 0.0 else 0.5 * time / window * math.expm1(-window / time) ** 2
 
 
 def cause(time: float) -> str:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.verdict.correlated import cause as correlated_cause
-from mbaid_ros.core.verdict.correlated import of_neighbours, seen_in
+from mbaid_ros.core.verdict.correlated import seen_in
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
@@ -49,7 +48,6 @@ class Evidence:
     odometry_drifts : whether it lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
     latest : the window that the run ends with
-    window : s, length of a window
     correlation_time : s, over which the errors of the base's poses are declared to be correlated
     """
 
@@ -63,13 +61,7 @@ class Evidence:
     odometry_drifts: bool
     gain: float
     latest: Samples
-    window: float
     correlation_time: float
-
-    @property
-    def correlation(self) -> Array:
-        """Covariance of neighbouring windows' innovations, as of Innovations, beyond what is declared, (5,)."""
-        return self.innovations.correlation - of_neighbours(self.correlation_time, self.window)
 
 
 @dataclass(frozen=True)
@@ -105,7 +97,9 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
-    correlated = (evidence.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > _SIGNIFICANT)
+    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
+        innovations.correlation_significance > _SIGNIFICANT
+    )
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
@@ -122,7 +116,7 @@ def _widening(evidence: Evidence) -> float:
     """
     innovations = evidence.innovations
     significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
-    correlation = float(np.max(np.where(significant, evidence.correlation, 0.0)))
+    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
     correlation = min(max(correlation, 0.0), 0.9)
     return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
 

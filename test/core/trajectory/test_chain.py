@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from derivatives import central_difference
 from floating import true_momentum
@@ -17,6 +18,7 @@ from mbaid_ros.core.trajectory.interpolation import midpoints
 from mbaid_ros.core.trajectory.knots import BEFORE, Knots
 from mbaid_ros.core.trajectory.prediction import joint_gains, predict
 from mbaid_ros.core.trajectory.state import POSE, Layout, Point
+from mbaid_ros.core.trajectory.windows import Stack
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, drifting, kernel, observe
 from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_model, window_of
@@ -54,9 +56,10 @@ def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
     return robot.point(state(point, delay=delay))
 
 
-def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array) -> None:
-    here = at(robot, point)
-    found = [residuals(window_model(robot, window_of(exact, spacing), here), state(point)) for spacing in (0.1, 0.05)]
+@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
+def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array, correlation_time: float) -> None:
+    windows = [window_of(exact, spacing, correlation_time) for spacing in (0.1, 0.05)]
+    found = [residuals(window_model(robot, window, at(robot, point)), state(point)) for window in windows]
     sizes = np.array([[np.abs(part).max() for part in parts] for parts in found])
     # A hundredth of the standard deviation that any of them has at the lowest noise, 1e-6.
     assert np.all(sizes[1] < 1e-8)
@@ -107,12 +110,15 @@ def late(samples: Samples, delay: float) -> Samples:
     return replace(samples, joint_position=curve(samples.time - delay))
 
 
-def test_late_joints_act_as_the_delay_says(robot: Layout, exact: Samples, point: Array) -> None:
+@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
+def test_late_joints_act_as_the_delay_says(
+    robot: Layout, exact: Samples, point: Array, correlation_time: float
+) -> None:
     moving = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
     first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (FIRST, LAST))
     parts = []
     for delay in (LATE, -LATE):
-        model = window_model(robot, window_of(late(exact, delay), 0.05), at(robot, point))
+        model = window_model(robot, window_of(late(exact, delay), 0.05, correlation_time), at(robot, point))
         # A chain that is late lies behind by what the base moves in that time.
         parts.append(np.concatenate(residuals(model, state(point, -delay * first, delay))) / (2.0 * LATE))
     pose, twist, after = ((plus - minus) for plus, minus in zip(*(np.split(part, 3) for part in parts), strict=True))
@@ -125,6 +131,16 @@ def test_late_joints_act_as_the_delay_says(robot: Layout, exact: Samples, point:
     model = window_model(robot, window_of(exact, 0.05), at(robot, point))
     assert np.abs(model.pose_rows[:, DELAY]).max() > 0.3 * size
     assert np.abs(model.twist_rows[:, DELAY]).max() > 0.01 * size
+
+
+def test_correlated_errors_of_poses_are_independent_from_window_to_window(exact: Samples) -> None:
+    window = window_of(exact, 0.05, 0.3)
+    keep = np.exp(-0.05 / 0.3)
+    change = float(Stack((window,), (0,)).whitening[0, 0])
+    knots = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], np.random.default_rng(0).normal(size=100_000))
+    means = knots.reshape(-1, 10)[:-1].mean(axis=1) + change * np.diff(knots[::10])
+    assert np.var(means) == pytest.approx((1.0 + keep) / (1.0 - keep) / 10.0, rel=0.05)
+    assert np.mean(means[1:] * means[:-1]) / np.var(means) == pytest.approx(0.0, abs=0.04)
 
 
 def _second(values: Array) -> Array:
