@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -12,11 +13,14 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import ModelErrors, displaced, with_bodies
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.clock_drift import ClockDrift
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.known_bodies import KnownBodies
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
+from mbaid_ros.core.unknowns.odometry_scale import OdometryScale
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.core.unknowns.twist_bias import TwistBias
 
 LINKS = 0.01  # relative standard deviation of the known bodies
 DECLARED = Uncertainty(  # of the rest of a robot of seven joints
@@ -26,6 +30,9 @@ DECLARED = Uncertainty(  # of the rest of a robot of seven joints
     mount_position=2e-3,
     mount_orientation=2e-3,
     time_offset=5e-3,
+    clock_drift=5e-5,
+    odometry_scale=1e-3,
+    twist_bias=1e-4,
 )
 
 
@@ -37,15 +44,21 @@ class Wrong:
     ----------
     errors : ModelErrors
     delay : s, of the joints' stamps
+    drift : s/s, of their clock
+    scale : relative, by which lengths are read too long
+    bias : (6,) rad/s and m/s, of the twist
     """
 
     errors: ModelErrors
-    delay: float
+    delay: float = 0.0
+    drift: float = 0.0
+    scale: float = 0.0
+    bias: Array = field(default_factory=lambda: np.zeros(6))
 
     @staticmethod
     def by(unknowns: tuple[Unknown, ...], numbers: tuple[Array, ...], joints: int) -> Wrong:
         """Return what the independent numbers (e,) of each of some unknowns stand for."""
-        errors, delay = ModelErrors.none(joints), 0.0
+        errors, others = ModelErrors.none(joints), Wrong(ModelErrors.none(joints))
         for unknown, standard in zip(unknowns, numbers, strict=True):
             value = unknown.factor @ standard
             if isinstance(unknown, KnownBodies):
@@ -56,10 +69,13 @@ class Wrong:
                 errors.tilts[:] = rotate(unknown.across, each[:, 4:])
             elif isinstance(unknown, OdometryMount):
                 errors.mount[:] = value
+            elif isinstance(unknown, TwistBias):
+                others = replace(others, bias=value)
             else:
-                assert isinstance(unknown, TimeOffset)
-                delay = float(value[0])
-        return Wrong(errors, delay)
+                name = {TimeOffset: 'delay', ClockDrift: 'drift', OdometryScale: 'scale'}[type(unknown)]
+                changed: dict[str, Any] = {name: float(value[0])}
+                others = replace(others, **changed)
+        return replace(others, errors=errors)
 
     def robot(self, known: MomentumKernel) -> MomentumKernel:
         """Return the true robot, with the target that is to be identified."""
@@ -73,12 +89,13 @@ class Wrong:
         rotation = rotation_from_quaternion(truth.base_orientation) @ turn.T
         spin = rotate(turn, truth.base_angular_velocity)
         joints = CubicSpline(truth.time, truth.joint_position - self.errors.zeros)
+        larger, moved = 1.0 + self.scale, np.broadcast_to(place, spin.shape)
         return replace(
             truth,
-            joint_position=joints(truth.time - self.delay),
+            joint_position=joints(truth.time - self.delay - self.drift * truth.time),
             base_orientation=quaternion_from_rotation(rotation),
-            base_position=truth.base_position - rotation @ place,
-            base_angular_velocity=spin,
-            base_linear_velocity=rotate(turn, truth.base_linear_velocity)
-            - cross(spin, np.broadcast_to(place, spin.shape)),
+            base_position=larger * (truth.base_position - rotation @ place),
+            base_angular_velocity=spin + self.bias[:3],
+            base_linear_velocity=larger * (rotate(turn, truth.base_linear_velocity) - cross(spin, moved))
+            + self.bias[3:],
         )

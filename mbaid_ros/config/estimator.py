@@ -12,7 +12,13 @@ from mbaid_ros.config.capture import (
     SelfCalibrationConfig,
     ThrustConfig,
 )
-from mbaid_ros.config.known_side import KnownJointsConfig, KnownLinksConfig, OdometryMountConfig, TargetPriorConfig
+from mbaid_ros.config.known_side import (
+    KnownJointsConfig,
+    KnownLinksConfig,
+    OdometryConfig,
+    OdometryMountConfig,
+    TargetPriorConfig,
+)
 from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
@@ -182,6 +188,13 @@ class TimeOffsetConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+    drift_std: float = parameter(
+        5e-5,
+        "Standard deviation of how much faster the clock of JointState runs, s a second: 2e-5 is a computer's own "
+        'quartz; 0 is one clock, or clocks that are kept together.',
+        minimum=0.0,
+        maximum=0.01,
+    )
 
 
 @dataclass(frozen=True)
@@ -305,6 +318,7 @@ class EstimatorConfig:
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
     odometry_mount: OdometryMountConfig = field(default_factory=OdometryMountConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
     target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)
     debris: DebrisConfig = field(default_factory=DebrisConfig)
     thrust: ThrustConfig = field(default_factory=ThrustConfig)

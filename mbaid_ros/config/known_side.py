@@ -16,6 +16,8 @@ EXACT = {
     'known_joints.axis_std': 0.0,
     'odometry_mount.position_std': 0.0,
     'odometry_mount.orientation_std': 0.0,
+    'odometry.angular_velocity_bias_std': 0.0,
+    'time_offset.drift_std': 0.0,
 }
 
 
@@ -71,6 +73,26 @@ class OdometryMountConfig:
 
     position_std: float = mount_position()
     orientation_std: float = mount_orientation()
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """What the odometry may read wrong beside its noise, the same all the time."""
+
+    scale_std: float = parameter(
+        0.0,
+        'Relative standard deviation of the lengths that it reads, as of a camera whose baseline is not quite as it is '
+        'believed; 0 is exact.',
+        minimum=0.0,
+        maximum=0.1,
+    )
+    angular_velocity_bias_std: float = parameter(
+        1e-4,
+        'Standard deviation of a constant that its angular velocity has too much about each axis of the base, as the '
+        'bias of a gyro that it is taken from: 10 deg/h are 5e-5 rad/s; 0 is exact.',
+        unit='rad/s',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True)

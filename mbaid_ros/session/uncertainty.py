@@ -60,6 +60,9 @@ def with_surroundings(
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
         gyro=_gyro(config.imu),
+        clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
+        odometry_scale=0.0 if alone else config.odometry.scale_std,
+        twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
     )
 
 

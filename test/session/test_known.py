@@ -16,7 +16,9 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import catalogue
+from mbaid_ros.core.unknowns.clock_drift import ClockDrift
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.core.unknowns.twist_bias import TwistBias
 from mbaid_ros.session.known import known_side, with_known_errors
 from servicing import LINKS, free_servicer, standard_parameters
 
@@ -76,18 +78,19 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     known = known_side(config_of(path), ROBOT)
     unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.carried
     assert carried is not None
-    *parts, offset = unknowns
-    assert isinstance(offset, TimeOffset)
+    parts, sensing = unknowns[:-3], unknowns[-3:]
+    assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias]
     spread = block_diag(*(part.factor for part in parts))
     own = np.delete(np.arange(SIZE), np.arange(70, 80))
     size = np.sqrt(np.diag(matrix()))[own]
-    found = spread @ carried.factor[:-1] @ carried.factor[:-1].T @ spread.T
+    count = sum(part.count for part in parts)
+    found = spread @ carried.factor[:count] @ carried.factor[:count].T @ spread.T
     assert found / np.outer(size, size) == pytest.approx(matrix()[np.ix_(own, own)] / np.outer(size, size), abs=1e-9)
     wanted = values()[own]
     wanted[:70] = 0.0  # the robot description has these
-    assert spread @ carried.mean[:-1] == pytest.approx(wanted, abs=1e-12)
-    # The delay is that of the recording, of which a calibration says nothing.
-    assert carried.factor[-1] == pytest.approx(np.eye(len(carried.factor))[-1])
+    assert spread @ carried.mean[:count] == pytest.approx(wanted, abs=1e-12)
+    # Delay, drift and bias are those of the recording, of which a calibration says nothing.
+    assert carried.factor[count:] == pytest.approx(np.eye(len(carried.factor))[count:])
     # Whitened they are independent.
     whole = carried.whitening @ carried.factor
     assert whole @ whole.T == pytest.approx(np.eye(len(whole)), abs=1e-6)

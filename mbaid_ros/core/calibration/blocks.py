@@ -22,10 +22,8 @@ from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.gyro import Gyro
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
-from mbaid_ros.core.unknowns.time_offset import TimeOffset
 
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
 OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
@@ -89,9 +87,9 @@ class Normals:
 
     @property
     def of_the_robot(self) -> Carried:
-        """What is known of the numbers of links, joints and mount: all but those of gyro and stamps, the last."""
-        delays = sum(unknown.count for unknown in self.unknowns if isinstance(unknown, TimeOffset | Gyro))
-        count = len(self.belief.mean) - delays
+        """What is known of the numbers of links, joints and mount: all but those of sensors and stamps, the last."""
+        of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
+        count = len(self.belief.mean) - sum(unknown.count for unknown in of_the_run)
         return Carried(self.belief.mean[:count], self.belief.factor[:count])
 
     def blocks(self) -> tuple[Array, Array]:

@@ -110,6 +110,9 @@ _WORDS = {
     'axis': 'the axis of {}: measure or calibrate it (known_joints)',
     'mount': 'where the odometry is mounted: measure it (odometry_mount)',
     'time offset': 'the offset between the stamps: more motion tells it',
+    'clock drift': 'the drift between the clocks of joints and odometry: synchronise them (time_offset.drift_std)',
+    'odometry scale': 'the scale of the odometry: calibrate it (odometry.scale_std)',
+    'twist bias': 'the bias of the angular velocity: more motion tells it (odometry.angular_velocity_bias_std)',
     'target prior': 'what was given of the target (target_prior)',
     'momentum prior': 'what was given of the momentum (momentum.linear_prior_std)',
 }

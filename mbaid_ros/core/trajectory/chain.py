@@ -157,11 +157,12 @@ def _readings(
         sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
         time=stack.middles,
         position=_mean(_at_knots(around.base_position, inside), change),
+        axes=_total(weight[..., None] * axes),
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:
         stretching = axes * rotate_back(axes, own[..., 3:])[..., None, :]
-        seen = replace(seen, axes=_total(weight[..., None] * axes), stretching=_total(weight[..., None] * stretching))
+        seen = replace(seen, stretching=_total(weight[..., None] * stretching))
     poses: list[Array] = [np.zeros((windows, 6, 0))]
     rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
     for unknown in layout.read:

@@ -129,7 +129,8 @@ class Suspicion:
         point : of the run's layout, at which they are linearised; None where it has come to none
         jumps : s, when the momentum seemed to jump in the run
         """
-        wide, quiet = self.extended(*suspects()), self.hypotheses[0]
+        more, quiet = suspects(self.layout.causes), self.hypotheses[0]
+        wide = self.extended(*more)
         fits = yield from self._fits(windows)
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
@@ -205,7 +206,7 @@ class Suspicion:
         found = []
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
-            trial = replace(self, layout=other).extended(*suspects())
+            trial = replace(self, layout=other).extended(*suspects(self.layout.causes))
             track = yield from trial.repeated(fit.misreading.windows(windows), fit.point(other), self.hypotheses[0])
             gained = track.belief.log_likelihood - base.log_likelihood
             found.append(Suspected(fit.misreading.text, gained))
@@ -223,7 +224,7 @@ class Suspicion:
         self, wide: WidePass, windows: Sequence[Window], point: Point, base: Belief
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
-        gains = wide.gains(base)
+        gains = wide.gains(base, self.layout.causes)
         found = []
         for cause, (value, factor) in sorted(gains.items(), key=lambda each: -each[1][0])[:_REFINED]:
             if value > _WORTH:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,6 @@ from mbaid_ros.core.trajectory.windows import Window, stacked
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
-from mbaid_ros.core.unknowns.suspects import SUSPECTS
 from mbaid_ros.core.verdict.widening import gain
 
 _PART = 20  # windows whose linearisation counts as one piece of work
@@ -158,13 +157,13 @@ class WidePass:
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])
 
-    def gains(self, base: Belief) -> dict[str, tuple[float, float]]:
-        """Return what each cause would gain by less certainty, and by how much less."""
+    def gains(self, base: Belief, declared: Collection[str]) -> dict[str, tuple[float, float]]:
+        """Return what each cause would gain by less certainty, and by how much less; some have been declared."""
         values, factor = self._whitened(base)
         found = {}
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
-            found[cause] = gain(values[own], factor[own] @ factor[own].T, _MOST[cause in SUSPECTS])
+            found[cause] = gain(values[own], factor[own] @ factor[own].T, _MOST[cause not in declared])
         return found
 
     def _whitened(self, belief: Belief) -> tuple[Array, Array]:

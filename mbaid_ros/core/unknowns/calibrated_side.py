@@ -12,8 +12,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.gyro import gyro
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, of_sensors
 from mbaid_ros.core.unknowns.thrusters import thrusters
 
 _NOTHING = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
@@ -67,8 +66,8 @@ class CalibratedSide:
         pushing = thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction)
         others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing.count
         known = _with_others(known, others, before=int(np.count_nonzero(units[:-6])))
-        of_sensors = gyro(uncertainty.gyro).count + int(uncertainty.time_offset > 0.0)
-        known = _with_others(known, of_sensors, before=len(known.mean))
+        sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
+        known = _with_others(known, sensing, before=len(known.mean))
         doubted = kernel.doubted(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
         return doubted, replace(
             uncertainty,

@@ -7,15 +7,18 @@ from dataclasses import dataclass, field
 
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
+from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
 from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
 from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
 from mbaid_ros.core.unknowns.thrusters import thrusters
 from mbaid_ros.core.unknowns.time_offset import time_offset
+from mbaid_ros.core.unknowns.twist_bias import twist_bias
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,9 @@ class Uncertainty:
     thrusters : frames of those that are not as commanded
     thrust_scale, thrust_direction : of each of them: relative; rad
     gyro : of an IMU's angular velocity; None where there is none
+    clock_drift : s/s, of the joints' stamps
+    odometry_scale : relative, of the lengths that the odometry reads
+    twist_bias : rad/s, of its angular velocity
     """
 
     zeros: Sequence[float] = ()
@@ -50,6 +56,9 @@ class Uncertainty:
     thrust_scale: float = 0.0
     thrust_direction: float = 0.0
     gyro: GyroErrors | None = None
+    clock_drift: float = 0.0
+    odometry_scale: float = 0.0
+    twist_bias: float = 0.0
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -62,7 +71,18 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
         spin_inertias(kernel, uncertainty.spin_inertias),
         thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction),
         odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
+        *of_sensors(uncertainty),
+    )
+    return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())
+
+
+def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return what belongs to a run and its sensors, not to the robot: no calibration speaks of it."""
+    every = (
         gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),
+        clock_drift(uncertainty.clock_drift),
+        odometry_scale(uncertainty.odometry_scale),
+        twist_bias(uncertainty.twist_bias, 0.0),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())

@@ -30,7 +30,8 @@ class Reading:
     turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
     time : (B,) s, of the windows' middles
     position : (B, 3) m, mean position of the base at the nodes, from the run's origin
-    axes, stretching : (B, 3, 3) where there is an IMU: weighted means of R, and of R diag(R^T w)
+    axes : (B, 3, 3) weighted mean of R
+    stretching : (B, 3, 3) where there is an IMU: weighted mean of R diag(R^T w)
     """
 
     twist: Array
@@ -40,7 +41,7 @@ class Reading:
     sliding: Array
     time: Array
     position: Array
-    axes: Array | None = None
+    axes: Array
     stretching: Array | None = None
 
 
@@ -140,3 +141,21 @@ class Unknown:
         # The same covariance with no more columns than directions.
         root = np.asarray(np.linalg.qr(seen.T, mode='r')).T if seen.shape[1] > seen.shape[0] else seen
         return replace(self, factor=basis @ root)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearReading(Unknown):
+    """An unknown of the readings alone, in which they are linear: windows are linearised at what is read."""
+
+    read = True
+    in_equations = False
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return zero: the windows are those that are read."""
+        del deviation
+        return np.zeros_like(value)
+
+    def moved(self, side: KnownSide, value: Array) -> KnownSide:
+        """Return the known side as it is."""
+        del value
+        return side

@@ -59,7 +59,6 @@ class Gyro(Unknown):
 
     def gyro_reading(self, motion: Reading) -> Array:
         """Return what it reads by each."""
-        assert motion.axes is not None, 'there is an IMU'
         assert motion.stretching is not None, 'there is an IMU'
         return np.concatenate((motion.axes, motion.stretching, motion.turning, -motion.slope[:, :3, None]), axis=-1)
 

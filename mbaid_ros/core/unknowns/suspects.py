@@ -6,56 +6,25 @@ was, and what the data would gain by more of one of them follows from its estima
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.unknowns.declaration import Reading, Unknown
-from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.core.unknowns.clock_drift import CLOCK, clock_drift
+from mbaid_ros.core.unknowns.declaration import LinearReading, Reading
+from mbaid_ros.core.unknowns.odometry_scale import SCALE, odometry_scale
+from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS, twist_bias
 
-SUSPECTS = SCALE, TURNING, CLOCK, LATE, BIAS = (
-    'odometry scale',
-    'odometry turning',
-    'clock drift',
-    'twist late',
-    'twist bias',
-)
+TURNING, LATE = 'odometry turning', 'twist late'
+SUSPECTS = (SCALE, TURNING, CLOCK, LATE, TURNS, SPEEDS)
 
 _MINUTE = 60.0  # s
 
 
 @dataclass(frozen=True, eq=False)
-class Suspect(Unknown):
-    """An unknown of the odometry that no windows are linearised at: its readings are linear."""
-
-    read = True
-    in_equations = False
-
-    def settled(self, value: Array, deviation: Array) -> Array:
-        """Return zero: the windows are those that are read."""
-        del deviation
-        return np.zeros_like(value)
-
-    def moved(self, side: KnownSide, value: Array) -> KnownSide:
-        """Return the known side as it is."""
-        del value
-        return side
-
-
-@dataclass(frozen=True, eq=False)
-class OdometryScale(Suspect):
-    """By what part lengths are read too long."""
-
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return the position as far as the base has come, and its velocity."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 1))
-        pose[:, 3:, 0], twist[:, 3:, 0] = motion.position, motion.twist[:, 3:]
-        return pose, twist
-
-
-@dataclass(frozen=True, eq=False)
-class OdometryTurning(Suspect):
+class OdometryTurning(LinearReading):
     """Angular velocity of the odometry's frame, rad/s, (3,) in its own axes: an orbit's, say."""
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -68,21 +37,7 @@ class OdometryTurning(Suspect):
 
 
 @dataclass(frozen=True, eq=False)
-class ClockDrift(Suspect):
-    """By how much the clock of the joints runs fast, s/s."""
-
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what a delay makes that grows with time."""
-        pose, twist = motion.time[:, None] * motion.twist, motion.time[:, None] * motion.slope
-        return pose[..., None], twist[..., None]
-
-    def gyro_reading(self, motion: Reading) -> Array:
-        """Return what such a delay makes of an angular velocity."""
-        return (motion.time[:, None] * motion.slope[:, :3])[..., None]
-
-
-@dataclass(frozen=True, eq=False)
-class TwistLate(Suspect):
+class TwistLate(LinearReading):
     """By how much the twist is behind the pose, s."""
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -91,18 +46,7 @@ class TwistLate(Suspect):
 
 
 @dataclass(frozen=True, eq=False)
-class TwistBias(Suspect):
-    """What the twist reads too much, rad/s and m/s, base axes."""
-
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return the base's axes."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 6))
-        twist[:, :3, :3] = twist[:, 3:, 3:] = motion.rotation
-        return pose, twist
-
-
-@dataclass(frozen=True, eq=False)
-class Line(Suspect):
+class Line(LinearReading):
     """A swing of the pose at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
 
     Attributes
@@ -123,16 +67,22 @@ class Line(Suspect):
         return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
 
 
-def suspects() -> tuple[Suspect, ...]:
-    """Return what a run under suspicion is asked for."""
-    bias = np.repeat((1e-5, 1e-4), 3)
-    return (
-        OdometryScale(np.array([[5e-5]]), (SCALE,)),
+def suspects(known: Sequence[str]) -> tuple[LinearReading, ...]:
+    """Return what a run under suspicion is asked for.
+
+    Parameters
+    ----------
+    known : labels of the unknowns that the run has anyway
+    """
+    every: tuple[LinearReading, ...] = (
+        odometry_scale(5e-5),
         OdometryTurning(3e-6 * np.eye(3), (TURNING,) * 3),
-        ClockDrift(np.array([[1e-6]]), (CLOCK,)),
+        clock_drift(1e-6),
         TwistLate(np.array([[3e-4]]), (LATE,)),
-        TwistBias(np.diag(bias), (BIAS,) * 6),
+        twist_bias(1e-5, 0.0),
+        twist_bias(0.0, 1e-4),
     )
+    return tuple(each for each in every if not set(each.causes) & set(known))
 
 
 def line(frequency: float) -> Line:

@@ -6,8 +6,11 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.orbit import orbit_fixed_frame
-from mbaid_ros.core.unknowns import suspects
+from mbaid_ros.core.unknowns.clock_drift import CLOCK
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.odometry_scale import SCALE
+from mbaid_ros.core.unknowns.suspects import LATE, TURNING
+from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS
 
 _MOVING = 'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts'
 _DRIFTING = 'the odometry position drifts: check the sensor, or give noise.base_correlation_time'
@@ -56,12 +59,15 @@ def of_suspect(cause: str, value: Array) -> str:
         'origin': f'the origin of {name} is off by {1e3 * size:.3g} mm: check the URDF',
         'axis': f'the axis of {name} is off by {1e3 * size:.3g} mrad: check the URDF',
         'time offset': f'the joints are stamped {1e3 * float(np.sum(value)):+.3g} ms late: check the stamps',
-        suspects.SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long',
-        suspects.TURNING: orbit_fixed_frame(size),
-        suspects.CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them',
-        suspects.LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',
-        suspects.BIAS: f'the twist has a bias of {np.linalg.norm(value[:3]):.2g} rad/s, '
-        f'{np.linalg.norm(value[3:]):.2g} m/s: leave it out',
+        SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long; '
+        'calibrate it, or raise odometry.scale_std',
+        TURNING: orbit_fixed_frame(size),
+        CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them, or raise '
+        'time_offset.drift_std',
+        LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',
+        TURNS: f'the angular velocity of the twist has a bias of {size:.2g} rad/s: leave the twist out, or raise '
+        'odometry.angular_velocity_bias_std',
+        SPEEDS: f'the velocity of the twist has a bias of {size:.2g} m/s: leave the twist out',
     }
     if kind == 'mount':
         return (

@@ -12,9 +12,12 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.state import BODY, Layout
+from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
+from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
 from mbaid_ros.core.unknowns.time_offset import time_offset
+from mbaid_ros.core.unknowns.twist_bias import twist_bias
 from observed import MID, observe
 from windowed import FIRST, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong
@@ -60,32 +63,59 @@ def of_delay(exact: Samples, time: float, _component: int) -> Array:
     return -base(exact, time)[1]
 
 
-MOUNT, DELAY = odometry_mount(1.0, 1.0), time_offset(1.0)  # in their own units
+def of_drift(exact: Samples, time: float, _component: int) -> Array:
+    """Return the pose error of a delay that has grown until then."""
+    return -time * base(exact, time)[1]
 
 
-@pytest.mark.parametrize(('unknown', 'component'), [*((MOUNT, each) for each in range(6)), (DELAY, 0)])
+def of_scale(exact: Samples, time: float, _component: int) -> Array:
+    """Return the pose error of lengths that are read too long."""
+    index = int(np.searchsorted(exact.time, time))
+    position = 0.5 * (exact.base_position[index - 1] + exact.base_position[index])
+    return -np.concatenate((np.zeros(3), position))
+
+
+def of_twist(_exact: Samples, _time: float, _component: int) -> Array:
+    """Return none: a bias of the twist is not in the pose."""
+    return np.zeros(6)
+
+
+# In their own units.
+MOUNT, DELAY, DRIFT = odometry_mount(1.0, 1.0), time_offset(1.0), clock_drift(1.0)
+SCALE, BIAS = odometry_scale(1.0), twist_bias(1.0, 1.0)
+ERROR = {MOUNT: of_mount, DELAY: of_delay, DRIFT: of_drift, SCALE: of_scale, BIAS: of_twist}
+
+
+@pytest.mark.parametrize(
+    ('unknown', 'component'), [(unknown, each) for unknown in ERROR for each in range(unknown.count)]
+)
 def test_readings_are_off_as_the_rows_say(
     servicer7: MomentumKernel, truth: Truth, start: Array, unknown: Unknown, component: int
 ) -> None:
-    # Central differences over 10 ms of a motion whose own time is seconds; mounts are all but linear.
-    size, tolerance = (5e-3, 1e-3) if unknown is DELAY else (1e-3, 1e-5)
+    # Central differences over 10 ms of a motion whose own time is seconds; mounts and biases are all but linear.
+    late = unknown in {DELAY, DRIFT}
+    size = 5e-3 if unknown is DELAY else 1e-3
+    # A window's mean twist stands for that at each of its instants.
+    tolerance = 1e-2 if unknown in {DRIFT, SCALE} else 1e-3 if unknown is DELAY else 1e-5
     exact = observe(truth, MID)
     layout = Layout.of(servicer7, (unknown,))
     here = layout.point(state(servicer7, start, np.zeros(6), np.zeros(unknown.count)))
-    begin, end = ((of_delay if unknown is DELAY else of_mount)(exact, time, component) for time in (FIRST, LAST))
+    begin, end = (ERROR[unknown](exact, time, component) for time in (FIRST, LAST))
     parts = []
     for step in (size, -size):
         value = np.zeros(unknown.count)
         value[component] = step
         window = window_of(read(truth, unknown, value, servicer7.model.joints), SPACING)
-        x = state(servicer7, start, step * begin, value)
+        own = (1.0 - step) * start if unknown is DRIFT else start  # in seconds of the joints' clock
+        x = state(servicer7, own, step * begin, value)
         parts.append(np.concatenate(residuals(window_model(layout, window, here), x)))
     pose, twist, after = np.split((parts[0] - parts[1]) / (2.0 * size), 3)
     motion = np.abs(np.concatenate(base(exact, FIRST)[1:])).max()
-    scale = motion if unknown is DELAY else 1.0
+    scale = motion if late or unknown is SCALE else 1.0
     assert pose == pytest.approx(np.zeros(6), abs=tolerance * scale)
     assert twist == pytest.approx(np.zeros(6), abs=tolerance * scale)
     assert after == pytest.approx(end, abs=tolerance * scale)
     # And the columns are not nothing.
     model = window_model(layout, window_of(exact, SPACING), here)
-    assert np.abs(model.pose_rows[:, BODY.stop + component]).max() > 0.3 * scale
+    rows = model.twist_rows if unknown is BIAS else model.pose_rows
+    assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
