@@ -17,7 +17,6 @@ from shortened import shorten
         ("a joint's sign flipped", 32.0),
         ('twist 50 ms late', 24.0),
         ('noise of the joints declared 10 x too small', 32.0),
-        ('odometry in an orbit-fixed frame', 60.0),
     ],
 )
 def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,9 +43,10 @@ def underlined(parameters: dict[str, object]) -> dict[str, object]:
     return {name.replace('.', '__'): value for name, value in parameters.items()}
 
 
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
-@pytest.mark.parametrize('seed', range(3))
-def test_a_low_orbit_is_named_first(seed: int, method: str) -> None:
+@pytest.mark.parametrize(
+    ('method', 'seed'), [('difference', 0), ('difference', 1), ('difference', 2), ('trajectory', 0)]
+)
+def test_a_low_orbit_is_named_first(method: str, seed: int) -> None:
     run = simulated(SECONDS, seed=seed, initial__base_position=AWAY, **underlined(declared('lvlh')))
     last = identify(run, session(method=method))
     assert last.status == 'inconsistent'
