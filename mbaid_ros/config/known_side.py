@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mbaid_ros.config.deviations import JointDeviations, mount_orientation, mount_position
 from mbaid_ros.config.parameters import by_name, parameter
 
-# Parameters of a robot that is exactly its URDF, as only a simulated one is.
+# Parameters of a robot that is exactly its URDF and in no orbit that is not declared, as only a simulated one is.
 EXACT = {
     'known_links.relative_std': 0.0,
     'known_joints.zero_std': 0.0,
@@ -18,6 +18,7 @@ EXACT = {
     'odometry_mount.orientation_std': 0.0,
     'odometry.angular_velocity_bias_std': 0.0,
     'time_offset.drift_std': 0.0,
+    'orbit.undeclared_rate': 0.0,
 }
 
 

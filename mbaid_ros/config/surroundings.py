@@ -55,6 +55,14 @@ class OrbitConfig(SimulatedOrbitConfig):
         unit='s',
         minimum=0.0,
     )
+    undeclared_rate: float = parameter(
+        1.2e-3,
+        'Without orbit.mean_motion: rate up to which there may be an orbit all the same, whose gravity gradient is '
+        'estimated along; 0 for a robot that is in none.',
+        unit='rad/s',
+        minimum=0.0,
+        maximum=0.1,
+    )
 
 
 def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:

@@ -29,7 +29,8 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     mount = config.odometry_mount
     zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
     uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
-    return replace(uncertainty, target=_prior(config.target_prior))
+    orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
+    return replace(uncertainty, target=_prior(config.target_prior), orbit=orbit)
 
 
 def with_surroundings(

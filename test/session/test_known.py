@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.core.unknowns.clock_drift import ClockDrift
+from mbaid_ros.core.unknowns.gravity import Gravity
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.twist_bias import TwistBias
 from mbaid_ros.session.known import known_side, with_known_errors
@@ -78,8 +79,8 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     known = known_side(config_of(path), ROBOT)
     unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.carried
     assert carried is not None
-    parts, sensing = unknowns[:-3], unknowns[-3:]
-    assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias]
+    parts, sensing = unknowns[:-4], unknowns[-4:]
+    assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias, Gravity]
     spread = block_diag(*(part.factor for part in parts))
     own = np.delete(np.arange(SIZE), np.arange(70, 80))
     size = np.sqrt(np.diag(matrix()))[own]
@@ -89,7 +90,7 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     wanted = values()[own]
     wanted[:70] = 0.0  # the robot description has these
     assert spread @ carried.mean[:count] == pytest.approx(wanted, abs=1e-12)
-    # Delay, drift and bias are those of the recording, of which a calibration says nothing.
+    # Delay, drift, bias and gradient are those of the recording, of which a calibration says nothing.
     assert carried.factor[count:] == pytest.approx(np.eye(len(carried.factor))[count:])
     # Whitened they are independent.
     whole = carried.whitening @ carried.factor

@@ -87,6 +87,27 @@ def test_without_the_parameter_it_is_no_quiet_error(frame: str) -> None:
     assert last.status == 'inconsistent' or last.events
 
 
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+@pytest.mark.parametrize('place', [[0.0, 0.0, 0.0], AWAY])
+def test_a_gravity_gradient_that_is_not_declared(place: list[float], method: str) -> None:
+    """In a frame that does not turn it may be too small to contradict anything: it is estimated along, and told."""
+    run = simulated(SECONDS, initial__base_position=place, **given(declared('inertial', 0.5 * FAST)))
+    last = identify(run, session(method=method, orbit__undeclared_rate=0.5 * FAST))
+    assert last.status in {'estimating', 'converged'}
+    assert nees(last, run.target_inertia) < LIMIT
+    if method == 'trajectory':
+        assert 'set orbit.mean_motion' in last.causes[0][0]
+        assert any('set orbit.mean_motion' in warning for warning in last.warnings)
+
+
+def test_no_orbit_is_none() -> None:
+    run = simulated(SECONDS)
+    last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))
+    assert last.status in {'estimating', 'converged'}
+    assert nees(last, run.target_inertia) < LIMIT
+    assert not last.causes
+
+
 def test_the_known_bodies_may_be_uncertain() -> None:
     around = given(declared('inertial', FAST))
     run = simulated(SECONDS, initial__base_position=AWAY, model_errors__links_relative_std=0.01, **around)

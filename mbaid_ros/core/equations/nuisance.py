@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag, orth
 
 from mbaid_ros.core.equations.window_rows import joined, mean_of_each
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
@@ -38,6 +38,8 @@ class ConsiderParameters:
 
     def __init__(self, kernel: MomentumKernel, unknowns: Sequence[Unknown], known: Carried | None = None) -> None:
         self._kernel = kernel
+        self._start: Array | None = None  # of the base, about which what has been brought is counted
+        self._before: dict[Unknown, tuple[float, Array, Array]] = {}  # time, rates and total at the last sample
         self._unknowns = [unknown for unknown in unknowns if unknown.in_equations]
         factor = block_diag(np.zeros((0, 0)), *(unknown.factor for unknown in self._unknowns))
         self._together = None if known is None else _factor_of_some(unknowns, known)
@@ -50,7 +52,10 @@ class ConsiderParameters:
         self._directions = [orth(factor[every == label].T) for label in self.labels]
 
     def columns(self, windows: Sequence[Samples], body: Array) -> Array:
-        """Return the means of E F over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o)."""
+        """Return the means of E F over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o).
+
+        The windows follow those of the call before.
+        """
         if not self.count:
             return np.zeros((len(windows), 6, 0))
         samples, counts = joined(windows)
@@ -59,12 +64,37 @@ class ConsiderParameters:
         change[target.body] = express(body, target.rotation, target.position)
         kernel = self._kernel.corrected(change)
         states = kernel.states(samples)
-        means = [
-            mean_of_each(unknown.equation_columns(kernel, states), counts) @ unknown.factor
-            for unknown in self._unknowns
-        ]
+        means = []
+        for unknown in self._unknowns:
+            if unknown.pushes:
+                by_unknown = self._brought(unknown, samples, np.sum(states.known, axis=1))
+            else:
+                by_unknown = unknown.equation_columns(kernel, states)
+            means.append(mean_of_each(by_unknown, counts) @ unknown.factor)
         columns = np.concatenate(means, axis=2)
         return columns if self._together is None else columns @ self._together
+
+    def _brought(self, unknown: Unknown, samples: Samples, about_base: Array) -> Array:
+        """Return how the equations of N samples depend on what an unknown has brought since the first, (N, 6, k).
+
+        Parameters
+        ----------
+        unknown : that changes the momentum as time goes by
+        samples : after those before
+        about_base : (N, 10) standard parameters of the whole robot
+        """
+        if self._start is None:
+            self._start = samples.base_position[0].copy()
+        place = samples.base_position - self._start
+        whole = express(about_base, np.broadcast_to(np.eye(3), (len(place), 3, 3)), place)
+        rates = unknown.momentum_rates(whole, self._start, samples.time)
+        time, rate, total = self._before.get(unknown, (samples.time[0], rates[0], np.zeros_like(rates[0])))
+        steps = np.diff(samples.time, prepend=time)[:, None, None]
+        totals = total + np.cumsum(0.5 * steps * (rates + np.concatenate((rate[None], rates[:-1]))), axis=0)
+        self._before[unknown] = (float(samples.time[-1]), rates[-1], totals[-1])
+        columns = -totals
+        columns[:, 3:] -= skew(place) @ columns[:, :3]
+        return columns
 
     def shares(self, spread: Array) -> Array:
         """Return the part of some variances that each labelled part alone would take away if it were known exactly.

@@ -113,6 +113,7 @@ _WORDS = {
     'clock drift': 'the drift between the clocks of joints and odometry: synchronise them (time_offset.drift_std)',
     'odometry scale': 'the scale of the odometry: calibrate it (odometry.scale_std)',
     'twist bias': 'the bias of the angular velocity: more motion tells it (odometry.angular_velocity_bias_std)',
+    'gravity gradient': 'an orbit that is not declared: orbit.mean_motion, or 0 for orbit.undeclared_rate',
     'target prior': 'what was given of the target (target_prior)',
     'momentum prior': 'what was given of the momentum (momentum.linear_prior_std)',
 }

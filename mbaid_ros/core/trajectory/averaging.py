@@ -152,6 +152,7 @@ class KnotAveraging:
             noise=noise,
             start=(self._number - (1 if after else 0)) * self._length,
             fresh=not earlier,
+            origin=self.origin,
         )
 
 

@@ -16,10 +16,11 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, skew
+from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction, predict
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, predict
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack
 from mbaid_ros.core.unknowns.declaration import Reading
@@ -45,6 +46,7 @@ class WindowModel:
     joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
+    brought : (6, s) what the unknowns make of (P, L) on the way to the next window
     """
 
     pose_value: Array
@@ -62,6 +64,7 @@ class WindowModel:
     length: Array
     rotation: Array
     position: Array
+    brought: Array
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
         """Return the model of one of several windows, or of some."""
@@ -89,10 +92,14 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     whole, bodies = predict(layout, flat, point)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
-    models = [
-        _models(layout, stack, motion, prediction, point, noise)
-        for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True)
-    ]
+    models, begin = [], 0
+    for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
+        around, inside = motion
+        rows, windows = around.turn.shape[:2]
+        last = begin + (inside.stop - 1) * windows + np.arange(windows)
+        begin += rows * windows
+        brought = _brought(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        models.append(_models(layout, stack, motion, prediction, point, (noise, brought)))
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
@@ -104,9 +111,10 @@ def _models(
     motion: tuple[Midpoints, slice],
     predicted: Prediction,
     point: Point,
-    noise: JointNoise,
+    effects: tuple[JointNoise, Array],
 ) -> WindowModel:
-    """Return a stack's models from its motion, the prediction and what the joints' noise does."""
+    """Return a stack's models from its motion, the prediction, what the joints' noise does and what is brought."""
+    noise, brought = effects
     around, inside = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
@@ -134,7 +142,29 @@ def _models(
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
+        brought=brought,
     )
+
+
+def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> Array:
+    """Return what the unknowns make of the momentum from a stack's windows to the next, (B, 6, s).
+
+    Parameters
+    ----------
+    layout, stack : of the state, of B windows
+    bodies : near the end of each
+    position : (B, 3) m, of the base then
+    """
+    brought = np.zeros((len(position), 6, layout.size))
+    pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
+    if pushing:
+        placed = bodies.configuration
+        whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+        length = stack.windows[0].length
+        for unknown, place in pushing:
+            rates = unknown.momentum_rates(whole, stack.windows[0].origin, stack.middles + 0.5 * length)
+            brought[..., place] = length * rates @ unknown.factor
+    return brought
 
 
 def _readings(

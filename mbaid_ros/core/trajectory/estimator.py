@@ -26,6 +26,7 @@ from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
+from mbaid_ros.core.trajectory.undeclared import undeclared_orbit
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
@@ -203,6 +204,8 @@ class TrajectoryEstimator:
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
+        if (orbit := undeclared_orbit(moments, self._runs.layout)) is not None:
+            judgement = judgement.with_cause(orbit)
         covariance = moments.covariance(_ORDER) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],

@@ -61,7 +61,7 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
     back = root[:head, :head] @ window.back
     of_poses = back[:, :poses]
     rest = root[:head, head:].copy()
-    rest[:, : columns - head] -= of_poses @ window.transition[:, head:]
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ window.brought[:, head:]
     if hypothesis.force != 'none':
         rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
     rest[:, -1] += of_poses @ window.drift

@@ -29,6 +29,7 @@ class WhitenedWindow:
     back : (2 p, 2 p) the inverse of what the transition makes of pose error and momentum
     shared : (v,) the score that noise makes on average because rows and value share it
     moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
+    brought : (p, v) what else the variables make of the momentum on the way
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
     length : s
     places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
@@ -43,6 +44,7 @@ class WhitenedWindow:
     back: Array
     shared: Array
     moved: Array
+    brought: Array
     inertial: Array
     in_base_axes: Array
     length: float
@@ -94,6 +96,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             np.linalg.inv(head),
             _shared(weighed, windows.joints_by_unknowns, variables),
             windows.transition[..., MOMENTUM],
+            variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
             *_pushes(windows, variables),
             windows.length.tolist(),
             (each[3] for each in measured),

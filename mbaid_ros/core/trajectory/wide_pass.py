@@ -154,6 +154,7 @@ class WidePass:
         for _, white in reversed(passed):
             if hypothesis.force != 'none':
                 mean[own.poses : own.head] -= white.push(hypothesis.force) @ force
+            mean[own.poses : own.head] -= white.brought @ mean
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])
 

@@ -7,7 +7,7 @@ sums run along the knots.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,7 @@ class Window:
     noise : WindowNoise
     start : s since the first sample of the run
     fresh : whether a gap (or the start) comes before it
+    origin : (3,) m, of the run in the odometry frame
     """
 
     knots: Knots
@@ -60,6 +61,7 @@ class Window:
     noise: WindowNoise
     start: float
     fresh: bool
+    origin: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -9,6 +9,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.gravity import gravity
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
@@ -40,6 +41,7 @@ class Uncertainty:
     clock_drift : s/s, of the joints' stamps
     odometry_scale : relative, of the lengths that the odometry reads
     twist_bias : rad/s, of its angular velocity
+    orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     """
 
     zeros: Sequence[float] = ()
@@ -59,6 +61,7 @@ class Uncertainty:
     clock_drift: float = 0.0
     odometry_scale: float = 0.0
     twist_bias: float = 0.0
+    orbit: float = 0.0
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -77,12 +80,13 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
 
 
 def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to a run and its sensors, not to the robot: no calibration speaks of it."""
+    """Return what belongs to a run, its sensors and where it is, not to the robot: no calibration speaks of it."""
     every = (
         gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),
         clock_drift(uncertainty.clock_drift),
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
+        gravity(uncertainty.orbit),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())

@@ -66,6 +66,8 @@ class Unknown:
     read = False
     # Whether the momentum of the robot that moves as measured depends on it.
     in_equations = True
+    # Whether it changes the momentum as time goes by.
+    pushes = False
 
     @property
     def count(self) -> int:
@@ -101,6 +103,17 @@ class Unknown:
         if columns is None:
             raise NotImplementedError(type(self).__name__)
         return columns
+
+    def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
+        """Return how fast (P, L) change by it, (B, 6, k), where they do.
+
+        Parameters
+        ----------
+        whole : (B, 10) standard parameters of the whole robot in odometry axes, about the point that L is about
+        origin : (3,) m, that point in the odometry frame
+        time : (B,) s since the begin
+        """
+        raise NotImplementedError(type(self).__name__)
 
     def reading(self, motion: Reading) -> tuple[Array, Array] | None:
         """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""

@@ -7,6 +7,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.orbit import orbit_fixed_frame
 from mbaid_ros.core.unknowns.clock_drift import CLOCK
+from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.odometry_scale import SCALE
 from mbaid_ros.core.unknowns.suspects import LATE, TURNING
@@ -62,6 +63,7 @@ def of_suspect(cause: str, value: Array) -> str:
         SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long; '
         'calibrate it, or raise odometry.scale_std',
         TURNING: orbit_fixed_frame(size),
+        GRAVITY: f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion',
         CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them, or raise '
         'time_offset.drift_std',
         LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',

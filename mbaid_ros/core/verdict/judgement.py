@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,6 +80,12 @@ class Judgement:
     reasons: tuple[str, ...]
     causes: tuple[Cause, ...]
     widening: float
+
+    def with_cause(self, cause: Cause) -> Judgement:
+        """Return the same with one more cause in its place, of which a reason tells; one that is there counts once."""
+        others = [each for each in self.causes if each.text != cause.text]
+        causes = tuple(sorted((*others, cause), key=lambda each: -each.gain))
+        return replace(self, causes=causes, reasons=(*self.reasons, cause.text))
 
 
 def judge(evidence: Evidence) -> Judgement:

@@ -59,6 +59,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         length=np.array(0.5),
         rotation=np.eye(3),
         position=rng.normal(size=3),
+        brought=np.zeros((6, STATE)),
     )
 
 
