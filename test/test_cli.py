@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -90,6 +91,30 @@ def test_a_line_has_an_end() -> None:
 def test_help_has_an_example_and_succeeds(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(parsing, ['--help']) == 0
     assert 'tool a.mcap --rate 2' in capsys.readouterr().out
+
+
+def test_the_help_of_no_executable_waits_for_what_its_work_needs() -> None:
+    setup = (Path(__file__).parents[1] / 'setup.py').read_text()
+    entries = re.findall(r"'(\w+) = ([\w.]+):(\w+)'", setup)
+    assert len(entries) > 10
+    program = """if True:
+        import sys
+        from importlib import import_module
+        name, module, function = sys.argv[1:4]
+        sys.argv = [name, '--help']
+        code = getattr(import_module(module), function)()
+        assert not {'numpy', 'rclpy', 'rosbags', 'pinocchio'} & set(sys.modules), name
+        sys.exit(code)
+    """
+    processes = [
+        subprocess.Popen([sys.executable, '-c', program, *entry], stdout=subprocess.PIPE, text=True)
+        for entry in entries
+    ]
+    for (name, _, _), process in zip(entries, processes, strict=True):
+        told = process.communicate()[0]
+        assert process.returncode == 0, name
+        assert told.startswith(f'usage: {name} ')
+        assert 'example:' in told
 
 
 def test_options_may_stand_between_bags() -> None:

@@ -9,9 +9,10 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.cli import run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.nodes.arguments import estimator_arguments
 from mbaid_ros.nodes.estimating import Estimating
 from mbaid_ros.nodes.parameters import changed, declare_parameters
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
@@ -50,16 +51,7 @@ def _managed() -> Node:
 
 
 def _main(argv: list[str]) -> int:
-    parser = ArgumentParser(
-        NAME,
-        'Identify the inertia of a captured body from joint_states and odom; publish it on ~/estimate and ~/inertia.\n'
-        'Parameters are ROS parameters (config/estimator.yaml has them all); a running node describes them:\n'
-        '  ros2 param list /estimator; ros2 param describe /estimator window',
-        'ros2 run mbaid_ros estimator --ros-args -p robot_description_file:=robot.urdf -p noise.joint_position:=1e-4\n'
-        '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
-    )
-    parser.add_argument('--lifecycle', action='store_true', help='be a managed node, which waits to be configured')
-    arguments = parser.parse(own_arguments(argv))
+    arguments = estimator_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         spin(_managed() if arguments.lifecycle else EstimatorNode(), lambda: interrupt.requested)
     return 0

@@ -15,8 +15,9 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.cli import ArgumentParser, number, run
+from mbaid_ros.cli import run
 from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.nodes.arguments import player_arguments
 from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
@@ -143,28 +144,6 @@ class PlayerNode(Node):
             self._clock_outlet.publish(message)
 
 
-def _parser() -> ArgumentParser:
-    parser = ArgumentParser(
-        NAME,
-        "Publish a bag's messages at their times; latched topics as latched.",
-        'ros2 run mbaid_ros player run1 --rate 2 --topics /joint_states /odom --wait-for-subscribers 10',
-    )
-    add = parser.add_argument
-    add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
-    add('--rate', type=number(0.0, exclusive=True), default=1.0, metavar='R', help='speed (default: 1)')
-    add('--clock', action='store_true', help='publish the time of the recording on /clock')
-    add('--loop', action='store_true', help='start again at the end, until interrupted')
-    add('--topics', nargs='+', default=[], metavar='TOPIC', help='what to play (default: everything)')
-    add(
-        '--wait-for-subscribers',
-        type=number(0.0, unit='s'),
-        default=0.0,
-        metavar='S',
-        help='wait up to S seconds until every topic has a subscriber',
-    )
-    return parser
-
-
 def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> None:
     node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock, interrupt=interrupt)
     if arguments.wait_for_subscribers:
@@ -177,7 +156,7 @@ def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -
 
 
 def _main(argv: list[str]) -> int:
-    arguments = _parser().parse(own_arguments(argv))
+    arguments = player_arguments().parse(own_arguments(argv))
     with BagReader(arguments.bag) as bag:
         with ros(argv) as interrupt:
             _play(arguments, bag, interrupt)

@@ -16,8 +16,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.cli import run
 from mbaid_ros.config.recorder import RecorderConfig
+from mbaid_ros.nodes.arguments import recorder_arguments
 from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
@@ -144,13 +145,7 @@ def record(node: RecorderNode, interrupt: Interrupt) -> None:
 
 
 def _main(argv: list[str]) -> int:
-    parser = ArgumentParser(
-        NAME,
-        'Write topics to an MCAP bag as they arrive; SIGINT (Ctrl-C) completes it.\n'
-        'Parameters are ROS parameters: output (folder), topics (list), duration (s).',
-        'ros2 run mbaid_ros recorder --ros-args -p output:=run1 -p duration:=60.0',
-    )
-    parser.parse(own_arguments(argv))
+    recorder_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         node = RecorderNode()
         try:

@@ -19,11 +19,12 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from mbaid_ros.cli import ArgumentParser, run
+from mbaid_ros.cli import run
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages import trajectory_of
+from mbaid_ros.nodes.arguments import simulator_arguments
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos
@@ -147,16 +148,7 @@ class SimulatorNode(Node):
 
 
 def _main(argv: list[str]) -> int:
-    parser = ArgumentParser(
-        NAME,
-        'Simulate a free-floating robot: publish joint_states, odom and robot_description, and the truth on ~/truth.\n'
-        'Parameters are ROS parameters; a running node describes them:\n'
-        '  ros2 param list /simulator; ros2 param describe /simulator motion.kind',
-        'ros2 run mbaid_ros simulator --ros-args -p robot_description_file:=robot.urdf -p motion.kind:=random\n'
-        '  ros2 run mbaid_ros simulator --ros-args -p robot_description_file:=config/table1.urdf '
-        '--params-file config/table1_simulator.yaml',
-    )
-    parser.parse(own_arguments(argv))
+    simulator_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         node = SimulatorNode()
         spin(node, lambda: interrupt.requested or node.over)

@@ -8,8 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from importlib import import_module
 from types import FrameType
+
+from mbaid_ros.cli import run
+from mbaid_ros.nodes.arguments import PARSERS
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -20,6 +24,8 @@ def _leave(number: int, _frame: FrameType | None) -> None:
 
 def _start(name: str) -> int:
     """Import a node and run it; it has its own way with signals from `runner.ros` on."""
+    if not {'-h', '--help'}.isdisjoint(sys.argv):
+        return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
     for number in _SIGNALS:
         signal.signal(number, _leave)
     code: int = import_module(f'mbaid_ros.nodes.{name}').main()

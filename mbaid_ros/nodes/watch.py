@@ -16,8 +16,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.cli import one_line, run
 from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.nodes.arguments import watch_arguments
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.nodes.terminal import drawn, line, screen
@@ -147,24 +148,12 @@ def sign_for(stream: TextIO) -> str:
     return sign
 
 
-def _parser() -> ArgumentParser:
-    parser = ArgumentParser(
-        NAME,
-        'Show the estimate of a running estimator in the terminal as it converges: intervals of 95 %, and bars that\n'
-        'are full at a standard deviation of 0.1 %. Written to a file or pipe, one line an update.',
-        'watch /servicer/estimator\n  watch --once | tee now.txt',
-    )
-    parser.add_argument('estimator', nargs='?', default='', metavar='NAME', help='node or topic (default: any)')
-    parser.add_argument('--once', action='store_true', help='show one update and end')
-    return parser
-
-
 def _hint(text: str) -> None:
     print(f'mbaid_ros {NAME}: {one_line(text)}', file=sys.stderr, flush=True)
 
 
 def _main(argv: list[str]) -> int:
-    arguments = _parser().parse(own_arguments(argv))
+    arguments = watch_arguments().parse(own_arguments(argv))
     wanted = arguments.estimator
     if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
         raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")

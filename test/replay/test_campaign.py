@@ -21,6 +21,7 @@ from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay import campaign, replay, simulate
+from mbaid_ros.replay.campaigns import command
 from mbaid_ros.replay.campaigns.folder import CampaignFolder
 from mbaid_ros.replay.campaigns.local import made_here
 from mbaid_ros.replay.campaigns.make import Result, make
@@ -182,7 +183,7 @@ def remade(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         numbers.extend(run.number for run in runs)
         return made_here(runs, urdf, processes)
 
-    monkeypatch.setattr(campaign, 'made_here', noted)
+    monkeypatch.setattr(command, 'made_here', noted)
     return numbers
 
 
@@ -191,9 +192,9 @@ def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
 ) -> None:
     yaml, output = str(whole.parent / 'campaign.yaml'), tmp_path / 'output'
     arguments = [yaml, '--output', str(output), '--processes', '1']
-    command = [sys.executable, '-m', 'mbaid_ros.replay.campaign', *arguments]
+    program = [sys.executable, '-m', 'mbaid_ros.replay.campaign', *arguments]
     runs = output / 'runs.jsonl'
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while not (runs.exists() and runs.read_bytes().count(b'\n') >= 2):
             with suppress(subprocess.TimeoutExpired):
                 process.wait(0.01)
