@@ -131,10 +131,12 @@ def _flexible(_seed: int) -> World:
     return World(urdf, sinusoids(), unread=('flexible_joint',), springs={'flexible_joint': Spring(2.0, 0.01, 0.002)})
 
 
+PULSE = _on_base(_pulse, 10.0, 5.0)
+
 DISTURBED = (
     _pushed('a constant force of 10 mN, 10 mN m', _on_base(_constant, 0.01, 0.01)),
     _pushed('a slow sinusoidal force of 10 mN, 10 mN m', _on_base(_slow, 0.01, 0.01)),
-    _pushed('a thrust pulse of 1 N s, 0.5 N m s', _on_base(_pulse, 10.0, 5.0)),
+    _pushed('a thrust pulse of 1 N s, 0.5 N m s', PULSE),
     _pushed('a pulse of 0.1 N s every 4 s', _on_base(_pulses, 1.0, 0.5)),
     _pushed('gravity gradient at 400 km', _gravity_gradient),
     Condition(GROUP, 'the body slips in the grasp by 5 deg', partial(_grasp, (0.0, 0.0, 0.3), np.deg2rad(5.0)), _plain),
