@@ -95,7 +95,7 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
     link = None if thrust.link == config.odom_frame else model.link(thrust.link or model.base_link)
     wrench = np.array([*thrust.force, *thrust.torque])
     end = thrust.time + thrust.duration
-    return Pulse(thrust.time, end, link, wrench, thrust.scale, np.array(thrust.turn))
+    return Pulse(thrust.time, end, link, wrench, thrust.scale, np.array(thrust.turn), thrust.delay)
 
 
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:

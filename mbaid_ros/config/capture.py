@@ -60,8 +60,17 @@ class ThrustConfig:
         unit='rad',
         minimum=0.0,
     )
+    delay_std: float = parameter(
+        0.02,
+        'Standard deviation of how late it begins and ends after the stamps of its commands, constant; 0 is in time.',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+    )
     frames: tuple[str, ...] = parameter(
-        (), 'Frames of the thrusters that these are about, each with its own; empty is the base link.'
+        (),
+        'Frames of the thrusters that these are about, each with its own; empty is the base link, if a scale or a '
+        'direction is uncertain, or else none.',
     )
 
 

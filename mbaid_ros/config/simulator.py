@@ -103,6 +103,7 @@ class SimulatedThrustConfig:
     turn: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'By how much they are turned against the command: a rotation vector.', unit='rad', lengths=(3,)
     )
+    delay: float = parameter(0.0, 'How late they begin and end after the command.', 's', minimum=0.0, maximum=1.0)
     publish: bool = parameter(
         True,  # noqa: FBT003 - a default
         'Publish what is commanded on thrust, ten times a second while it acts.',

@@ -71,8 +71,8 @@ class Samples(Stacked):
         not given
     tide : (N, 60 b) what an orbit has changed (P, L) by since the first sample, by the standard parameters of each of b
         bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
-    thrust : (N, 24 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
-        thrusters is off its command: scale and turn (6 x 4, rows first); none where not given
+    thrust : (N, 30 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
+        thrusters is off its command: scale, turn, delay (6 x 5, rows first); none where not given
     gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, base axes, since it began; NaN where it is
         not known, (N, 0) where there is no IMU
     """

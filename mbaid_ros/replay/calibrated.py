@@ -20,6 +20,7 @@ from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions
+from mbaid_ros.replay.results import shaped_thruster
 from mbaid_ros.session import Survey, survey
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
@@ -162,6 +163,7 @@ def as_json(result: Calibrated) -> dict[str, Any]:
             'position': calibration.mount[3:].tolist(),
             'position_std': calibration.stds[-3:].tolist(),
         },
+        'thrusters': [shaped_thruster(each) for each in calibration.thrusters],
         'covariance': {
             'order': [
                 *(parameter(links, index) for index in range(len(calibration.theta))),

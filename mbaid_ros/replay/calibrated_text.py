@@ -40,6 +40,11 @@ def told(result: Calibrated) -> list[str]:
         mount = _beside(1e3 * calibration.mount[3:], 1e3 * calibration.stds[-3:])
         turn = _beside(1e3 * calibration.mount[:3], 1e3 * calibration.stds[-6:-3])
         lines.append(f'mount of the odometry, beside the URDF: {mount} mm, {turn} mrad (95 %)')
+    for thruster in calibration.thrusters:
+        strong = f'{thruster.scale:.4f} ± {BAND * thruster.scale_std:.2g} times as strong as commanded'
+        turned = f'turned by {_beside(1e3 * thruster.turn, 1e3 * thruster.turn_std)} mrad'
+        late = f'{1e3 * thruster.delay:+.1f} ± {1e3 * BAND * thruster.delay_std:.2g} ms late'
+        lines.append(f'thruster {one_line(thruster.frame)}: {strong}, {turned}, {late} (95 %)')
     return lines
 
 

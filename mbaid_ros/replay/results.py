@@ -225,6 +225,8 @@ def shaped_thruster(found: Thruster) -> dict[str, Any]:
         'scale_std': found.scale_std,
         'turn': found.turn.tolist(),
         'turn_std': found.turn_std.tolist(),
+        'delay': found.delay,
+        'delay_std': found.delay_std,
     }
 
 

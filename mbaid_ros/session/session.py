@@ -21,7 +21,7 @@ from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
-from mbaid_ros.core.intake.thrust import LATE_THRUST, Thrust
+from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -152,8 +152,9 @@ class Session:
             # What came before it is worked through without it, however the calls are spread.
             self._ready += self._work()
         self.thrust.command(frame, stamp, wrench, newest)
-        if self.thrust.late:
-            self._identifier.note(LATE_THRUST)
+        for told, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
+            if told:
+                self._identifier.note(text)
 
     def add_stored_momentum(self, message: Any) -> None:
         """Take a Vector3Stamped of what wheels or gyros store."""

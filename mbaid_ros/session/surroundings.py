@@ -37,7 +37,7 @@ def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, .
     ModelError, ParameterError
         A frame is no link, or named twice.
     """
-    if config.scale_std == 0.0 and config.direction_std == 0.0:
+    if config.scale_std == config.direction_std == 0.0 and not config.frames:
         return ()
     if len(set(config.frames)) < len(config.frames):
         raise ParameterError(

@@ -58,6 +58,7 @@ def with_surroundings(
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
         thrust_direction=config.thrust.direction_std,
+        thrust_delay=config.thrust.delay_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
         gyro=_gyro(config.imu),

@@ -16,6 +16,7 @@ import recorded
 from graph import Graph
 from mbaid_ros.bags import BagReader, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.intake.thrust import EXACT_THRUST
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.outgoing import Frames, estimate_message
@@ -55,7 +56,7 @@ def test_thrust_is_used_told_of_and_recorded(graph: Graph, tmp_path: Path) -> No
         publish(topic, message)
         (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     last = estimate_message(session.process()[-1], TYPES, Frames('link7', 'odom'))
-    assert list(last.warnings) == []
+    assert list(last.warnings) == [EXACT_THRUST]
     expected = every_bit(last, ESTIMATE)
     graph.wait(lambda: estimates and every_bit(estimates[-1], ESTIMATE) == expected, 'the estimate')
     assert recorder.stop() == 0

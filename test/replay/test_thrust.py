@@ -10,6 +10,7 @@ import pytest
 
 import recorded
 from mbaid_ros.bags import BagWriter
+from mbaid_ros.core.intake.thrust import EXACT_THRUST
 from mbaid_ros.replay.calibrate import main as calibrate
 from mbaid_ros.replay.replay import main as replay
 from simulated import CONFIG
@@ -35,7 +36,7 @@ def test_thrust_in_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str], top
     assert replay([bag, *MODEL, *PARAMETERS, '--json', '-', *options]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['events'] == []
-    assert result['warnings'] == []
+    assert result['warnings'] == [EXACT_THRUST]
     # Not where it is called otherwise and nobody says so.
     if options:
         assert replay([bag, *MODEL, *PARAMETERS, '--json', '-']) == 0

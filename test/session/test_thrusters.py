@@ -9,12 +9,16 @@ import pytest
 from scipy.stats import chi2
 
 from derivatives import central_difference
+from mbaid_ros.core.calibration.blocks import Normals
+from mbaid_ros.core.calibration.prior import LinkPrior, make_prior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.thrust import Thrust
+from mbaid_ros.core.intake.thrust import EXACT_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.thrusters import thrusters
+from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.thrusters import Thrusters, thrusters
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import MID, kernel, observe, windows
@@ -25,10 +29,11 @@ from thrusting import FORCE_TORQUE, OFF, ON, pushed
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
 SCALE, TURN = 1.1, np.radians(5.0) * np.array([1.0, 0.0, 0.0])  # of a force along y, which that turns to z
-PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1}
+LATE = 0.05  # s
+PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1, 'thrust__delay_std': 0.1}
 
 
-def run(seed: int, scale: float = SCALE, turn: Array = TURN) -> SimulatedRun:
+def run(seed: int, scale: float = SCALE, turn: Array = TURN, delay: float = LATE) -> SimulatedRun:
     """Return a run in which a 1 N thruster off the centre of mass fires for six seconds."""
     return simulated(
         SECONDS,
@@ -39,6 +44,7 @@ def run(seed: int, scale: float = SCALE, turn: Array = TURN) -> SimulatedRun:
         thrust__torque=[0.0, 0.0, 0.6],
         thrust__scale=scale,
         thrust__turn=turn.tolist(),
+        thrust__delay=delay,
     )
 
 
@@ -50,7 +56,7 @@ def identify(made: SimulatedRun, into: Session) -> Estimate:
 
 
 @pytest.mark.parametrize('seed', range(2))
-def test_a_tenth_stronger_and_five_degrees_off(seed: int) -> None:
+def test_a_tenth_stronger_five_degrees_off_and_late(seed: int) -> None:
     made = run(seed)
     last = identify(made, session(**PRIOR))
     assert last.status in {'estimating', 'converged'}
@@ -65,19 +71,22 @@ def test_a_tenth_stronger_and_five_degrees_off(seed: int) -> None:
     # Turned about x from y to z: what is across the command, over the command.
     assert abs(found.turn[0] - SCALE * np.sin(TURN[0])) < 4.0 * found.turn_std[0]
     assert found.turn_std[0] < 0.02
+    assert abs(found.delay - LATE) < 4.0 * found.delay_std
+    assert found.delay_std < 0.3 * LATE
     assert last.budget is not None
     assert 'thrust:base_link' in last.budget.causes
 
 
 def test_a_known_push_of_seconds_at_twenty_samples_a_second_costs_nothing() -> None:
     """One sample a knot, at its begin: what thrust has brought is taken to the knot's centre like all else."""
-    made = run(1, 1.0, np.zeros(3))
+    made = run(1, 1.0, np.zeros(3), 0.0)
     assert nees(identify(made, session()), made.target_inertia) < LIMIT
 
 
 def test_without_a_prior_it_is_no_quiet_error() -> None:
     last = identify(run(0), session())
     assert last.status == 'inconsistent' or last.events
+    assert EXACT_THRUST in last.warnings
 
 
 def test_the_first_stage_considers_them() -> None:
@@ -89,51 +98,77 @@ def test_the_first_stage_considers_them() -> None:
 
 
 def test_commands_that_are_right_stay_so() -> None:
-    made = run(1, 1.0, np.zeros(3))
+    made = run(1, 1.0, np.zeros(3), 0.0)
     last = identify(made, session(**PRIOR))
     assert nees(last, made.target_inertia) < LIMIT
     (found,) = last.thrusters
     assert abs(found.scale - 1.0) < 4.0 * found.scale_std
 
 
-def commanded(wrench: Array, *, late: bool = False) -> tuple[Array, Array]:
-    """Return impulse (N, 6) and columns (N, 6, 4) of a wrench on link3, told before its samples or after all."""
+def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple[Array, Array]:
+    """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, told before its samples or after all."""
     thrust = Thrust(robot('servicer7'), 1_000_000_000, ['link3'])
     parts = windows(observe(pushed(), MID))
     last = len(parts) - 1
-    found = [] if late else _told(thrust, wrench)
+    found = [] if late else _told(thrust, wrench, delay)
     for place, part in enumerate(parts):
         if late and place == last:
-            _told(thrust, wrench)
+            _told(thrust, wrench, delay)
         found.append(thrust.applied(part, 0))
     impulse, columns = (np.concatenate([getattr(part, name) for part in found]) for name in ('impulse', 'thrust'))
     return impulse, columns.reshape(-1, 6, OF_A_THRUSTER)
 
 
-def _told(thrust: Thrust, wrench: Array) -> list[Samples]:
-    thrust.command('link3', round(ON * 1e9), wrench, None)
-    thrust.command('link3', round(OFF * 1e9), np.zeros(6), None)
+def _told(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
+    thrust.command('link3', round((ON + delay) * 1e9), wrench, None)
+    thrust.command('link3', round((OFF + delay) * 1e9), np.zeros(6), None)
     return []
 
 
 def test_columns_are_what_other_commands_would_have_brought() -> None:
     def impulse(off: Array) -> Array:
-        turned = [(1.0 + off[0]) * part + np.cross(off[1:], part) for part in np.split(FORCE_TORQUE, 2)]
-        return commanded(np.concatenate(turned))[0]
+        turned = [(1.0 + off[0]) * part + np.cross(off[1:4], part) for part in np.split(FORCE_TORQUE, 2)]
+        return commanded(np.concatenate(turned), off[4])[0]
 
-    expected = central_difference(impulse, np.zeros(4), 1e-3)
-    assert np.abs(expected).max() > 1.0
-    assert commanded(FORCE_TORQUE)[1] == pytest.approx(expected, abs=1e-9)
+    expected = central_difference(impulse, np.zeros(OF_A_THRUSTER), 1e-3)
+    found, time = commanded(FORCE_TORQUE)[1], observe(pushed(), MID).time
+    assert found[..., :4] == pytest.approx(expected[..., :4], abs=1e-9)
+    # A delay of nothing is not half of one that is too early and one that is late: of each change, for one sample.
+    changing = np.isin(np.round(time, 6), (ON, OFF))
+    assert found[~changing, :, 4] == pytest.approx(expected[~changing, :, 4], abs=5e-3 * np.abs(FORCE_TORQUE).max())
+    assert np.abs(expected[..., 4]).max() > 1.0
     # Told late, all of it counts from then on.
-    assert commanded(FORCE_TORQUE, late=True)[1][-1] == pytest.approx(expected[-1], abs=1e-9)
+    assert commanded(FORCE_TORQUE, late=True)[1][-1] == pytest.approx(found[-1], abs=1e-9)
 
 
 def test_the_momentum_depends_on_them_by_these_columns() -> None:
     servicer, samples = kernel('servicer7'), observe(pushed(), MID)
     _, columns = commanded(FORCE_TORQUE)
     states = servicer.states(replace(samples, thrust=columns.reshape(len(samples), -1)))
-    unknown = thrusters(['link3'], 0.1, 0.05)
+    unknown = thrusters(['link3'], 0.1, 0.05, 0.02)
     assert unknown.count == OF_A_THRUSTER
     moved = columns.copy()
     moved[:, 3:] -= np.cross(samples.base_position[:, :, None], columns[:, :3], axisa=1, axisb=1, axisc=1)
     assert unknown.momentum_columns(servicer, states) == pytest.approx(-moved, abs=1e-12)
+
+
+def test_calibrate_tells_what_it_has_found_of_them() -> None:
+    servicer = kernel('servicer7')
+    uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
+    prior = make_prior(servicer, [LinkPrior(0.01, 0.01, 0.01)])
+    before = Normals.before(prior, servicer, uncertainty)
+    (found,) = before.thrusters()
+    assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
+    assert found.turn_std == pytest.approx(np.full(3, 0.05))
+    mean = before.belief.mean.copy()
+    place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
+    mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
+    (found,) = replace(before, belief=Carried(mean, 0.5 * before.belief.factor)).thrusters()
+    assert found.frame == 'link3'
+    assert (found.scale, found.scale_std) == pytest.approx((1.2, 0.05))
+    assert found.turn == pytest.approx([0.0, -0.05, 0.0])
+    assert found.delay == pytest.approx(0.06 / 1.2)  # of a thruster that is stronger
+
+
+def _thrusters(normals: Normals) -> Thrusters:
+    return next(each for each in normals.unknowns if isinstance(each, Thrusters))

@@ -15,8 +15,10 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.calibration.passes import Passed
 from mbaid_ros.core.calibration.prior import Prior
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
@@ -24,6 +26,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
+from mbaid_ros.core.unknowns.thrusters import Thrusters
 
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
 OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
@@ -91,6 +94,19 @@ class Normals:
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
         count = len(self.belief.mean) - sum(unknown.count for unknown in of_the_run)
         return Carried(self.belief.mean[:count], self.belief.factor[:count])
+
+    def thrusters(self) -> tuple[Thruster, ...]:
+        """Return by how much thrusters are off their commands."""
+        found, place = [], 10
+        for unknown in self.unknowns:
+            numbers = slice(place, place + unknown.count)
+            place = numbers.stop
+            if isinstance(unknown, Thrusters):
+                values = (unknown.factor @ self.belief.mean[numbers]).reshape(-1, OF_A_THRUSTER)
+                spread = unknown.factor @ self.belief.factor[numbers]
+                stds = np.sqrt(np.sum(spread**2, axis=1)).reshape(values.shape)
+                found += [Thruster.of(*each) for each in zip(unknown.frames, values, stds, strict=True)]
+        return tuple(found)
 
     def blocks(self) -> tuple[Array, Array]:
         """Return values (10 k + 6 n + 6,) and covariance of the links' standard parameters, joints and mount.

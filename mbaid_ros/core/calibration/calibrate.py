@@ -83,6 +83,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         prior=prior,
         values=values,
         block_covariance=covariance,
+        thrusters=normals.thrusters(),
         carried=normals.carried,
         corrections=corrections,
         momentum=momentum,

@@ -10,6 +10,7 @@ import numpy as np
 from mbaid_ros.core.calibration.prior import Prior
 from mbaid_ros.core.calibration.structure import Mechanism, Structure
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.unknowns.carried import Carried
@@ -83,6 +84,7 @@ class Calibration:
     prior : what was known before
     values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
         their covariance
+    thrusters : by how much those are off their commands that may be
     carried : what is known of the unknowns of the trajectory filter, to go on with
     corrections : (k,) sizes of the projections on bodies that can exist
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
@@ -101,6 +103,7 @@ class Calibration:
     prior: Prior
     values: Array
     block_covariance: Array
+    thrusters: tuple[Thruster, ...]
     carried: Carried
     corrections: Array
     momentum: Array

@@ -25,6 +25,10 @@ NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
 UNKNOWN_FRAME = 'thrust in a frame that is no link'
 FAR_THRUST = 'thrust stamped far from the samples'
 LATE_THRUST = 'thrust was told after samples that it acts on had been used: its impulse counts from then on'
+EXACT_THRUST = (
+    'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
+    'thrust.scale_std, thrust.direction_std and thrust.delay_std'
+)
 
 _FAR = 10_000_000_000  # ns, from the newest sample: another clock
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
@@ -32,7 +36,7 @@ _REMEMBERED = 4 * _FAR  # ns, for commands that come late
 
 def _off_the_command() -> Array:
     """Return what a unit of scale, and of turn about each axis, makes of a wrench, (4, 6, 6)."""
-    maps = np.zeros((OF_A_THRUSTER, 6, 6))
+    maps = np.zeros((4, 6, 6))
     maps[0] = np.eye(6)
     maps[1:, :3, :3] = maps[1:, 3:, 3:] = skew(np.eye(3))
     return maps
@@ -80,6 +84,7 @@ class Thrust:
     brought : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
     commands : number of those that were taken
     late : whether one came after samples that it acts on
+    exact : whether one was taken as exactly as commanded
     dropped : commands that were not used, by cause
     """
 
@@ -96,6 +101,7 @@ class Thrust:
         self.brought: Array = np.zeros(6)
         self.commands = 0
         self.late = False
+        self.exact = False
         self.dropped: Counter[str] = Counter()
 
     def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
@@ -148,7 +154,7 @@ class Thrust:
                 continue
             total += np.cumsum(self._pulses(frame, joined), axis=0)
             if frame in self._uncertain:
-                columns[:, self._uncertain[frame]] += np.cumsum(self._pulses(frame, joined, _OFF), axis=0)
+                columns[:, self._uncertain[frame]] += np.cumsum(self._pulses(frame, joined, off=True), axis=0)
             self._forget(frame, origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED)
         self.brought, self._columns = total[-1], columns[-1].copy()
         return replace(window, impulse=total, thrust=columns.reshape(len(window), -1))
@@ -157,48 +163,58 @@ class Thrust:
         time = (command.stamp - self._origin) * 1e-9
         missed = [part.joined() for part in self._past if part.end > time]
         before = self._in(frame, missed)
-        before_by_each = self._in(frame, missed, _OFF)
+        before_by_each = self._in(frame, missed, off=True)
         insort(self._commands.setdefault(frame, []), command)
         self.commands += 1
+        self.exact = self.exact or (frame not in self._uncertain and bool(np.any(command.wrench)))
         more = self._in(frame, missed) - before
         self.brought = self.brought + more
         if frame in self._uncertain:
-            self._columns[self._uncertain[frame]] += self._in(frame, missed, _OFF) - before_by_each
+            self._columns[self._uncertain[frame]] += self._in(frame, missed, off=True) - before_by_each
         self.late = self.late or bool(np.any(more))
 
     def _brought_by_each(self, count: int) -> Array:
-        """Return what has been brought until now, by how each thruster is off, for so many samples, (N, 24 f)."""
+        """Return what has been brought until now, by how each thruster is off, for so many samples, (N, 30 f)."""
         return np.tile(self._columns.ravel(), (count, 1))
 
-    def _in(self, frame: str, parts: list[Samples], off: Array | None = None) -> Array:
+    def _in(self, frame: str, parts: list[Samples], *, off: bool = False) -> Array:
         """Return what the commands of a frame bring in all of some windows, as `_pulses` has it."""
-        nothing = np.zeros(6 if off is None else (6, len(off)))
-        return sum((np.sum(self._pulses(frame, part, off), axis=0) for part in parts), nothing)
+        nothing = np.zeros((6, OF_A_THRUSTER) if off else 6)
+        return sum((np.sum(self._pulses(frame, part, off=off), axis=0) for part in parts), nothing)
 
-    def _pulses(self, frame: str, samples: Samples, off: Array | None = None) -> Array:
+    def _pulses(self, frame: str, samples: Samples, *, off: bool = False) -> Array:
         """Return what the commands of a frame bring from each of N samples to the next, (N - 1, 6).
 
-        With (k, 6, 6) maps of the wrenches, what these would bring, (N - 1, 6, k).
+        If asked for, what more they would bring by each number of a thruster that is off them, (N - 1, 6, 5).
         """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
-        if off is not None:
-            impulses = np.einsum('kij,nj->nik', off, impulses)
+        if off:
+            late = -np.diff(self._wrench(frame, samples.time), axis=0)  # what begins or ends is missing or left over
+            impulses = np.concatenate((np.einsum('kij,nj->nik', _OFF, impulses), late[..., None]), axis=2)
         if not np.any(impulses):
             return impulses
         gain = self._gain(frame, samples)
         mean = 0.5 * (gain[1:] + gain[:-1])
-        return np.einsum('nij,nj->ni', mean, impulses) if off is None else mean @ impulses
+        return mean @ impulses if off else np.einsum('nij,nj->ni', mean, impulses)
+
+    def _wrench(self, frame: str, time: Array) -> Array:
+        """Return the wrench (N, 6) that has been commanded in a frame until just before N times, s."""
+        start, length, wrenches = self._course(frame)
+        return np.asarray(((time[:, None] > start) & (time[:, None] <= start + length)) @ wrenches)
 
     def _impulse(self, frame: str, time: Array) -> Array:
         """Return the impulses (N, 6), in the frame's axes, of its commands from the first sample until N times, s."""
-        commands = self._commands.get(frame, [])
-        if not commands:
-            return np.zeros((len(time), 6))
-        start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
-        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        start, length, wrenches = self._course(frame)
         # What acted before the first sample is in the momentum that the run begins with.
         passed = np.clip(time[:, None] - start, 0.0, length) - np.clip(-start, 0.0, length)
-        return np.asarray(passed @ np.array([command.wrench for command in commands]))
+        return np.asarray(passed @ wrenches)
+
+    def _course(self, frame: str) -> tuple[Array, Array, Array]:
+        """Return when the commands of a frame begin, s, how long each of them holds, s, and their wrenches (c, 6)."""
+        commands = self._commands.get(frame, [])
+        start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
+        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        return start, length, np.array([command.wrench for command in commands]).reshape(-1, 6)
 
     def _gain(self, frame: str, samples: Samples) -> Array:
         """Return what a wrench makes of (P, L) a second, (N, 6, 6)."""

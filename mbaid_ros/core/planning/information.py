@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.planning.floating import BaseMotion
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.filter import advance, update
@@ -183,7 +184,7 @@ class Information:
             impulse=np.zeros((count, 6)),
             stored=stored,
             tide=np.zeros((count, 0)),
-            thrust=np.zeros((count, 24 * frames)),
+            thrust=np.zeros((count, 6 * OF_A_THRUSTER * frames)),
             gyro=np.zeros((count, 0)),
             course=np.zeros((count, 0)),
         )

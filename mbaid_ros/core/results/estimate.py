@@ -61,6 +61,7 @@ class Thruster:
     frame : in which it is commanded
     scale, scale_std : how much stronger it is than that (1: as commanded)
     turn, turn_std : (3,) rad, by which it is turned, in the axes of its frame
+    delay, delay_std : s, by which it fires late
     """
 
     frame: str
@@ -68,6 +69,17 @@ class Thruster:
     scale_std: float
     turn: Array
     turn_std: Array
+    delay: float
+    delay_std: float
+
+    @staticmethod
+    def of(frame: str, value: Array, std: Array) -> Thruster:
+        """Return it from (5,) numbers with standard deviations: scale less 1, turn, delay.
+
+        The delay is that of one as strong as commanded: what it takes away it takes of the true strength.
+        """
+        scale, delay, delay_std = 1.0 + float(value[0]), float(value[4]), float(std[4])
+        return Thruster(frame, scale, float(std[0]), value[1:4], std[1:4], delay / scale, delay_std / abs(scale))
 
 
 @dataclass(frozen=True)

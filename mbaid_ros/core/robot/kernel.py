@@ -31,7 +31,7 @@ class BodyStates:
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
     tide : (N, n + 1, 6, 10) what an orbit has changed (P, L_b) by, by each body's standard parameters in its own frame;
         (N, 0, 6, 10) without one
-    thrust : (N, f, 6, 4) what thrust has changed (P, L_b) by, by how much each thruster is off its command
+    thrust : (N, f, 6, 5) what thrust has changed (P, L_b) by, by how much each thruster is off its command
     """
 
     configuration: Configuration

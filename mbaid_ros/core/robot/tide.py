@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.samples import Samples
 
-OF_A_THRUSTER = 4  # numbers that say how it is off its command: scale, and turn about three axes
+OF_A_THRUSTER = 5  # numbers that say how it is off its command: scale, turn about three axes, delay
 
 
 def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base_position: Array) -> Array:

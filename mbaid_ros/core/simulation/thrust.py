@@ -21,11 +21,12 @@ class Pulse:
 
     Attributes
     ----------
-    begin, end : s since the start of the run
+    begin, end : s since the start of the run, as commanded
     link : None for the odometry frame
     wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes, as commanded
     scale : how much stronger it is than that
     turn : (3,) rad, rotation vector by which it is turned against that
+    delay : s, by which it begins and ends late
     """
 
     begin: float
@@ -34,6 +35,7 @@ class Pulse:
     wrench: Array
     scale: float = 1.0
     turn: Array = field(default_factory=lambda: np.zeros(3))
+    delay: float = 0.0
 
     @property
     def actual(self) -> Array:
@@ -81,8 +83,8 @@ class ThrustSimulation:
         self._surroundings = surroundings or Surroundings()
         self.pulse = pulse
         self._changes: list[tuple[float, Push | None]] = [
-            (pulse.begin, Push.on(pulse.link, pulse.actual)),
-            (pulse.end, None),
+            (pulse.begin + pulse.delay, Push.on(pulse.link, pulse.actual)),
+            (pulse.end + pulse.delay, None),
         ]
         self._start = 0.0
         self._simulation = Simulation(model, motion, initial, step, surroundings=surroundings)

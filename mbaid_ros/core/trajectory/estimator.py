@@ -240,7 +240,7 @@ class TrajectoryEstimator:
                 # Each number of the state is one of these, in units of its prior.
                 stds = np.abs(unknown.factor @ _deviation(moments, place)).reshape(values.shape)
                 found += [
-                    Thruster(frame, 1.0 + float(value[0]), float(std[0]), value[1:], std[1:])
+                    Thruster.of(frame, value, std)
                     for frame, value, std in zip(unknown.frames, values, stds, strict=True)
                 ]
         return tuple(found)

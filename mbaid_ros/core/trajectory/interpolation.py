@@ -30,7 +30,7 @@ class Midpoints(Stacked):
     step : (J - 1, 3) m, displacement from each knot to the next
     impulse : (J - 1, 6) as of the knots, the mean of both
     stored : (J - 1, c) readings of what stores momentum inside bodies
-    tide, thrust : (J - 1, 60 b), (J - 1, 24 f) as of the knots, the mean of both
+    tide, thrust : (J - 1, 60 b), (J - 1, 30 f) as of the knots, the mean of both
     gyro : (J - 1, 3) rad/s, measured angular velocity in base axes; NaN where not known, none where there is no IMU
     """
 

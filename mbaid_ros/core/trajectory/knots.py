@@ -40,7 +40,7 @@ class Knots(Stacked):
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
     stored : (J, c) readings of what stores momentum inside bodies
-    tide, thrust : (J, 60 b), (J, 24 f) as in Samples, L about the run's origin
+    tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
     course : (J, 27) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
         axes, for each of the gyro's errors (3 x 9, rows first): bias, scale, turn; none where it is measured

@@ -76,7 +76,7 @@ class Bodies:
     twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
     storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
-    tide, thrust : (N, n + 1, 6, 10), (N, f, 6, 4) as in BodyStates
+    tide, thrust : (N, n + 1, 6, 10), (N, f, 6, 5) as in BodyStates
     """
 
     parameters: Array

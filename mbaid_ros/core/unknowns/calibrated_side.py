@@ -12,8 +12,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, of_sensors
-from mbaid_ros.core.unknowns.thrusters import thrusters
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, of_sensors, pushing
 
 _NOTHING = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
@@ -63,8 +62,7 @@ class CalibratedSide:
         values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), self.mount))
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
-        pushing = thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction)
-        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing.count
+        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
         known = _with_others(known, others, before=int(np.count_nonzero(units[:-6])))
         sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
         known = _with_others(known, sensing, before=len(known.mean))

@@ -17,7 +17,7 @@ from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
 from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
 from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
 from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
-from mbaid_ros.core.unknowns.thrusters import thrusters
+from mbaid_ros.core.unknowns.thrusters import Thrusters, thrusters
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from mbaid_ros.core.unknowns.twist_bias import twist_bias
 
@@ -36,7 +36,7 @@ class Uncertainty:
     carried : what is known of the unknowns' independent numbers together; None for nothing but their own variances
     spin_inertias : kg m^2, of each of what stores momentum inside bodies; empty is exact
     thrusters : frames of those that are not as commanded
-    thrust_scale, thrust_direction : of each of them: relative; rad
+    thrust_scale, thrust_direction, thrust_delay : of each of them: relative; rad; s
     gyro : of an IMU's angular velocity; None where there is none
     clock_drift : s/s, of the joints' stamps
     odometry_scale : relative, of the lengths that the odometry reads
@@ -57,6 +57,7 @@ class Uncertainty:
     thrusters: Sequence[str] = ()
     thrust_scale: float = 0.0
     thrust_direction: float = 0.0
+    thrust_delay: float = 0.0
     gyro: GyroErrors | None = None
     clock_drift: float = 0.0
     odometry_scale: float = 0.0
@@ -72,7 +73,7 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
         known_bodies(kernel.model, kernel.errors),
         joint_placements(kernel, *placements),
         spin_inertias(kernel, uncertainty.spin_inertias),
-        thrusters(uncertainty.thrusters, uncertainty.thrust_scale, uncertainty.thrust_direction),
+        pushing(uncertainty),
         odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
         *of_sensors(uncertainty),
     )
@@ -90,3 +91,9 @@ def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         gravity(uncertainty.orbit),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())
+
+
+def pushing(uncertainty: Uncertainty) -> Thrusters:
+    """Return the thrusters."""
+    deviations = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
+    return thrusters(uncertainty.thrusters, *deviations)

@@ -21,7 +21,7 @@ class KnownSide:
     zeros : (n,) rad or m, what is added to the measured joint positions
     mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
     delay : s, by how much the joints' stamps are late
-    thrust : (4 f,) by how much each thruster is off its command: scale, turn; empty is not at all
+    thrust : (5 f,) by how much each thruster is off its command: scale, turn, delay; empty is not at all
     gyro : (9,) bias, scale and turn of a gyro that alone tells the orientation
     """
 

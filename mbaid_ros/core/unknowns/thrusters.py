@@ -1,8 +1,9 @@
-"""Thrusters as they are: stronger or weaker than commanded, and not quite in the direction of their command.
+"""Thrusters as they are: stronger or weaker than commanded, not quite in the direction of their command, and late.
 
 A wrench w = (F, T) about the origin of a frame that is off by a scale s and a small turn d is (1 + s) w + d x w, force
 and torque turned alike. For a force that is always in one direction this is no approximation: any other is one of these
-(s is what there is more of it along the command).
+(s is what there is more of it along the command). One that fires late by a time t lacks t times the command for as long
+as that lasts: it is off by what t brings at the begin, and has it again after the end.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from mbaid_ros.core.unknowns.known_side import KnownSide
 
 @dataclass(frozen=True, eq=False)
 class Thrusters(Unknown):
-    """Scale and turn (rad, in the axes of its frame) of each thruster less those of its command.
+    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command.
 
     Attributes
     ----------
@@ -40,14 +41,14 @@ class Thrusters(Unknown):
         return replace(side, thrust=side.thrust + value if side.thrust.size else value)
 
 
-def thrusters(frames: Sequence[str], scale_std: float, direction_std: float) -> Thrusters:
+def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:
     """Return the thrusters as an unknown.
 
     Parameters
     ----------
     frames : in which they are commanded
-    scale_std, direction_std : relative, and rad about each axis; 0 is exact
+    scale_std, direction_std, delay_std : relative, rad about each axis, s; 0 is exact
     """
-    deviations = np.tile([scale_std, *(direction_std,) * (OF_A_THRUSTER - 1)], len(frames))
+    deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
     labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(OF_A_THRUSTER))
     return Thrusters(np.diag(deviations)[:, deviations > 0.0], labels, tuple(frames))

@@ -98,7 +98,7 @@ def run(work: tuple[str, str, int]) -> Told:
     values |= {f'noise.{name}': value for name, value in vars(noise).items()}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _told(_history(session, _messages(session, readings, _read_joints(world, robot), noise)), sought)
+        return _told(history(session, messages(session, readings, _read_joints(world, robot), noise)), sought)
     except MbaidError as error:
         nothing = np.full(10, np.nan)
         return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan)
@@ -115,20 +115,21 @@ def _read_joints(world: World, robot: RobotModel) -> RobotModel:
     return replace(robot, joint_names=tuple(name for name in robot.joint_names if name not in world.unread))
 
 
-def _history(session: Session, messages: Iterator[tuple[Callable[[Any], Any], Any]]) -> list[Estimate]:
-    history: list[Estimate] = []
+def history(session: Session, messages: Iterator[tuple[Callable[[Any], Any], Any]]) -> list[Estimate]:
+    """Return all estimates of a session that is given messages."""
+    found: list[Estimate] = []
     for number, (take, message) in enumerate(messages, start=1):
         take(message)
         if number % _MESSAGES_AT_ONCE == 0:
-            history += session.process()
-    return history + session.process()
+            found += session.process()
+    return found + session.process()
 
 
-def _messages(
+def messages(
     session: Session, readings: Readings, robot: RobotModel, noise: SensorNoise
 ) -> Iterator[tuple[Callable[[Any], Any], Any]]:
     """Yield the messages of a run in the order of their stamps, each with what takes it."""
-    messages = SensorMessages(BAG_TYPES, robot, 'odom')
+    made = SensorMessages(BAG_TYPES, robot, 'odom')
     declared = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
     joints, base = readings.joints, replace(readings.base, **declared)
     stamps = [np.round(part.time * 1e9).astype(np.int64) for part in (base, joints)]
@@ -138,9 +139,9 @@ def _messages(
     for place in np.argsort(stamp, kind='stable'):
         index, at = int(row[place]), START + int(stamp[place])
         if kind[place]:
-            yield session.add_joint_state, messages.joint_state(joints, index, at)
+            yield session.add_joint_state, made.joint_state(joints, index, at)
         else:
-            yield session.add_odometry, messages.odometry(base, index, at)
+            yield session.add_odometry, made.odometry(base, index, at)
 
 
 def _told(history: list[Estimate], sought: Array) -> Told:

@@ -1,0 +1,36 @@
+#!/usr/bin/env python3
+"""Measure runs in orbit, and with wheels inside, against the same in empty space: the tables of docs/orbit.md.
+
+Every run that is done is kept as a line of a file; tables are of all that it holds. Several of these may work at the
+same file, each at seeds of its own:
+
+    .venv/bin/python scripts/benchmark_orbit.py grid --seeds 0 4 --store runs.jsonl
+    .venv/bin/python scripts/benchmark_orbit.py --store runs.jsonl
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.orbit.pages import tables
+from benchmarks.orbit.runs import PARTS, run_part
+
+
+def main() -> int:
+    """Run a part, or print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('part', nargs='?', choices=[*PARTS], help='what to run; without, the tables are printed')
+    parser.add_argument('--seeds', nargs=2, type=int, default=(0, 5), metavar=('FIRST', 'END'))
+    parser.add_argument('--store', type=Path, default=Path('orbit_runs.jsonl'), help='file of the runs')
+    arguments = parser.parse_args()
+    if arguments.part:
+        run_part(arguments.part, range(*arguments.seeds), arguments.store)
+    else:
+        sys.stdout.write(tables(arguments.store))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

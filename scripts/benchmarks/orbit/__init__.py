@@ -1,0 +1,1 @@
+"""Runs in orbit, and with wheels inside."""
