@@ -18,6 +18,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, skew
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
+from mbaid_ros.core.trajectory.joint_loads import by_deflections
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, predict
@@ -90,6 +91,10 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     motions = [stack.motion(point.side) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
     whole, bodies = predict(layout, flat, point)
+    for unknown, place in layout.of_joints:
+        spacings = [stack.windows[0].spacing for stack in stacks]
+        each = [motion for motion, _ in motions]
+        whole.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, each, spacings, bodies)
     predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
     models, begin = [], 0

@@ -100,6 +100,16 @@ class Layout:
         return tuple(each for each in self.unknowns if not each.read)
 
     @cached_property
+    def of_joints(self) -> tuple[tuple[Unknown, slice], ...]:
+        """The unknowns that add to the joints' motion, and their places among the parameters."""
+        first = self.parameters.start
+        return tuple(
+            (unknown, slice(place.start - first, place.stop - first))
+            for unknown, place in zip(self.unknowns, self.places, strict=True)
+            if unknown.of_joints
+        )
+
+    @cached_property
     def read(self) -> tuple[Unknown, ...]:
         """The others."""
         return tuple(each for each in self.unknowns if each.read)
@@ -116,6 +126,15 @@ class Layout:
         return np.array([[float(label == cause) for cause in self.causes] for label in labels]).reshape(
             len(labels), len(self.causes)
         )
+
+    def extended(self, more: Sequence[Unknown]) -> Layout:
+        """Return the layout with more unknowns, independent of those there are, each after its like."""
+        before = len(self.predicted)
+        predicted, read = (tuple(each for each in more if each.read is which) for which in (False, True))
+        unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
+        known = self.known.beside(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
+        known = known.beside(sum(each.count for each in read), before=len(known.mean))
+        return replace(self, unknowns=unknowns, known=known)
 
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""

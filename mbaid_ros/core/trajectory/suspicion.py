@@ -9,11 +9,8 @@ own. All gains are log-likelihoods over the same pass: they tell the causes apar
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from scipy.linalg import block_diag
 
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -23,7 +20,6 @@ from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
-from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -39,7 +35,7 @@ _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
 _REFINED = 4  # of how many the gain is found by passes of their own
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_FEWEST = 4  # windows after a change of the target that tell of it
+_BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
 
 
@@ -129,12 +125,11 @@ class Suspicion:
         point : of the run's layout, at which they are linearised; None where it has come to none
         jumps : s, when the momentum seemed to jump in the run
         """
-        more, quiet = suspects(self.layout.causes), self.hypotheses[0]
-        wide = self.extended(*more)
+        wide, quiet = self.extended(*self._suspects()), self.hypotheses[0]
         fits = yield from self._fits(windows)
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
-        found = yield from self._widened(wide, windows, at, base)
+        found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
@@ -143,7 +138,7 @@ class Suspicion:
         track = yield from wide.passed(passed, quiet, LONGEST)
         found += _pulses(track, base)
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
-        found += yield from self._changed(wide, windows, point or at, times[:_PARTS], base)
+        found += yield from self._changed(windows, point or at, times[:_PARTS], base)
         found.sort(key=lambda each: -each.gain)
         worth = tuple(each for each in found if each.gain > _WORTH)
         yield Found(worth, base.innovations, 0.5 * (base.nis - base.measured))
@@ -158,13 +153,16 @@ class Suspicion:
         return found
 
     def _changed(
-        self, wide: WidePass, windows: Sequence[Window], point: Point, times: Sequence[float], base: Belief
+        self, windows: Sequence[Window], point: Point, times: Sequence[float], base: Belief
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a target that has moved in the grasp, or was exchanged, at some time."""
         changes: list[Suspected] = []
+        plain = self.extended()
         for time in times:
             place = next(index for index, window in enumerate(windows) if window.start >= time)
             later = windows[place + SLIPPING :]
+            if place < _BEFORE:
+                continue
             if len(later) < _FEWEST:
                 break
             # Another body may be far from the one before: where it is to be looked for, a fit tells.
@@ -172,7 +170,7 @@ class Suspicion:
             yield _FITTED
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
                 quiet, exchanged = self.hypotheses[0], change.exchanged
-                track = yield from wide.changed(windows, place, points, quiet, exchanged=exchanged)
+                track = yield from plain.changed(windows, place, points, quiet, exchanged=exchanged)
                 gained = track.belief.log_likelihood - base.log_likelihood
                 explains = track.belief.nis < LARGEST_NIS * track.belief.measured
                 text = of_change(time, exchanged=exchanged)
@@ -206,29 +204,28 @@ class Suspicion:
         found = []
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
-            trial = replace(self, layout=other).extended(*suspects(self.layout.causes))
+            trial = replace(self, layout=other).extended()
             track = yield from trial.repeated(fit.misreading.windows(windows), fit.point(other), self.hypotheses[0])
             gained = track.belief.log_likelihood - base.log_likelihood
             found.append(Suspected(fit.misreading.text, gained))
         return found
 
+    def _suspects(self) -> tuple[Unknown, ...]:
+        return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
+
     def extended(self, *more: Unknown) -> WidePass:
         """Return what passes windows, with more unknowns."""
-        layout, count = self.layout, sum(each.count for each in more)
-        known = Carried(
-            np.concatenate((layout.known.mean, np.zeros(count))), block_diag(layout.known.factor, np.eye(count))
-        )
-        return WidePass(replace(layout, unknowns=(*layout.unknowns, *more), known=known), self.plane, self.uncertainty)
+        return WidePass(self.layout.extended(more), self.plane, self.uncertainty)
 
     def _widened(
-        self, wide: WidePass, windows: Sequence[Window], point: Point, base: Belief
+        self, gains: Mapping[str, tuple[float, float]], windows: Sequence[Window], point: Point, base: Belief
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
-        gains = wide.gains(base, self.layout.causes)
         found = []
         for cause, (value, factor) in sorted(gains.items(), key=lambda each: -each[1][0])[:_REFINED]:
             if value > _WORTH:
-                using = wide.widened(cause, factor)
+                suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
+                using = self.extended(*suspected).widened(cause, factor)
                 track = yield from using.repeated(windows, point, self.hypotheses[0])
                 gained = track.belief.log_likelihood - base.log_likelihood
                 found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))

@@ -52,9 +52,14 @@ class WidePass:
         return Belief.prior(own, own.force.shape[1] if hypothesis.force != 'none' else 0)
 
     def linearised(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Windows]:
-        """Return windows linearised at a point of this layout, or of one with fewer readings."""
-        missing = self.layout.size - self.layout.readings.start - len(point.readings)
-        at = replace(point, readings=np.concatenate((point.readings, np.zeros(missing))))
+        """Return windows linearised at a point of this layout, or of the one that it extends."""
+        own = self.layout
+        lengths = own.parameters.stop - own.parameters.start, own.size - own.readings.start
+        parameters, readings = (
+            np.concatenate((values, np.zeros(length - len(values))))
+            for values, length in zip((point.parameters, point.readings), lengths, strict=True)
+        )
+        at = replace(point, parameters=parameters, readings=readings)
         cache = LinearisationCache(self.layout, self.variables)
         passed: Windows = []
         for begin in range(0, len(windows), _PART):

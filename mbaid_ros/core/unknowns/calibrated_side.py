@@ -63,9 +63,9 @@ class CalibratedSide:
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
         others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
-        known = _with_others(known, others, before=int(np.count_nonzero(units[:-6])))
+        known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
         sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
-        known = _with_others(known, sensing, before=len(known.mean))
+        known = known.beside(sensing, before=len(known.mean))
         doubted = kernel.doubted(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
         return doubted, replace(
             uncertainty,
@@ -76,19 +76,6 @@ class CalibratedSide:
             mount_orientation=float(orientation),
             carried=known,
         )
-
-
-def _with_others(known: Carried, count: int, *, before: int) -> Carried:
-    """Return what is known of some numbers and, put in after `before` of them, independent ones of unit variance."""
-    if not count:
-        return known
-    rows = np.arange(len(known.mean))
-    place = np.where(rows < before, rows, rows + count)
-    width = known.factor.shape[1]
-    factor = np.zeros((len(rows) + count, width + count))
-    factor[place, :width] = known.factor
-    factor[before : before + count, width:] = np.eye(count)
-    return Carried(np.insert(known.mean, before, np.zeros(count)), factor)
 
 
 def _size(deviations: Array) -> Array:

@@ -48,6 +48,24 @@ class Carried:
         """The (e, e) upper triangular square root of the information."""
         return np.asarray(np.linalg.qr(self.whitening, mode='r'))
 
+    def beside(self, count: int, *, before: int) -> Carried:
+        """Return what is known of these numbers and, put in after the first of them, of others of unit variance.
+
+        Parameters
+        ----------
+        count : of the others, which are independent
+        before : how many of these come first
+        """
+        if not count:
+            return self
+        rows = np.arange(len(self.mean))
+        place = np.where(rows < before, rows, rows + count)
+        width = self.factor.shape[1]
+        factor = np.zeros((len(rows) + count, width + count))
+        factor[place, :width] = self.factor
+        factor[before : before + count, width:] = np.eye(count)
+        return Carried(np.insert(self.mean, before, np.zeros(count)), factor)
+
     def of(self, maps: Sequence[Array]) -> Carried:
         """Return the same of the numbers that maps, one for each unknown, make of these."""
         together = block_diag(*maps)

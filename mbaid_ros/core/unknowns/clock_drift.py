@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.unknowns.declaration import LinearReading, Reading
+from mbaid_ros.core.unknowns.declaration import Linear, Reading
 
 CLOCK = 'clock drift'
 
 
 @dataclass(frozen=True, eq=False)
-class ClockDrift(LinearReading):
+class ClockDrift(Linear):
     """How fast the joints' clock runs, s/s: a delay that grows with time since the run began.
 
     The momentum is then that of the joints' clock. Linear, as far as the base's motion is over that delay: to some

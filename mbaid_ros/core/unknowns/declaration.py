@@ -15,7 +15,25 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.unknowns.known_side import KnownSide
+
+
+@dataclass(frozen=True)
+class JointMotion(Stacked):
+    """What n joints do at N instants.
+
+    Attributes
+    ----------
+    position, rate, acceleration : (N, n) rad or m, and per s and s^2
+    torque, torque_rate : (N, n) N m or N, about or along each axis, that moves all that it carries; and per s
+    """
+
+    position: Array
+    rate: Array
+    acceleration: Array
+    torque: Array
+    torque_rate: Array
 
 
 @dataclass(frozen=True)
@@ -68,6 +86,8 @@ class Unknown:
     in_equations = True
     # Whether it changes the momentum as time goes by.
     pushes = False
+    # Whether it adds to the joints' motion.
+    of_joints = False
 
     @property
     def count(self) -> int:
@@ -80,6 +100,10 @@ class Unknown:
         size = np.sqrt(np.sum(self.factor**2, axis=1, keepdims=True))
         relative = np.abs(self.factor) / np.where(size > 0.0, size, 1.0)
         return tuple(self.labels[row] for row in np.argmax(relative, axis=0)) if self.count else ()
+
+    def part(self, cause: str) -> Unknown:
+        """Return its independent numbers that have most to do with a label alone."""
+        return replace(self, factor=self.factor[:, np.array(self.causes) == cause])
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array | None:
         """Return how the momentum depends on it, all twists as they are, (N, 6, k); None where it does not.
@@ -120,6 +144,10 @@ class Unknown:
         del motion
         return None
 
+    def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
+        """Return how much further on and faster than read the joints are by it, (N, n, k) each."""
+        raise NotImplementedError(type(self).__name__)
+
     def gyro_reading(self, motion: Reading) -> Array | None:
         """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None for nothing.
 
@@ -157,8 +185,8 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearReading(Unknown):
-    """An unknown of the readings alone, in which they are linear: windows are linearised at what is read."""
+class Linear(Unknown):
+    """An unknown, of the readings as a rule, that windows are not linearised at: they stay as they are read."""
 
     read = True
     in_equations = False

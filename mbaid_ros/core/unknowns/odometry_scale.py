@@ -9,13 +9,13 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
-from mbaid_ros.core.unknowns.declaration import LinearReading, Reading
+from mbaid_ros.core.unknowns.declaration import Linear, Reading
 
 SCALE = 'odometry scale'
 
 
 @dataclass(frozen=True, eq=False)
-class OdometryScale(LinearReading):
+class OdometryScale(Linear):
     """What of every length is too much, relative: positions are read (1 + s) times as far as they are."""
 
     in_equations = True

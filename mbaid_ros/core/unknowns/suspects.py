@@ -1,4 +1,4 @@
-"""What may be wrong with the odometry beside its noise, as unknowns that only a run under suspicion is given.
+"""What may be wrong with joints or odometry beside their noise, as unknowns that only a run under suspicion is given.
 
 Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what it
 was, and what the data would gain by more of one of them follows from its estimate (`verdict/widening.py`).
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.unknowns.clock_drift import CLOCK, clock_drift
-from mbaid_ros.core.unknowns.declaration import LinearReading, Reading
-from mbaid_ros.core.unknowns.odometry_scale import SCALE, odometry_scale
-from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS, twist_bias
+from mbaid_ros.core.unknowns.clock_drift import clock_drift
+from mbaid_ros.core.unknowns.declaration import Linear, Reading
+from mbaid_ros.core.unknowns.flexible_joints import flexible_joints
+from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
+from mbaid_ros.core.unknowns.twist_bias import twist_bias
 
 TURNING, LATE = 'odometry turning', 'twist late'
-SUSPECTS = (SCALE, TURNING, CLOCK, LATE, TURNS, SPEEDS)
 
 _MINUTE = 60.0  # s
 
 
 @dataclass(frozen=True, eq=False)
-class OdometryTurning(LinearReading):
+class OdometryTurning(Linear):
     """Angular velocity of the odometry's frame, rad/s, (3,) in its own axes: an orbit's, say."""
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -37,7 +37,7 @@ class OdometryTurning(LinearReading):
 
 
 @dataclass(frozen=True, eq=False)
-class TwistLate(LinearReading):
+class TwistLate(Linear):
     """By how much the twist is behind the pose, s."""
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -46,7 +46,7 @@ class TwistLate(LinearReading):
 
 
 @dataclass(frozen=True, eq=False)
-class Line(LinearReading):
+class Line(Linear):
     """A swing of the pose at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
 
     Attributes
@@ -67,20 +67,22 @@ class Line(LinearReading):
         return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
 
 
-def suspects(known: Sequence[str]) -> tuple[LinearReading, ...]:
+def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return what a run under suspicion is asked for.
 
     Parameters
     ----------
     known : labels of the unknowns that the run has anyway
+    joints : their names
     """
-    every: tuple[LinearReading, ...] = (
+    every: tuple[Linear, ...] = (
         odometry_scale(5e-5),
         OdometryTurning(3e-6 * np.eye(3), (TURNING,) * 3),
         clock_drift(1e-6),
         TwistLate(np.array([[3e-4]]), (LATE,)),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
+        flexible_joints(joints),
     )
     return tuple(each for each in every if not set(each.causes) & set(known))
 

@@ -10,13 +10,13 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import LinearReading, Reading
+from mbaid_ros.core.unknowns.declaration import Linear, Reading
 
 TURNS, SPEEDS = ('twist bias', 'twist velocity bias')
 
 
 @dataclass(frozen=True, eq=False)
-class TwistBias(LinearReading):
+class TwistBias(Linear):
     """Constant in base axes, angular (rad/s) and linear (m/s)."""
 
     in_equations = True

@@ -7,6 +7,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.orbit import orbit_fixed_frame
 from mbaid_ros.core.unknowns.clock_drift import CLOCK
+from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
 from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.odometry_scale import SCALE
@@ -54,6 +55,12 @@ def of_suspect(cause: str, value: Array) -> str:
         return (
             f'link {name} is not as described (its mass {value[0]:+.3g} kg, its first moment '
             f'{np.linalg.norm(value[1:4]):.2g} kg m off): check its inertial, or raise known_links.relative_std'
+        )
+    if kind == FLEXIBLE:
+        load, lag, swing = (f'{1e3 * part:.2g}' for part in (value[0], value[1], float(np.hypot(*value[2:]))))
+        return (
+            f'{name} is flexible or geared: against its encoder it gives by {load} mrad/(N m), lags by {lag} ms and is '
+            f'off by {swing} mrad (mm) with its own angle'
         )
     told = {
         'zero': f'the zero of {name} is off by {1e3 * float(np.sum(value)):+.3g} mrad (mm): measure it',

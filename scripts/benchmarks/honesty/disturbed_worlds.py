@@ -125,10 +125,11 @@ def _slosh(_seed: int) -> World:
     return World(robots.with_parts(robots.servicer(), parts), sinusoids(), unread=tuple(springs), springs=springs)
 
 
-def _flexible(_seed: int) -> World:
-    """Return joint4 with a gear of 2 Hz behind its encoder."""
+def _flexible(frequency: float, damping: float, _seed: int) -> World:
+    """Return joint4 with a spring behind its encoder."""
     urdf = robots.with_flexible_joint(robots.servicer(), 'joint4')
-    return World(urdf, sinusoids(), unread=('flexible_joint',), springs={'flexible_joint': Spring(2.0, 0.01, 0.002)})
+    spring = Spring(frequency, damping, 0.002)
+    return World(urdf, sinusoids(), unread=('flexible_joint',), springs={'flexible_joint': spring})
 
 
 PULSE = _on_base(_pulse, 10.0, 5.0)
@@ -149,7 +150,8 @@ DISTURBED = (
     Condition(GROUP, 'wheels that nobody reads spin up', _wheels, partial(_fixed, *_wheel_names())),
     Condition(GROUP, 'a flexible panel of 0.3 Hz', _panel, partial(_fixed, 'panel')),
     Condition(GROUP, 'fuel that sloshes at 0.1 Hz', _slosh, partial(_fixed, 'yoke', 'fuel')),
-    Condition(GROUP, 'a flexible joint of 2 Hz', _flexible, _plain),
+    Condition(GROUP, 'a flexible joint of 2 Hz', partial(_flexible, 2.0, 0.01), _plain),
+    Condition(GROUP, 'a flexible joint of 1 Hz', partial(_flexible, 1.0, 0.3), _plain),
     Condition(
         GROUP,
         'odometry in an orbit-fixed frame',

@@ -53,6 +53,17 @@ def zero_off(joint: int, angle: float, truth: Truth) -> Truth:
     return replace(truth, joint_position=truth.joint_position - angle * np.eye(truth.joint_position.shape[1])[joint])
 
 
+def geared(joint: int, size: float, truth: Truth) -> Truth:
+    """Return a motion whose joint is off by so much (rad) times the sine of its angle: an eccentric gear."""
+    own = np.eye(truth.joint_position.shape[1])[joint]
+    angle, rate = truth.joint_position[:, joint, None], truth.joint_velocity[:, joint, None]
+    return replace(
+        truth,
+        joint_position=truth.joint_position - size * np.sin(angle) * own,
+        joint_velocity=truth.joint_velocity - size * np.cos(angle) * rate * own,
+    )
+
+
 def sign_flipped(joint: int, truth: Truth) -> Truth:
     """Return a motion of which a joint is read with the wrong sign."""
     signs = 1.0 - 2.0 * np.eye(truth.joint_position.shape[1])[joint]

@@ -95,6 +95,10 @@ WRONG_MODELS = (
         _seen(f'odometry mounted {size:g} mrad off', partial(readings.mounted, np.zeros(3), 1e-3 * size * DIRECTION))
         for size in _MILLI
     ),
+    *(
+        _seen(f'a gear {size:g} mrad off with the angle', partial(readings.geared, _JOINT, 1e-3 * size))
+        for size in _MILLI
+    ),
     _seen("a joint's sign flipped", partial(readings.sign_flipped, 2)),
     _seen('two joints swapped', partial(readings.swapped, 2, 4)),
     Condition(GROUP, 'an arm is missing', _second_arm, _without_second_arm),
