@@ -42,6 +42,30 @@ def off_centre(urdf: str, distance: float) -> str:
     return change_inertial(urdf, BASE, body)
 
 
+def in_millimetres(urdf: str) -> str:
+    """Return a robot whose every length is given in millimetres; its masses and inertias are right."""
+    root = ET.fromstring(urdf)
+    for origin in root.iter('origin'):
+        origin.set('xyz', _text(1e3 * _numbers(origin.get('xyz', '0 0 0'))))
+    return ET.tostring(root, encoding='unicode')
+
+
+def reversed_axis(urdf: str, joint: str) -> str:
+    """Return a robot with the axis of a joint the other way round."""
+    root, element = _joint(urdf, joint)
+    axis = element.find('axis')
+    if axis is None:
+        raise ValueError(f"joint '{joint}' has no axis")
+    axis.set('xyz', _text(-_numbers(axis.get('xyz', '1 0 0'))))
+    return ET.tostring(root, encoding='unicode')
+
+
+def exchanged(urdf: str, one: str, other: str) -> str:
+    """Return a robot with the inertials of two links in each other's place."""
+    bodies = [physical(load_model(urdf).link(link).parameters) for link in (one, other)]
+    return change_inertial(change_inertial(urdf, one, bodies[1]), other, bodies[0])
+
+
 def misplaced(urdf: str, joint: str, distance: float) -> str:
     """Return a robot with a joint elsewhere (m)."""
     root, element = _joint(urdf, joint)

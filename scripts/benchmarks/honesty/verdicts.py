@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.honesty.runs import PUBLISHED, Outcome
+from benchmarks.honesty.runs import PUBLISHED, REFUSED, Outcome
+from benchmarks.honesty.true_causes import TRUE_CAUSES, rank
 from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE
 
 FAR = 5.0  # standard deviations: beyond, something is wrong
@@ -25,6 +26,8 @@ class Verdict:
     largest : largest error of any of their parameters, in standard deviations; NaN without any
     named : the cause or warning that most of the runs name first; empty for none
     silently_wrong : whether they say `converged` or `estimating` and are wrong
+    places : at which place each run names the true cause, 0 where it does not; of runs that are right and name nothing
+        none, and none of conditions with nothing to be named
     """
 
     statuses: Counter[str]
@@ -32,10 +35,11 @@ class Verdict:
     largest: float
     named: str
     silently_wrong: bool
+    places: tuple[int, ...]
 
 
-def judged(outcome: Outcome) -> Verdict:
-    """Return the verdict on the runs of a condition."""
+def judged(outcome: Outcome, condition: str = '') -> Verdict:
+    """Return the verdict on the runs of a condition, by its name."""
     good = np.isin(outcome.status, PUBLISHED)[:, None]
     given = good & np.isfinite(outcome.error) & (outcome.std > 0.0)
     deviation = np.abs(outcome.error[given] / outcome.std[given])
@@ -47,4 +51,14 @@ def judged(outcome: Outcome) -> Verdict:
         largest=largest,
         named=Counter(outcome.named.tolist()).most_common(1)[0][0],
         silently_wrong=bool(largest > FAR or covered < _FEWEST_COVERED),
+        places=_places(outcome, condition),
+    )
+
+
+def _places(outcome: Outcome, condition: str) -> tuple[int, ...]:
+    if condition not in TRUE_CAUSES:
+        return ()
+    runs = zip(outcome.status, outcome.causes, strict=True)
+    return tuple(
+        rank(condition, told.split('\n')) for status, told in runs if told or status not in (*PUBLISHED, REFUSED)
     )

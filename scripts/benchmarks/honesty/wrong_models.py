@@ -105,4 +105,23 @@ WRONG_MODELS = (
     _believed("a link's mass in grams", partial(robots.scaled, link='link3', factor=1e3)),
     _believed("the arm's masses in grams", _all_in_grams),
     _believed('the wrong target link', _wrong_target, 'link6'),
+    _believed('the base a third too light', partial(robots.scaled, link=BASE, factor=2.0 / 3.0)),
+    _believed("two links' inertials exchanged", partial(robots.exchanged, one='link2', other='link5')),
+    _believed("a joint's axis reversed", partial(robots.reversed_axis, joint='joint3')),
+    _believed('every length in millimetres', robots.in_millimetres),
+)
+# Twelve descriptions of one robot, each with something wrong in the file.
+WRONG_FILES = (
+    "a link's mass 50 % off",
+    'the base a third too light',
+    "the base's CoM 100 mm off",
+    "two links' inertials exchanged",
+    'a joint 30 mm off',
+    "a joint's axis 30 mrad off",
+    "a joint's axis reversed",
+    'an arm is missing',
+    'the wrong target link',
+    "a link's mass in grams",
+    "the arm's masses in grams",
+    'every length in millimetres',
 )
