@@ -96,6 +96,7 @@ class Run:
     survey : what the run takes the robot for, None where nobody has looked
     made_by : which command, None where nobody asked
     state : what it has come to know, as the next motion is planned from; None where its method does not tell
+    advice : what motion would help most, in words; empty where none is needed or known
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
 
@@ -118,6 +119,7 @@ class Run:
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
     state: Mapping[str, Any] | None = None
+    advice: str = ''
 
     @property
     def reached(self) -> bool:
@@ -205,6 +207,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'state': run.state,
+        'advice': run.advice or None,
         'history': [
             {
                 't': estimate.time,
@@ -272,6 +275,7 @@ def summary(run: Run) -> str:
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
     mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
     rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
+    rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(likeliest(run)[:3], 1)]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 

@@ -10,6 +10,7 @@ from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.bag_types import BAG_TYPES
@@ -87,10 +88,11 @@ def replay_bag(
         survey = session.survey()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
     knowledge = session.knowledge()
+    final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,
         target_link=session.robot.target_link,
-        final=history.last or Estimate(method=config.method, status='waiting'),
+        final=final,
         history=history.entries(),
         topics=intake.statistics(bag),
         used=session.used,
@@ -105,7 +107,15 @@ def replay_bag(
         phase=session.robot.phase,
         capture=session.robot.captured(history.last) if history.last else None,
         state=None if knowledge is None else as_numbers(knowledge),
+        advice='' if knowledge is None or final.status == 'inconsistent' else _advice(config, knowledge),
     )
+
+
+def _advice(config: EstimatorConfig, knowledge: Knowledge) -> str:
+    """Return what motion would help most."""
+    from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
+
+    return advice(config, knowledge)
 
 
 class _Intake:

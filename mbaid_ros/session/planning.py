@@ -28,6 +28,18 @@ def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
     return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config))
 
 
+def advice(config: EstimatorConfig, knowledge: Knowledge) -> str:
+    """Return which joint, moved by itself, would tell most of what is least known, in words.
+
+    Empty where all is known as well as is wanted, and where no motion can be planned: the description has no limits.
+    """
+    try:
+        planner = make_planner(config, knowledge)
+    except ParameterError:
+        return ''
+    return planner.advice()
+
+
 def plan_settings(config: EstimatorConfig) -> PlanSettings:
     """Return what the parameters ask of a motion.
 

@@ -55,6 +55,13 @@ def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_s
     assert 'link:base_link' in last.budget.dominant(last.std)
     assert last.budget.of('mass')[SENSOR_NOISE] < 0.2
     assert 'All of the variance' not in html([made])
+    assert re.fullmatch(
+        r'of single joints joint\d tells most of i[xyz]{2}: [\d.]+ deg there and back in 10 s bring it .* to .* %',
+        made.advice,
+    )
+    assert f'next: {made.advice}\n' in f'{summary(made)}\n'
+    assert as_json(made)['advice'] == made.advice
+    assert f'What motion would help most: {made.advice}.' in html([made])
 
 
 def test_the_json_has_stage_and_shares() -> None:

@@ -17,6 +17,7 @@ from mbaid_ros.core.results.estimate import PARAMETERS
 _LENGTH = 10.0  # s, of a joint's motion there and back
 _TURN, _SLIDE = np.radians(20.0), 0.2  # rad, m, that it takes where its limits allow
 _MOSTLY = 0.5  # share of a variance, from which one cause is told of
+_LITTLE = 0.95  # of a standard deviation that a motion leaves, from which it improves nothing to speak of
 
 
 def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
@@ -46,6 +47,9 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
     amount = abs(float(waypoints[best, 0, joint]))
     turn = f'{amount:.2g} m' if model.prismatic[independent[joint]] else f'{np.degrees(amount):.2g} deg'
     before, then = (f'{100.0 * value:.3g} %' for value in (information.relative[worst], after[best, worst]))
+    if after[best, worst] > _LITTLE * information.relative[worst]:
+        instead = beyond_motion(alone, waypoints[best], alone.coarse, wanted)
+        return f'no single joint improves {PARAMETERS[worst]}, known to {before}' + (f': {instead}' if instead else '')
     return (
         f'of single joints {model.independent_joints[joint]} tells most of {PARAMETERS[worst]}: {turn} there and back '
         f'in {_LENGTH:g} s bring it from {before} to {then}'

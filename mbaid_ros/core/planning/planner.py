@@ -147,14 +147,14 @@ class Planner:
         found = search.best if settings.duration or search.reached is None else search.reached
         return self._finished(self._sure(found), search.base, compared)
 
+    def advice(self) -> str:
+        """Return which joint, moved by itself, would help most; empty where all is known as well as is wanted."""
+        return single_joint(self.motions, self._wanted, self._settings.base)
+
     def _advice(self, candidate: Candidate) -> list[str]:
         """Return what would help, beside this motion."""
-        grid = candidate.motions.coarse
-        lines = (
-            single_joint(candidate.motions, self._wanted, self._settings.base),
-            beyond_motion(candidate.motions, candidate.waypoints, grid, self._wanted),
-        )
-        return [line for line in lines if line]
+        beyond = beyond_motion(candidate.motions, candidate.waypoints, candidate.motions.coarse, self._wanted)
+        return [line for line in (self.advice(), beyond) if line]
 
     def _notes(self) -> list[str]:
         """Return what holds of where the motion begins."""

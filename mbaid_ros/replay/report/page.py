@@ -65,6 +65,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         '<h3>Estimate</h3>',
         _parameters(run, matching),
         budget.section(run.final),
+        paragraph(f'What motion would help most: {run.advice}.', 'told') if run.advice else '',
         captured_body(run),
         before_the_capture(run),
         *_courses(run, matching, name),
