@@ -20,8 +20,6 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 
-_LAST = 0.25  # part of a window, in which nothing is done that can wait
-
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
 
 JOINT_RATES_DERIVED = (
@@ -62,8 +60,8 @@ class Deferring(Protocol):
     When it is done makes no difference to the numbers.
     """
 
-    def work_off(self) -> None:
-        """Do a part of it, if there is any."""
+    def work_off(self) -> bool:
+        """Do a part of it, a few milliseconds' worth, if there is any; return whether some is left."""
         ...
 
 
@@ -154,9 +152,6 @@ class Identifier:
         self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
         closed = self._prepared(self._windows.push(samples))
         if not closed:
-            # There is time, unless the window is about to be complete: its estimate must not wait for this.
-            if number * self._window - samples.time[-1] > _LAST * self._window:
-                self.work_off()
             return []
         for window in closed:
             self._watch(window)
@@ -165,11 +160,13 @@ class Identifier:
             return estimates
         return [self._with_notes(estimate) for estimate in estimates]
 
-    def work_off(self) -> None:
-        """Let the method do a part of what it has put off, if it does such a thing; and what was put off here."""
+    def work_off(self) -> bool:
+        """Let the method do a part of what it has put off, if it does such a thing; and what was put off here.
+
+        Return whether some is left.
+        """
         self._twist_frame.work_off()
-        if isinstance(self._estimator, Deferring):
-            self._estimator.work_off()
+        return isinstance(self._estimator, Deferring) and self._estimator.work_off()
 
     def _watch(self, window: Samples) -> None:
         """Look whether an IMU measures in other axes or units than it is said to."""

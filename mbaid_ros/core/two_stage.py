@@ -60,8 +60,8 @@ class SecondStage(Estimator, Protocol):
         """Give up the solution and look for a start again."""
         ...
 
-    def work_off(self) -> None:
-        """Do a part of what is to be done before the next window, if anything."""
+    def work_off(self) -> bool:
+        """Do a part of what is to be done before the next window; return whether some is left."""
         ...
 
 
@@ -103,9 +103,9 @@ class TwoStageEstimator:
         """Return what the second stage has come to know."""
         return self._second.knowledge()
 
-    def work_off(self) -> None:
-        """Let the second stage do a part of what it has put off."""
-        self._second.work_off()
+    def work_off(self) -> bool:
+        """Let the second stage do a part of what it has put off; return whether some is left."""
+        return self._second.work_off()
 
     def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
         """Take one window into both stages."""

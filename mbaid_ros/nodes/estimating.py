@@ -35,6 +35,7 @@ from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
 
 PERIOD = 1.0  # s, of /diagnostics
+_AT_ONCE = 1e-3  # s, from one slice of what can wait to the next, at least
 
 
 class Estimating:
@@ -86,7 +87,10 @@ class Estimating:
         ]
         self._planning = Planning(node, lambda: self._state.session, self._narrator.event)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
-        self._timer = node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD, self._on_timer, clock=clock)
+        # While something is left to do before the next window: between messages, a few milliseconds at a time.
+        self._leisure: Any = node.create_timer(_AT_ONCE, self._on_leisure, clock=clock, autostart=False)
         self._say_what_is_missing()
 
     def _base_inlets(self, node: Node) -> dict[str, Inlet]:
@@ -198,12 +202,16 @@ class Estimating:
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
             self._display.show(estimate, f'{frames.prefix}{frames.target_link}')
         if estimates:
-            session.work_off()  # what can wait comes after the estimates
+            self._leisure.reset()  # what can wait comes after the estimates
             gc.collect()
         if session.restarted != self._restarted:
             self._follow_restart(session)
         if estimates and self._report_due:
             self._report()
+
+    def _on_leisure(self) -> None:
+        if self._state.session is None or not self._state.session.work_off():
+            self._leisure.cancel()
 
     def _follow_restart(self, session: Session) -> None:
         """Withdraw what was published before the stamps jumped back."""
@@ -251,6 +259,7 @@ class Estimating:
             self._node.destroy_service(service)
         self._planning.close()
         self._node.destroy_timer(self._timer)
+        self._node.destroy_timer(self._leisure)
         self._node.destroy_publisher(self._diagnostics_publisher)
         self._outlets.close()
         self._display.close()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 PART = 300  # messages worked through at once while a window is open: each time costs as much as reading a hundred
 
-# Parts of a window before its end, at which what has come is worked through: all but the last leave time for what a
-# method has put off.
+# Parts of a window before its end, at which what has come is worked through.
 _LEFT = (0.75, 0.5, 0.3, 0.05)
 _CLOSING = 0.1  # of a window, before its end
 

@@ -183,12 +183,16 @@ class Session:
         heard = [name for name in self.joint_reader.heard if name not in self.config.wheels.names]
         return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
-    def work_off(self) -> None:
-        """Let the method do a part of what it has put off: best when the estimates of a window have been told."""
+    def work_off(self) -> bool:
+        """Let the method do a part of what it has put off, when the estimates of a window have been told.
+
+        Return whether some is left to do before the next window. When it is done makes no difference to the numbers.
+        """
         try:
-            self._identifier.work_off()
+            return self._identifier.work_off()
         except UNSOLVABLE as error:
             self._unsolved(error)
+            return False
 
     def knowledge(self) -> Knowledge | None:
         """Return what the run has come to know; None where its method does not tell, or not yet."""

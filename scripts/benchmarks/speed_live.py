@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from rclpy.node import Node
 
 from benchmarks.data import CONFIG
 from benchmarks.speed_bag import ROBOT, make_bag
-from benchmarks.speed_replay import METHODS
+from benchmarks.speed_replay import VARIANTS, assigned
 from mbaid_ros.nodes.qos import qos
 
 HERE = Path(__file__).parent
@@ -33,6 +33,12 @@ _ENVIRONMENT = {
     'ROS_DOMAIN_ID': str(DOMAIN),
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(HERE.parent / 'quick_discovery.xml'),
+}
+# A run that contradicts its model: it is searched again, and asked what may be wrong, again and again.
+_CONTRADICTED = {'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
+_LIVE: dict[str, tuple[str, Mapping[str, object]]] = {
+    **VARIANTS,
+    'trajectory, contradicted: searches and inquiries': ('trajectory', _CONTRADICTED),
 }
 _PATIENCE = 20.0  # s
 _PUBLISHED = (': joint_states', ': odom')  # what the node tells of its inputs; on the others nothing comes
@@ -57,7 +63,7 @@ class Live:
 
 
 def runs(folder: Path, rate: float, seconds: float, repeats: int) -> dict[str, list[Live]]:
-    """Return, by method, what runs showed, each after one of the bare node.
+    """Return, by variant, what runs showed, each after one of the bare node.
 
     Parameters
     ----------
@@ -69,19 +75,18 @@ def runs(folder: Path, rate: float, seconds: float, repeats: int) -> dict[str, l
     bag = folder / 'live'
     make_bag(bag, seconds / 60.0, rate)
     publisher = [sys.executable, str(HERE / 'speed_publisher.py'), str(bag), str(rate)]
-    found: dict[str, list[Live]] = {method: [] for method in METHODS}
+    found: dict[str, list[Live]] = {name: [] for name in _LIVE}
     for _ in range(repeats):
         floor = _run([sys.executable, str(HERE / 'speed_bare_node.py')], publisher, seconds).cpu
-        for method in METHODS:
-            live = _run(_estimator(method), publisher, seconds)
-            found[method].append(Live(live.cpu, floor, live.latencies, live.lost))
+        for name, variant in _LIVE.items():
+            live = _run(_estimator(*variant), publisher, seconds)
+            found[name].append(Live(live.cpu, floor, live.latencies, live.lost))
     return found
 
 
-def _estimator(method: str) -> list[str]:
+def _estimator(method: str, others: Mapping[str, object]) -> list[str]:
     program = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / 'estimator'
-    parameters = [f'robot_description_file:={CONFIG / ROBOT}.urdf', f'method:={method}']
-    options = [word for parameter in parameters for word in ('-p', parameter)]
+    options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', 'method': method, **others})
     return [str(program), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
 
 

@@ -5,18 +5,30 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from benchmarks.data import CONFIG
 from benchmarks.speed_bag import ROBOT, make_bag
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build, values_of
 
 HERE = Path(__file__).parent
 METHODS = ('difference', 'trajectory')
+# What servicer7_estimator.yaml says of a robot that is exactly its URDF, as it is by default.
+MODEL_ERRORS = {name: values_of(build(EstimatorConfig, {}))[name] for name in EXACT}
+# What is measured: the method, and other parameters than those of servicer7_estimator.yaml.
+VARIANTS: dict[str, tuple[str, Mapping[str, object]]] = {
+    'difference': ('difference', {}),
+    'trajectory': ('trajectory', {}),
+    'trajectory, every model error among the unknowns': ('trajectory', MODEL_ERRORS),
+}
 SHORT = 10.0 / 60.0  # min, of the bag whose first estimate is waited for
 
 
@@ -56,7 +68,7 @@ class Pairs:
 
 
 def replays(folder: Path, minutes: float, repeats: int) -> dict[str, Pairs]:
-    """Return, by method, what a replay takes beside its floor.
+    """Return, by variant, what a replay takes beside its floor.
 
     Parameters
     ----------
@@ -66,18 +78,18 @@ def replays(folder: Path, minutes: float, repeats: int) -> dict[str, Pairs]:
     """
     bag = folder / 'long'
     make_bag(bag, minutes)
-    costs: dict[str, list[Cost]] = {name: [] for name in ('floor', *METHODS)}
+    costs: dict[str, list[Cost]] = {name: [] for name in ('floor', *VARIANTS)}
     for _ in range(repeats):
         costs['floor'].append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
-        for method in METHODS:
-            costs[method].append(_measured(_replay(bag, method)))
+        for name, variant in VARIANTS.items():
+            costs[name].append(_measured(_replay(bag, *variant)))
     return {
-        method: Pairs(
-            tuple(cost.wall / floor.wall for cost, floor in zip(costs[method], costs['floor'], strict=True)),
-            median(costs[method]),
+        name: Pairs(
+            tuple(cost.wall / floor.wall for cost, floor in zip(costs[name], costs['floor'], strict=True)),
+            median(costs[name]),
             median(costs['floor']),
         )
-        for method in METHODS
+        for name in VARIANTS
     }
 
 
@@ -96,9 +108,14 @@ def starts(folder: Path, repeats: int) -> dict[str, Cost]:
 _PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.replay import main; sys.exit(main())']
 
 
-def _replay(bag: Path, method: str) -> list[str]:
+def assigned(values: Mapping[str, object]) -> list[str]:
+    """Return the words of a command line that set parameters."""
+    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
+
+
+def _replay(bag: Path, method: str, others: Mapping[str, object] = MappingProxyType({})) -> list[str]:
     files = ['--model', str(CONFIG / f'{ROBOT}.urdf'), '--params', str(CONFIG / f'{ROBOT}_estimator.yaml')]
-    return [*_PROGRAM, str(bag), *files, '--method', method]
+    return [*_PROGRAM, str(bag), *files, '--method', method, *assigned(others)]
 
 
 def _measured(command: Sequence[str]) -> Cost:

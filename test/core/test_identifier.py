@@ -36,18 +36,6 @@ class Recorder:
         return [Estimate('recorder', 'estimating', time=float(window.time[-1])) for window in windows]
 
 
-class Deferrer(Recorder):
-    """A method that also notes when it is given time between windows."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.pauses: list[int] = []
-
-    def work_off(self) -> None:
-        """Note after how many windows."""
-        self.pauses.append(len(self.windows))
-
-
 def every(milliseconds: float, count: int) -> Stamps:
     return START + np.round(milliseconds * 1e6 * np.arange(count)).astype(np.int64)
 
@@ -56,20 +44,6 @@ def same(left: Samples, right: Samples) -> bool:
     return all(
         np.array_equal(getattr(left, item.name), getattr(right, item.name), equal_nan=True) for item in fields(Samples)
     )
-
-
-def test_what_completes_no_window_gives_time_for_what_was_put_off() -> None:
-    method = Deferrer()
-    identifier = Identifier(method, 0.5, 0.1)
-    for begin in range(0, 150, 20):
-        stamps = every(10.0, 150)[begin : begin + 20]
-        identifier.push(joint_stream(stamps), base_stream(stamps))
-    # A window is complete with the first sample after it: in the third piece, the sixth, and not before the run's end.
-    assert len(method.windows) == 2
-    # In the last quarter of a window, where the other pieces end, its estimate is what there has to be time for.
-    assert method.pauses == [0, 1]
-    identifier.work_off()
-    assert method.pauses == [0, 1, 2]
 
 
 @given(cuts=st.integers(0, 2**32 - 1))

@@ -41,10 +41,11 @@ class FailingLater(Failing):
         self._time = float(windows[-1].time[-1])
         return self._method.update(windows, origin)
 
-    def work_off(self) -> None:
+    def work_off(self) -> bool:
         """Fail if it has not done so."""
         if self._failures and self._time > FAILS_AT - 0.5:
             raise self._failures.pop()
+        return False
 
 
 @pytest.mark.parametrize('kind', [Failing, FailingLater])

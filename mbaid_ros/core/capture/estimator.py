@@ -155,10 +155,9 @@ class CaptureEstimator:
         """Return the (n + 1, 10) standard parameters of the robot alone."""
         return self.kernel.with_target(self.kernel.target.parameters)
 
-    def work_off(self) -> None:
-        """Let the method do a part of what it has put off, if it puts anything off."""
-        if isinstance(self._after, Deferring):
-            self._after.work_off()
+    def work_off(self) -> bool:
+        """Let the method do a part of what it has put off, if it puts anything off; return whether some is left."""
+        return isinstance(self._after, Deferring) and self._after.work_off()
 
     def capture(self, body: Array | None) -> Capture | None:
         """Return what the capture tells, None while there was none.

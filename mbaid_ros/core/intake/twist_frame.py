@@ -48,8 +48,9 @@ class TwistFrame:
 
     def work_off(self) -> None:
         """Look at the last window now, not when the next one comes."""
-        self._look(self._waiting)
-        self._waiting = []
+        if self._waiting:
+            self._look(self._waiting)
+            self._waiting = []
 
     def _look(self, windows: Sequence[Samples]) -> list[str]:
         """Look at windows, and return what `contradiction` is before the first and after each."""

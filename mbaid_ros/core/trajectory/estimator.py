@@ -100,10 +100,10 @@ class TrajectoryEstimator:
             kernel = self._runs.layout.point(state).side.kernel
         return brought(window, kernel.with_target(state[BODY]))
 
-    def work_off(self) -> None:
-        """Do a part of what is to be done before the next window, if anything."""
-        if self._runs.run is not None:
-            self._runs.run.work_off()
+    def work_off(self) -> bool:
+        """Do a part of what is to be done before the next window; return whether some is left."""
+        run = self._runs.run
+        return run is not None and (run.work_off() or self._runs.inquiries.work_off())
 
     def knowledge(self) -> Knowledge | None:
         """Return what the run has come to know, for what is to come; None while there is no solution that stays.
@@ -159,6 +159,8 @@ class TrajectoryEstimator:
 
     def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> _Solved | Estimate:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
+        while self.work_off():
+            pass
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)

@@ -10,8 +10,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
 from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.errand import Errand
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.multi_start import HOPELESS, Found, MultiStart, Search
+from mbaid_ros.core.trajectory.multi_start import HOPELESS, Found, MultiStart
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
@@ -28,7 +29,6 @@ _GROWN, _KNOWN = 40, 0.1
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _TELLING = 8  # windows that tell whether a jump was a push
-_PART = 300  # of these, done at a time
 # Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere. Then what moves are
 # the directions known as well as this, relative to typical sizes, and those that are so far off that their square, what
 # is left of second order, is more than a tenth of a standard deviation. An unknown's unit is about 1 % of its size.
@@ -67,10 +67,9 @@ class FilterRun:
         self._start = MultiStart(layout, variables, self._linearised, hypotheses)
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
-        self._owed = 0  # steps of the filter that the search has to take before the next window
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
-        self._search: Search | None = None  # that is under way
+        self._search = Errand[Found](layout.size)
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
@@ -88,7 +87,7 @@ class FilterRun:
     @property
     def searching(self) -> bool:
         """Whether a search is under way."""
-        return self._search is not None
+        return self._search.under_way
 
     @property
     def best(self) -> Track:
@@ -166,14 +165,13 @@ class FilterRun:
         still_open : the window after it, without its later neighbours
         moved : whether a joint has moved so far; before, no start is looked for
         """
-        while self._owed > 0:
-            self.work_off()
+        while self.work_off():
+            pass
         if ready is not None and self._young is not None:
             self._young.append(ready)
-            if self._search is None:
+            if not self._search.under_way:
                 self._begin(self._young, moved=moved)
-        if self._search is not None:
-            self._owed = _SHARE if self.settled else _FIRST_SHARE
+        self._search.owe(_SHARE if self.settled else _FIRST_SHARE)
         if self._bank is None:
             return
         # Once for both windows: a point one window old is as good.
@@ -199,26 +197,21 @@ class FilterRun:
     def restart(self) -> None:
         """Give up what the run has come to; windows that are still kept are searched again."""
         self._young = self._young or []
-        self._search, self._owed = None, 0
+        self._search.begin(None)
         self._bank = self._latest = None
         self.settled = False
         self._next_pass = min(self._next_pass, len(self._young))
 
-    def work_off(self) -> None:
-        """Do a part of what the search has to do before the next window, if anything."""
-        done = 0
-        while self._search is not None and done < min(self._owed, _PART):
-            try:
-                work = next(self._search)
-            except np.linalg.LinAlgError:
-                # What it was linearised at is no robot that can be: later windows may tell more.
-                self._search, self._next_pass = None, self._searched + _RETRY
-                break
-            if isinstance(work, Found):
-                self._take_over(work)
-            else:
-                done += work
-        self._owed = max(self._owed - done, 0) if self._search is not None else 0
+    def work_off(self) -> bool:
+        """Do a part of what the search has to do before the next window; return whether some is left."""
+        try:
+            found = self._search.work_off()
+        except np.linalg.LinAlgError:
+            # What it was linearised at is no robot that can be: later windows may tell more.
+            self._next_pass, found = self._searched + _RETRY, None
+        if found is not None:
+            self._take_over(found)
+        return self._search.owing
 
     def _begin(self, young: list[Window], *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
@@ -227,13 +220,13 @@ class FilterRun:
         elif len(young) >= self._next_pass:
             self._searched = len(young)
             begin = self._found if self.settled else self._offered
-            self._search = self._start.search(young, None if begin is None else begin())
+            self._search.begin(self._start.search(young, None if begin is None else begin()))
         elif len(young) > self._kept and not self.settled:
             self._young = young[len(young) // 2 :]
 
     def _take_over(self, found: Found) -> None:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
-        self._search, young = None, self._young or []
+        young = self._young or []
         anew = not self.settled
         self._bank, self._point, self.settled = found.bank, found.point, found.settled
         self._reference[self._layout.parameters] = found.point.parameters

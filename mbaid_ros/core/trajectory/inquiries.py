@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 
 import numpy as np
 
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.errand import Errand
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.suspicion import Change, Found, Inquiry, Suspicion
+from mbaid_ros.core.trajectory.suspicion import Change, Found, Suspicion
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.words import of_hypothesis
 from mbaid_ros.core.verdict.correlated import seen_in
@@ -21,7 +23,7 @@ _APART = 16  # windows from one inquiry to the next, at least
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHORT = 0.12  # of a window, below which a time of correlation is none
-_SHARE = 700  # steps of the filter, more or less, that it may take between two windows
+_SHARE = 1200  # steps of the filter, more or less, that it may take between two windows
 
 
 class Inquiries:
@@ -40,7 +42,7 @@ class Inquiries:
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
-        self._inquiry: Inquiry | None = None
+        self._inquiry = Errand[Found](suspicion.layout.size)
         self._found: Found | None = None
 
     def take(self, window: Window | None, samples: Samples) -> None:
@@ -51,24 +53,21 @@ class Inquiries:
             self._seen += 1
 
     def follow(self, run: FilterRun, *, suspicious: bool) -> None:
-        """Do a part of an inquiry into a run, if one is under way, or due where the run is suspicious."""
+        """Begin an inquiry into a run that is suspicious, if one is due; owe a part of one that is under way."""
         if not suspicious:
             self._onset, self._next = self._seen, max(_FIRST, self._seen)
         early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
-        if self._inquiry is None and suspicious and self._seen >= self._next and not early:
+        if not self._inquiry.under_way and suspicious and self._seen >= self._next and not early:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
-            self._inquiry = self._suspicion.inquire(list(self._windows), run.point if run.started else None, run.jumped)
-        done = 0
-        while self._inquiry is not None and done < _SHARE:
-            try:
-                work = next(self._inquiry)
-            except np.linalg.LinAlgError:
-                self._inquiry = None  # the point is of no robot that can be: a later one may be
-                return
-            if isinstance(work, Found):
-                self._inquiry, self._found = None, work
-            else:
-                done += work
+            point = run.point if run.started else None
+            self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
+        self._inquiry.owe(_SHARE)
+
+    def work_off(self) -> bool:
+        """Do a part of what an inquiry has to do before the next window; return whether some is left."""
+        with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
+            self._found = self._inquiry.work_off() or self._found
+        return self._inquiry.owing
 
     @property
     def change(self) -> Change | None:

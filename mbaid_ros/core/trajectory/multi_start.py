@@ -46,8 +46,7 @@ _MASS = BODY.start - LINEAR.start
 _BODY = slice(_MASS, _MASS + 10)
 _TRUSTED = 0.5  # of the body's size, that one pass may change it by
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
-_PART = 10  # windows whose linearisation counts as one piece of work
-_STACK = 30  # windows linearised at a time: one numpy call costs much the same for thirty as for ten
+_STACK = 10  # windows linearised at a time: one piece of work
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 
 
@@ -170,7 +169,7 @@ class MultiStart:
         result = max(results, key=lambda each: each.merit)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
         while count < len(windows):
-            more = windows[count : count + _PART]
+            more = windows[count : count + _STACK]
             passed = yield from self._pass([stacked(more)], passed.point)
             count += len(more)
             bank = yield from self._follow(passed, bank)
@@ -269,8 +268,7 @@ class MultiStart:
         windows: list[tuple[Window, WhitenedWindow]] = []
         for part in stacks:
             more = self.linearised.all_whitened(part, point)
-            for begin in range(0, len(more), _PART):
-                yield _LINEARISED * len(more[begin : begin + _PART])
+            yield _LINEARISED * len(more)
             windows += more
         return _Pass(point, windows)
 

@@ -29,7 +29,7 @@ from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
 
-_FITTED = 20  # work of fitting them
+_FITTED = 30  # work of fitting them
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named

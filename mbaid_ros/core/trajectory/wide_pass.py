@@ -23,7 +23,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.widening import gain
 
-_PART = 20  # windows whose linearisation counts as one piece of work
+_PART = 10  # windows whose linearisation counts as one piece of work
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
