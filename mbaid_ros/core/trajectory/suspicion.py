@@ -27,6 +27,7 @@ from mbaid_ros.core.unknowns.suspects import line, suspects
 from mbaid_ros.core.unknowns.words import of_change, of_hypothesis, of_line, of_suspect
 from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
+from mbaid_ros.core.verdict.ranking import CATCH_ALL
 from mbaid_ros.core.verdict.spectrum import lines
 
 _FITTED = 30  # work of fitting them
@@ -88,12 +89,14 @@ class Found:
 
     @property
     def change(self) -> Change | None:
-        """What has become of the target, if nothing else that happens explains the data nearly as well."""
-        physical = [each for each in self.causes if each.physical]
-        if not physical or physical[0].change is None:
+        """What has become of the target, if nothing else explains the data nearly as well."""
+        first = next((each for each in self.causes if each.physical), None)
+        if first is None or first.change is None:
             return None
-        leads = len(physical) == 1 or physical[0].gain > physical[1].gain + _WORTH
-        return physical[0].change if leads else None
+        rivals = (
+            each.gain + _WORTH if each.physical else CATCH_ALL * each.gain for each in self.causes if each is not first
+        )
+        return first.change if first.gain > max(rivals, default=0.0) else None
 
 
 Inquiry = Iterator['int | Found']

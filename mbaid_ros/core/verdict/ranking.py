@@ -13,7 +13,7 @@ from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
 
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong
 _OUTLIERS = 0.002  # share of the poses
-_CATCH_ALL = 0.95  # what explains anything counts so much of what it gains
+CATCH_ALL = 0.95  # what explains anything counts so much of what it gains
 
 
 def ranked(
@@ -34,7 +34,7 @@ def ranked(
     correlated : s, over which they say that the odometry's errors are correlated beyond what is declared, and the
         log-likelihood that tells it; 0 where they are not
     """
-    causes = [Cause(text, gain if physical else _CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
+    causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
     causes += _noise(innovations, rough)
     time, gain = correlated
     if time > 0.0:
