@@ -20,7 +20,7 @@ from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions
-from mbaid_ros.replay.results import shaped_thruster
+from mbaid_ros.replay.result_json import shaped_thruster
 from mbaid_ros.session import Survey, survey
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'

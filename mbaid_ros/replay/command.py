@@ -22,7 +22,9 @@ from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
 from mbaid_ros.replay.provenance import hashes, made_by
-from mbaid_ros.replay.results import Run, as_json, texts
+from mbaid_ros.replay.result_json import as_json
+from mbaid_ros.replay.result_text import texts
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import EstimateWriter, replay_bag
 from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 

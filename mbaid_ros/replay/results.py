@@ -1,35 +1,18 @@
-"""What a replay leads to, and its JSON form, which scripts rely on."""
+"""What a replay leads to."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture, Phase
-from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.debris import Debris
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate, Thruster
-from mbaid_ros.core.results.rounding import rounded
-from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay import provenance
-from mbaid_ros.replay.jsonable import (
-    matrix,
-    number,
-    numbers,
-    shaped,
-    shaped_budget,
-    shaped_capture,
-    shaped_debris,
-    shaped_momentum,
-    shaped_std,
-)
 from mbaid_ros.session import Survey
 
 HISTORY_LIMIT = 5_000
@@ -132,6 +115,11 @@ class Run:
         return self.final.status == 'inconsistent'
 
     @property
+    def likeliest(self) -> tuple[tuple[str, float], ...]:
+        """What may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
+        return self.final.causes if self.contradicted else ()
+
+    @property
     def all_warnings(self) -> list[str]:
         """Every warning once, the estimator's first."""
         return list(dict.fromkeys((*self.final.warnings, *self.warnings)))
@@ -175,148 +163,3 @@ class History:
         if self._ends_with_last and (len(kept) - 1) % step == 0:
             return tuple(thinned)
         return tuple(thinned) if self.last is None else (*thinned, self.last)
-
-
-def as_json(run: Run) -> dict[str, Any]:
-    """Return the run as scripts read it; what is not known is None."""
-    final = run.final
-    return {
-        'bag': run.bag,
-        'method': final.method,
-        'stage': final.stage or None,
-        'target_link': run.target_link,
-        'status': final.status,
-        'estimate': shaped(numbers(final.parameters)),
-        'std': shaped_std(final.std),
-        'covariance': matrix(final.covariance),
-        'error_budget': None if final.budget is None else shaped_budget(final.budget),
-        'identifiable': shaped([bool(flag) for flag in final.identifiable]),
-        'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
-        'time_offset': None
-        if math.isnan(final.time_offset)
-        else {'value': final.time_offset, 'std': number(final.time_offset_std)},
-        'thrusters': [shaped_thruster(thruster) for thruster in final.thrusters],
-        'events': events(run),
-        'residual': number(final.residual),
-        'causes': [{'cause': cause, 'gain': gain} for cause, gain in likeliest(run)],
-        'capture': None if run.capture is None else shaped_capture(run.capture),
-        'debris': None if run.debris is None else shaped_debris(run.debris),
-        'samples': final.samples,
-        'span_s': final.time,
-        'warnings': run.all_warnings,
-        'model': None if run.survey is None else asdict(run.survey),
-        'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
-        'state': run.state,
-        'advice': run.advice or None,
-        'history': [
-            {
-                't': estimate.time,
-                'status': estimate.status,
-                'estimate': shaped(numbers(estimate.parameters)),
-                'std': shaped_std(estimate.std),
-            }
-            for estimate in run.history
-        ],
-    }
-
-
-def shaped_thruster(found: Thruster) -> dict[str, Any]:
-    """Return by how much a thruster is off its command."""
-    return {
-        'frame': found.frame,
-        'scale': found.scale,
-        'scale_std': found.scale_std,
-        'turn': found.turn.tolist(),
-        'turn_std': found.turn_std.tolist(),
-        'delay': found.delay,
-        'delay_std': found.delay_std,
-    }
-
-
-def likeliest(run: Run) -> tuple[tuple[str, float], ...]:
-    """Return what may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
-    return run.final.causes if run.contradicted else ()
-
-
-def events(run: Run) -> list[dict[str, Any]]:
-    """Return the steps and ramps of the momentum that were found: t, kind, linear, angular, cause."""
-    return [
-        {
-            't': event.time,
-            'kind': event.kind,
-            'linear': numbers(event.linear),
-            'angular': numbers(event.angular),
-            'cause': event.cause,
-        }
-        for event in run.final.events
-    ]
-
-
-def texts(runs: Sequence[Run]) -> str:
-    """Return the results for a terminal: what each run takes the robot for, where that is new, then its table."""
-    parts = []
-    for run, before in zip(runs, (None, *runs), strict=False):
-        if run.survey is not None and (before is None or run.survey != before.survey):
-            parts.append('\n'.join(map(one_line, run.survey.lines)))
-        parts.append(summary(run))
-    return '\n\n'.join(parts)
-
-
-def summary(run: Run) -> str:
-    """Return the result as a table for a terminal."""
-    rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
-    for name, unit, value, std in zip(PARAMETERS, UNITS, run.final.parameters, run.final.std, strict=True):
-        shown, band = rounded(value, std)
-        spread = f' ± {band}' if band else ''
-        rows.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
-    if run.capture is not None:
-        rows += _captured(run.capture)
-    label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
-    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
-    mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
-    rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
-    rows += [f'  next: {run.advice}'] if run.advice else []
-    rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(likeliest(run)[:3], 1)]
-    return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
-
-
-def _captured(capture: Capture) -> list[str]:
-    """Return the captured body's own momentum, for a terminal."""
-    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
-    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
-    std = np.sqrt(np.diag(capture.covariance))
-    for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
-        values = ', '.join(map(_with_spread, capture.momentum[part], std[part]))
-        rows.append(f'  {kind} momentum ({values}) {unit}')
-    return rows
-
-
-def _with_spread(value: float, std: float) -> str:
-    shown, band = rounded(value, std, digits=4)
-    return f'{shown} ± {band}' if band else shown or 'not determined'
-
-
-def method(estimate: Estimate) -> str:
-    """Return the method of an estimate, and the stage where that is another."""
-    if estimate.stage in {'', estimate.method}:
-        return estimate.method
-    return f'{estimate.method} (stage {estimate.stage})'
-
-
-def verdict(run: Run) -> str:
-    """Return the result in one sentence."""
-    missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
-    rest = f'; not determined by this motion: {missing}' if missing else ''
-    if run.contradicted:
-        why = 'momentum is not conserved as assumed'
-        return f'the data contradict the model of {run.target_link}, so its numbers must not be trusted: {why}'
-    if run.phase != 'post_capture':
-        return f'no estimate of {run.target_link}: the data end before the capture'
-    if run.final.status == 'waiting':
-        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
-        return f'no estimate of {run.target_link}: the data hold no complete window{why}'
-    if not run.reached:
-        return f'no estimate of {run.target_link}: the motion does not determine any of its parameters'
-    if run.final.status == 'converged':
-        return f'the inertia of {run.target_link} is identified{rest}'
-    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'

@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.principal import box_sizes
 from mbaid_ros.outgoing import Frames
 from mbaid_ros.replay.export import main
-from mbaid_ros.replay.results import as_json
+from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.run import EstimateWriter
 from older_bags import TOPIC, older_estimates
 from simulated import CONFIG

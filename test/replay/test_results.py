@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.replay.results import History, Run, TopicStatistics, as_json, summary
+from mbaid_ros.replay.result_json import as_json
+from mbaid_ros.replay.result_text import summary
+from mbaid_ros.replay.results import History, Run, TopicStatistics
 
 
 def estimate(number: int) -> Estimate:

@@ -13,7 +13,8 @@ from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
 from mbaid_ros.replay.report.figures import SHOWN_UNITS
 from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, table
-from mbaid_ros.replay.results import Run, verdict
+from mbaid_ros.replay.result_text import verdict
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
 
 _DISAGREEMENT = 3.0  # standard deviations

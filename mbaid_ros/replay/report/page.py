@@ -19,7 +19,9 @@ from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
 from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, STYLE, figure, listed, number, paragraph, table, text
 from mbaid_ros.replay.report.scene import scene
-from mbaid_ros.replay.results import Run, events, likeliest, method, verdict
+from mbaid_ros.replay.result_json import events
+from mbaid_ros.replay.result_text import method, verdict
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
 from mbaid_ros.replay.versions import versions
 
@@ -60,7 +62,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
             f'verdict {_look(run)}',
         ),
-        listed([f'Likely cause {place}: {cause}' for place, (cause, _) in enumerate(likeliest(run)[:3], 1)], 'causes'),
+        listed([f'Likely cause {place}: {cause}' for place, (cause, _) in enumerate(run.likeliest[:3], 1)], 'causes'),
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),

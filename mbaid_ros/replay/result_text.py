@@ -1,0 +1,86 @@
+"""What a replay leads to in words: the verdict, and a table for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbaid_ros.cli import one_line
+from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.results.budget import MAIN_CAUSES
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.replay.results import Run
+
+
+def texts(runs: Sequence[Run]) -> str:
+    """Return the results for a terminal: what each run takes the robot for, where that is new, then its table."""
+    parts = []
+    for run, before in zip(runs, (None, *runs), strict=False):
+        if run.survey is not None and (before is None or run.survey != before.survey):
+            parts.append('\n'.join(map(one_line, run.survey.lines)))
+        parts.append(summary(run))
+    return '\n\n'.join(parts)
+
+
+def summary(run: Run) -> str:
+    """Return the result as a table for a terminal."""
+    rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
+    for name, unit, value, std in zip(PARAMETERS, UNITS, run.final.parameters, run.final.std, strict=True):
+        shown, band = rounded(value, std)
+        spread = f' ± {band}' if band else ''
+        rows.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
+    if run.capture is not None:
+        rows += _captured(run.capture)
+    label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
+    rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
+    mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
+    rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
+    rows += [f'  next: {run.advice}'] if run.advice else []
+    rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(run.likeliest[:3], 1)]
+    return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def _captured(capture: Capture) -> list[str]:
+    """Return the captured body's own momentum, for a terminal."""
+    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
+    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
+    std = np.sqrt(np.diag(capture.covariance))
+    for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
+        values = ', '.join(map(_with_spread, capture.momentum[part], std[part]))
+        rows.append(f'  {kind} momentum ({values}) {unit}')
+    return rows
+
+
+def _with_spread(value: float, std: float) -> str:
+    shown, band = rounded(value, std, digits=4)
+    return f'{shown} ± {band}' if band else shown or 'not determined'
+
+
+def method(estimate: Estimate) -> str:
+    """Return the method of an estimate, and the stage where that is another."""
+    if estimate.stage in {'', estimate.method}:
+        return estimate.method
+    return f'{estimate.method} (stage {estimate.stage})'
+
+
+def verdict(run: Run) -> str:
+    """Return the result in one sentence."""
+    missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
+    rest = f'; not determined by this motion: {missing}' if missing else ''
+    if run.contradicted:
+        why = 'momentum is not conserved as assumed'
+        return f'the data contradict the model of {run.target_link}, so its numbers must not be trusted: {why}'
+    if run.phase != 'post_capture':
+        return f'no estimate of {run.target_link}: the data end before the capture'
+    if run.final.status == 'waiting':
+        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
+        return f'no estimate of {run.target_link}: the data hold no complete window{why}'
+    if not run.reached:
+        return f'no estimate of {run.target_link}: the motion does not determine any of its parameters'
+    if run.final.status == 'converged':
+        return f'the inertia of {run.target_link} is identified{rest}'
+    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
