@@ -68,8 +68,8 @@ def _replays(arguments: argparse.Namespace, folder: Path) -> str:
         [
             method,
             _middle(pairs.ratios),
-            number(pairs.cost.wall, 1),
-            number(pairs.floor.wall, 1),
+            number(pairs.cost.cpu, 1),
+            number(pairs.floor.cpu, 1),
             number(pairs.cost.memory),
             number(pairs.floor.memory),
         ]
@@ -77,7 +77,7 @@ def _replays(arguments: argparse.Namespace, folder: Path) -> str:
     ]
     header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
     return (
-        f'## Replay\n\nWall time of `replay` on a bag of {arguments.minutes:g} min at 100 Hz, as many JointState '
+        f'## Replay\n\nProcessor time of `replay` on a bag of {arguments.minutes:g} min at 100 Hz, as many JointState '
         'as Odometry, over that of a process which reads and deserialises the same bag with rosbags and does nothing '
         'else. '
         f'Wanted: at most 1.3 of a robot that is its URDF, 3 of another, and below 400 MB.\n\n{table(header, rows)}'

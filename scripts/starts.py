@@ -39,7 +39,9 @@ def main() -> int:
     for condition, outcome in outcomes(arguments):
         rows.append(_line(condition, outcome))
         print(' | '.join(rows[-1]), flush=True)
-    text = _PAGE_TEXT.format(method=arguments.method, table=table(_HEADER, rows), origin=provenance(command(arguments)))
+    text = _PAGE_TEXT.format(
+        method=arguments.method, table=table(_HEADER, rows), origin=provenance(command=command(arguments))
+    )
     write(arguments, _PAGE, text)
     return 0
 

@@ -58,7 +58,7 @@ class Pairs:
 
     Attributes
     ----------
-    ratios : of the wall times, one a pair
+    ratios : of the processor times, one a pair
     cost, floor : medians
     """
 
@@ -85,7 +85,7 @@ def replays(folder: Path, minutes: float, repeats: int) -> dict[str, Pairs]:
             costs[name].append(_measured(_replay(bag, *variant)))
     return {
         name: Pairs(
-            tuple(cost.wall / floor.wall for cost, floor in zip(costs[name], costs['floor'], strict=True)),
+            tuple(cost.cpu / floor.cpu for cost, floor in zip(costs[name], costs['floor'], strict=True)),
             median(costs[name]),
             median(costs['floor']),
         )

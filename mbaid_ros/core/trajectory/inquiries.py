@@ -23,7 +23,8 @@ _APART = 16  # windows from one inquiry to the next, at least
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
 _SHORT = 0.12  # of a window, below which a time of correlation is none
-_SHARE = 1200  # steps of the filter, more or less, that it may take between two windows
+# Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
+_SHARE_BESIDE, _SHARE = 700, 1200
 
 
 class Inquiries:
@@ -61,7 +62,7 @@ class Inquiries:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
             point = run.point if run.started else None
             self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
-        self._inquiry.owe(_SHARE)
+        self._inquiry.owe(_SHARE_BESIDE if run.searching else _SHARE)
 
     def work_off(self) -> bool:
         """Do a part of what an inquiry has to do before the next window; return whether some is left."""
