@@ -23,6 +23,7 @@ from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
+from mbaid_ros.core.samples import SensorNoise
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
@@ -78,10 +79,22 @@ class NoiseConfig:
     base_correlation_time: float = parameter(
         0.0,
         'Time over which the errors of the base pose are correlated, as those of a filter or of visual odometry are: '
-        'their correlation falls to 1/e; 0 means that each pose has an error of its own.',
+        'their correlation falls to 1/e. 0 means that it is found, where poses change less than their covariance says; '
+        'elsewhere each pose has an error of its own.',
         unit='s',
         minimum=0.0,
     )
+
+    estimate: bool = parameter(
+        default=False,
+        description='Use, of every sensor, the noise that is found in its readings, whatever is declared here or in '
+        'messages. What is found is told in any case.',
+    )
+
+    @property
+    def declared(self) -> SensorNoise:
+        """What is declared, as the core has it."""
+        return SensorNoise(**{name: value for name, value in vars(self).items() if name != 'estimate'})
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mbaid_ros.core.intake.falling_frame import FallingFrame
+from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.gyro_frame import GyroFrame
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
@@ -18,6 +19,7 @@ from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
+from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
@@ -92,7 +94,7 @@ class Identifier:
     maximum_gap : s, longest odometry interval that is interpolated
     twist_frame : 'child' or 'inertial', as the base's twist was read
     thrust : what is commanded; None where nothing ever is
-    correlation_time : s, over which the errors of the base's poses are correlated
+    noise : follows how noisy the sensors are; None takes it as declared
     falling : what knows of the orbit; None where there is none
     gyro : integrates what an IMU measures; None where there is none
     """
@@ -104,15 +106,17 @@ class Identifier:
         maximum_gap: float,
         twist_frame: str = 'child',
         thrust: Thrust | None = None,
-        correlation_time: float = 0.0,
+        noise: FoundNoise | None = None,
         *,
         falling: FallingFrame | None = None,
         gyro: Gyro | None = None,
     ) -> None:
         self._estimator = estimator
         view = None if falling is None else falling.falling
-        self._synchroniser = Synchroniser(maximum_gap, correlation_time, view, gyro)
+        self._synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
         self._windows = Windows(window)
+        self._noise = noise
+        self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
         self._twist_frame = TwistFrame(twist_frame)
         self._gyro_frame = GyroFrame()
         self._misread: tuple[float, str, float] | None = None  # from when on (s) the IMU is known to be, and how
@@ -156,6 +160,8 @@ class Identifier:
         for window in closed:
             self._watch(window)
         estimates = self._estimator.update(closed, self._synchroniser.origin)
+        if self._levels:
+            estimates = [replace(estimate, noise=self._levels.get(estimate.time)) for estimate in estimates]
         if not self._notes and self._misread is None:
             return estimates
         return [self._with_notes(estimate) for estimate in estimates]
@@ -181,6 +187,10 @@ class Identifier:
             windows = [self._thrust.applied(window, self.origin) for window in windows]
         if self._falling is not None:
             windows = [self._falling.applied(window, self.origin) for window in windows]
+        if self._noise is not None:
+            each = [self._noise.applied(window, self.origin) for window in windows]
+            windows = [window for window, _ in each]
+            self._levels = {float(window.time[-1]): levels for window, levels in each}
         told = zip(windows, self._twist_frame.update(windows), strict=True)
         prepared = (self._with_rates(window, contradiction) for window, contradiction in told)
         return [window for window in prepared if window is not None]

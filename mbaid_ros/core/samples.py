@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,13 @@ class SensorNoise:
         """Return the (6, 6) covariance of (linear, angular) velocity."""
         return np.diag(np.repeat([self.base_linear_velocity, self.base_angular_velocity], 3) ** 2)
 
+    def found_in(self, samples: Samples) -> SensorNoise:
+        """Return the noise of a window: as its samples have turned out to be, where they tell."""
+        if not samples.noise.shape[1]:
+            return self
+        position, velocity, time = samples.noise[-1].tolist()
+        return replace(self, joint_position=position, joint_velocity=velocity, base_correlation_time=time)
+
 
 @dataclass(frozen=True)
 class Samples(Stacked):
@@ -75,6 +82,9 @@ class Samples(Stacked):
         thrusters is off its command: scale, turn, delay (6 x 5, rows first); none where not given
     gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, base axes, since it began; NaN where it is
         not known, (N, 0) where there is no IMU
+    apart : (N,) s, between the poses, or between the samples where these are further apart; 0 where not known
+    noise : (N, 3) standard deviation of joint positions and velocities, and over what time (s) the errors of poses are
+        correlated, as they have turned out to be; (N, 0) where they are as declared
     """
 
     time: Array
@@ -93,12 +103,16 @@ class Samples(Stacked):
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
     gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    apart: Array = field(default_factory=lambda: np.zeros(0))
+    noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take velocities as measured, and no thrust, where nothing else is said."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
-        for name in ('stored', 'tide', 'thrust', 'gyro'):
+        if len(self.apart) != len(self.time):
+            object.__setattr__(self, 'apart', np.zeros(len(self.time)))
+        for name in ('stored', 'tide', 'thrust', 'gyro', 'noise'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:

@@ -18,7 +18,6 @@ from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
-from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not
@@ -113,7 +112,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
             )
     priors = [parameters.prior(name) for name in names]
     return CalibrationSettings(
-        noise=SensorNoise(**vars(parameters.estimator.noise)),
+        noise=parameters.estimator.noise.declared,
         priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
         uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,

@@ -12,6 +12,7 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.sensor_levels import CHANNELS, SensorLevels
 
 
 def number(value: float) -> float | None:
@@ -48,6 +49,16 @@ def shaped_momentum(momentum: Array, covariance: Array) -> dict[str, Any]:
     """Return a (6,) momentum with its standard deviations."""
     values, stds = numbers(momentum), numbers(np.sqrt(np.diag(covariance)))
     return {'linear': values[:3], 'angular': values[3:], 'linear_std': stds[:3], 'angular_std': stds[3:]}
+
+
+def shaped_noise(levels: SensorLevels) -> dict[str, Any]:
+    """Return how noisy the sensors are declared to be, and have turned out to be."""
+    each = zip(CHANNELS, levels.declared, levels.found, strict=True)
+    return {
+        **{name: {'declared': number(declared), 'found': number(found)} for name, declared, found in each},
+        'base_correlation_time': levels.correlation_time,
+        'found_is_used': levels.used,
+    }
 
 
 def shaped_debris(alone: Debris) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from mbaid_ros.replay.jsonable import (
     shaped_capture,
     shaped_debris,
     shaped_momentum,
+    shaped_noise,
     shaped_std,
 )
 from mbaid_ros.replay.results import Run
@@ -40,6 +41,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'time_offset': None
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': number(final.time_offset_std)},
+        'noise': None if final.noise is None else shaped_noise(final.noise),
         'thrusters': [shaped_thruster(thruster) for thruster in final.thrusters],
         'events': events(run),
         'residual': number(final.residual),

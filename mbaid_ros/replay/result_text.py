@@ -40,6 +40,7 @@ def summary(run: Run) -> str:
     mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
     rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
     rows += [f'  next: {run.advice}'] if run.advice else []
+    rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]
     rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(run.likeliest[:3], 1)]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 

@@ -48,7 +48,7 @@ def capture_of(
                 'capture.phase: pre_capture or a capture.time'
             )
         return None
-    noise = SensorNoise(**vars(config.noise))
+    noise = config.noise.declared
     capture = CaptureEstimator(
         kernel,
         make(kernel),
@@ -107,7 +107,7 @@ def make_estimator(
     _check_imu(config)
     if not kernel.errors.count:
         kernel = kernel.doubted(declared_errors(kernel, config.known_links))
-    noise = SensorNoise(**vars(config.noise))
+    noise = config.noise.declared
     reporting = judge(config, kernel)
     if config.method == 'difference':
         return _difference(config, known or known_side(config, kernel), noise, reporting)

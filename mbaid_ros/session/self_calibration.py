@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.session.known import KnownRobot
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
@@ -54,7 +54,7 @@ def self_calibration(
     links = [target, *massive]
     robot = MomentumKernel(model, *(link.name for link in links)).storing(kernel.storage)
     settings = CalibrationSettings(
-        noise=SensorNoise(**vars(config.noise)),
+        noise=config.noise.declared,
         priors=_priors(config.calibration, links),
         uncertainty=declared_uncertainty(config, model),
         window=config.window,

@@ -16,6 +16,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
+from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.reorder import Reorder
@@ -25,7 +26,7 @@ from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, SensorNoise
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.at_once import let_through
@@ -104,7 +105,7 @@ class Session:
         links = self.robot.model.links
         prefix = self.config.frame_prefix
         attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
-        noise = SensorNoise(**vars(self.config.noise))
+        noise = self.config.noise.declared
         names = frozenset(prefix + link.name for link in links)
         odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
         return JointReader(self.robot.model.independent_joints, self.config.wheels.names), odometry
@@ -285,7 +286,7 @@ class Session:
             config.maximum_gap,
             config.twist_frame,
             self.thrust,
-            config.noise.base_correlation_time,
+            FoundNoise(config.noise.declared, described.model.joints, estimate=config.noise.estimate),
             falling=falling_frame(config.orbit, model),
             gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if IMU in self.gates else None,
         )

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.verdict.correlated import seen_in
 from measured import base_stream, joint_stream
+from observed import MID
 
 STEP, SIZE = 0.01, 1e-3  # s, m
 
@@ -29,9 +33,10 @@ def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
     base = base_stream(stamps)
     base.position[:] += SIZE * error
     base.pose_covariance[:, :3, :3] = SIZE**2 * np.eye(3)
-    found = Synchroniser(1.0, constant).push(joint_stream(stamps), base[::every])
+    found = Synchroniser(1.0).push(joint_stream(stamps), base[::every])
     assert found is not None
-    return found
+    noise = replace(MID, base_correlation_time=constant)
+    return FoundNoise(noise, found.joint_position.shape[1]).applied(found, 0)[0]
 
 
 @pytest.mark.parametrize('constant', [0.05, 0.3, 2.0])

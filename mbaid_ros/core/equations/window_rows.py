@@ -162,11 +162,13 @@ def _error_factors(samples: Samples, counts: Counts, noise: SensorNoise, stored:
     sources = 2 * joints + 12 + len(stored)
     factor = np.zeros((len(counts), sources, sources))
     diagonal = np.arange(joints)
-    factor[:, diagonal, diagonal] = noise.joint_position
+    own = samples.noise[starts_of(counts)].T if samples.noise.shape[1] else None
+    position, velocity = (noise.joint_position, noise.joint_velocity) if own is None else own[:2, :, None]
+    factor[:, diagonal, diagonal] = position
     # Rates taken from positions carry these positions' noise.
     gain = mean_of_each(samples.joint_rate_gain, counts)
-    derived = noise.joint_position * np.sqrt(gain)
-    factor[:, joints + diagonal, joints + diagonal] = np.where(np.isnan(gain), noise.joint_velocity, derived)
+    derived = position * np.sqrt(gain)
+    factor[:, joints + diagonal, joints + diagonal] = np.where(np.isnan(gain), velocity, derived)
     pose, twist = slice(2 * joints, 2 * joints + 6), slice(2 * joints + 6, 2 * joints + 12)
     readings = np.arange(twist.stop, sources)
     factor[:, readings, readings] = stored

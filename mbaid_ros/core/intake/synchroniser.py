@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate_back
+from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.outliers import Outliers
 from mbaid_ros.core.intake.repeats import Repeats
@@ -35,24 +36,24 @@ class Synchroniser:
     ----------
     maximum_gap : float
         Longest time between two odometry stamps that is interpolated, s.
-    correlation_time : float
-        Time over which the errors of the poses are correlated, s.
     view : callable, optional
         What takes measurements of the base to an inertial frame, where that of the odometry is none.
     gyro : Gyro, optional
         Integrates what an IMU measures, which samples then wait for.
+    noise : FoundNoise, optional
+        Takes the readings that are used.
     """
 
     def __init__(
         self,
         maximum_gap: float,
-        correlation_time: float = 0.0,
         view: Callable[[BaseStream], BaseStream] | None = None,
         gyro: Gyro | None = None,
+        noise: FoundNoise | None = None,
     ) -> None:
+        self._noise = noise
         self._view = view
         self._gyro = gyro
-        self._correlation_time = correlation_time
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
         self._base: BaseStream | None = None
@@ -80,11 +81,15 @@ class Synchroniser:
         A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
         outliers.
         """
-        self._joints = self._append(self._joints, self._later(joints))
+        joints = self._later(joints)
+        self._joints = self._append(self._joints, joints)
         new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:
             new = self._view(new)
-        self._base = self._append(self._base, self._outliers.push(new))
+        new = self._outliers.push(new)
+        self._base = self._append(self._base, new)
+        if self._noise is not None:
+            self._noise.take(joints, new)
         if self._gyro is not None:
             self._gyro.push(imu)
         if self._joints is None or self._base is None:
@@ -152,15 +157,16 @@ class Synchroniser:
         shared = np.asarray(
             np.where(spacing > 0, np.maximum(interval / np.maximum(spacing, 1), 1.0), 1.0)[usable], dtype=float
         )
-        weights = self._correlated(np.maximum(interval, spacing)[usable]) * shared, shared
+        apart = 1e-9 * np.maximum(interval, spacing)[usable]
         joints, left, right = joints[usable], left[usable], right[usable]
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         if np.array_equal(left, right):
-            samples = _at_once(joints, base[left], time, weights)
+            samples = _at_once(joints, base[left], time, shared)
         else:
-            samples = _hermite(joints, base, (left, right), self._maximum_gap, time, weights)
+            samples = _hermite(joints, base, (left, right), self._maximum_gap, time, shared)
+        samples = replace(samples, apart=apart)
         if self._gyro is None:
             return samples
         samples = replace(samples, gyro=self._gyro.sampled(joints.stamp))
@@ -184,25 +190,9 @@ class Synchroniser:
         known = (at == first) & (at == last) & (at >= 0) & (length > 0)
         return np.where(known[:, None, None], turned, samples.base_rotation)
 
-    def _correlated(self, apart: Stamps) -> Array:
-        """Return how many times as large slow means of poses are as those of independent ones, as a variance.
 
-        Of an autoregression of first order with correlation c from one to the next that is (1 + c) / (1 - c). How much
-        less a mean over a time that is short beside the correlation varies is left out: it comes again with the next.
-
-        Parameters
-        ----------
-        apart : (N,) ns, between them; 0 where not known
-        """
-        if self._correlation_time <= 0.0:
-            return np.ones(len(apart))
-        half = 0.5e-9 * apart / self._correlation_time
-        return np.where(apart > 0, 1.0 / np.tanh(np.where(apart > 0, half, 1.0)), 1.0)
-
-
-def _at_once(joints: JointStream, base: BaseStream, time: Array, weights: tuple[Array, Array]) -> Samples:
+def _at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
     """Return the samples of joints and base that were measured at the same stamps."""
-    pose, twist = (weight[:, None, None] for weight in weights)
     return Samples(
         time=time,
         joint_position=joints.position,
@@ -211,8 +201,8 @@ def _at_once(joints: JointStream, base: BaseStream, time: Array, weights: tuple[
         base_rotation=base.rotation,
         base_linear_velocity=base.linear_velocity,
         base_angular_velocity=base.angular_velocity,
-        pose_covariance=pose * base.pose_covariance,
-        twist_covariance=twist * base.twist_covariance,
+        pose_covariance=weight[:, None, None] * base.pose_covariance,
+        twist_covariance=weight[:, None, None] * base.twist_covariance,
         stored=joints.stored,
     )
 
@@ -223,7 +213,7 @@ def _hermite(
     ends: tuple[Stamps, Stamps],
     maximum_gap: int,
     time: Array,
-    weights: tuple[Array, Array],
+    weight: Array,
 ) -> Samples:
     """Interpolate pose by cubics that use the velocities at both ends, and velocities linearly.
 
@@ -255,8 +245,8 @@ def _hermite(
         base_rotation=np.where(length[:, None, None] == 0.0, rotation, turned),
         base_linear_velocity=linear,
         base_angular_velocity=angular,
-        pose_covariance=_blended(base.pose_covariance, ends, s, weights[0]),
-        twist_covariance=_blended(base.twist_covariance, ends, s, weights[1]),
+        pose_covariance=_blended(base.pose_covariance, ends, s, weight),
+        twist_covariance=_blended(base.twist_covariance, ends, s, weight),
         stored=joints.stored,
     )
 

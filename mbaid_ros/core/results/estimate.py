@@ -11,6 +11,7 @@ from mbaid_ros.core.geometry import Array, Flags
 
 if TYPE_CHECKING:
     from mbaid_ros.core.results.budget import ErrorBudget
+    from mbaid_ros.core.sensor_levels import SensorLevels
 
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
@@ -105,6 +106,7 @@ class Estimate:
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     thrusters : what has been found of each thruster that may be off its command
+    noise : how noisy the sensors have turned out to be; None where nobody has looked
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
         the data would be without it (log-likelihood)
@@ -130,6 +132,7 @@ class Estimate:
     phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
     thrusters: tuple[Thruster, ...] = ()
+    noise: SensorLevels | None = None
     budget: ErrorBudget | None = None
     causes: tuple[tuple[str, float], ...] = ()
     events: tuple[Event, ...] = ()

@@ -85,7 +85,7 @@ class KnotAveraging:
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
-                self._moved = bool(np.any(self._highest - self._lowest > _MOVED * self._noise.joint_position))
+                self._moved = bool(np.any(self._highest - self._lowest > _MOVED * noise.joint_position))
             taken.append(Taken(ready, still_open, self._moved))
         self._kept = knots[-2 * count :]
         return taken
@@ -177,8 +177,9 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), noise.joint_position, pose, twist, gyro, noise.base_correlation_time)
+        WindowNoise(len(window), own.joint_position, pose, twist, gyro, own.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
+        for own in [noise.found_in(window)]
     ]
 
 

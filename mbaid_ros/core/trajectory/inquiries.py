@@ -91,8 +91,9 @@ class Inquiries:
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(of_hypothesis(leading), (lead, leading.physical))
-        rough = roughness(self._samples, self._noise.joint_position)
-        correlated = (0.0, 0.0) if self._noise.base_correlation_time > 0.0 else seen_in(self._samples[-1])
+        latest = self._noise.found_in(self._samples[-1])
+        rough = roughness(self._samples, latest.joint_position)
+        correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else seen_in(self._samples[-1])
         if correlated[0] < _SHORT * self._windows[-1].length:  # poses between two others look like that, too
             correlated = (0.0, 0.0)
         return ranked(inquired, found.innovations, found.misfit, rough, correlated)

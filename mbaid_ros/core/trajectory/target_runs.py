@@ -135,5 +135,5 @@ class TargetRuns:
             odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             latest=latest,
-            correlation_time=self._settings.noise.base_correlation_time,
+            correlation_time=self._settings.noise.found_in(latest).base_correlation_time,
         )

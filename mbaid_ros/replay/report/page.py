@@ -13,7 +13,7 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.results.estimate import PARAMETERS, determined
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay import provenance
-from mbaid_ros.replay.report import budget, figures
+from mbaid_ros.replay.report import budget, figures, noise
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.report.drawing import drawing
@@ -75,6 +75,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         _robot(run, name),
         '<h3>What arrived</h3>',
         _data(run, name),
+        noise.section(run.final.noise),
         '<h3>Settings</h3>',
         _settings(run),
     ]

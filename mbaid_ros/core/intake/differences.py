@@ -1,0 +1,148 @@
+"""Differences of readings that hold no motion, counted by their size.
+
+In a divided difference of seven readings there is no polynomial of fifth degree: it is a combination of their errors,
+and with weights whose squares add up to one it varies as a single error does, if these are independent. Counts of sizes
+add up to the same however the readings are cut into calls.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Stamps
+
+ORDER = 6
+_ALL = 2048  # readings, of which all differences are looked at
+BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
+_LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
+_PARTS, _LOWEST, _OCTAVES = 8, -40, 80  # of an octave; the first octave of squares, and how many
+_BINS = _PARTS * _OCTAVES
+_PLACE = np.arange(_BINS)
+_SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)  # in the middle of each bin
+# A larger square counts as that: outliers, and where a motion begins. The mean of what is left of unit normal ones.
+_CLIPPED, _OF_NORMAL = 4.0, 0.920542
+_ROUNDS = 8
+
+Integers = npt.NDArray[np.int64]
+
+
+class Differences:
+    """Differences of one stream's readings, of neighbouring ones and of ones further apart.
+
+    Parameters
+    ----------
+    columns : of each kind of reading
+    strides : of each kind, readings from one that is taken to the next
+
+    Attributes
+    ----------
+    kinds : (kind, stride) of each row of the counts
+    counts : (rows, bins) of what `count` was told to
+    """
+
+    def __init__(self, columns: tuple[slice, ...], strides: tuple[tuple[int, ...], ...]) -> None:
+        self._columns = columns
+        self.kinds = [(kind, stride) for kind, own in enumerate(strides) for stride in own]
+        self._kept = ORDER * max(max(own) for own in strides)
+        self._stamp: Stamps = np.zeros(0, dtype=np.int64)
+        self._values: Array = np.zeros((0, max(each.stop for each in columns)))
+        self._sizes: Array = np.zeros((0, len(columns)))
+        self._seen = 0  # readings before these
+        self._told: list[tuple[Stamps, Integers]] = []  # what is not counted: when it was known, rows and bins
+        self.counts: Integers = np.zeros((len(self.kinds), _BINS), dtype=np.int64)
+
+    def take(self, stamp: Stamps, values: Array, sizes: Array) -> None:
+        """Take readings in the order of their stamps.
+
+        Parameters
+        ----------
+        stamp : (N,) ns
+        values : (N, w) of all kinds, side by side; nine columns are a rotation matrix
+        sizes : (N, kinds) of the errors, as declared
+        """
+        new = len(self._stamp)
+        self._stamp = np.concatenate((self._stamp, stamp))
+        self._values, self._sizes = np.concatenate((self._values, values)), np.concatenate((self._sizes, sizes))
+        found = [self._differences(row, kind, stride, new) for row, (kind, stride) in enumerate(self.kinds)]
+        when, code = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.argsort(when, kind='stable')
+        self._told.append((when[order], code[order]))
+        first = max(len(self._stamp) - self._kept, 0)
+        self._stamp, self._values, self._sizes = self._stamp[first:], self._values[first:], self._sizes[first:]
+        self._seen += first
+
+    def count(self, stamp: int) -> None:
+        """Count what was known by a stamp, ns."""
+        while self._told:
+            when, code = self._told[0]
+            end = int(np.searchsorted(when, stamp, side='right'))
+            self.counts += np.bincount(code[:end], minlength=self.counts.size).reshape(self.counts.shape)
+            if end < len(when):
+                self._told[0] = when[end:], code[end:]
+                return
+            del self._told[0]
+
+    def _differences(self, row: int, kind: int, stride: int, new: int) -> tuple[Stamps, Integers]:
+        """Return when differences that end with a new reading were known, (K,) ns, and where they are counted."""
+        last = np.arange(new, len(self._stamp))
+        # Of each stride, those that lie closer than it tell the same once more; later on, a quarter tells enough.
+        number = self._seen + last
+        last = last[(last >= ORDER * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
+        places = last[:, None] - stride * np.arange(ORDER, -1, -1)
+        stamp = self._stamp[places]
+        near = np.all(np.diff(stamp, axis=1) <= _LONGEST * stride, axis=1)
+        places, stamp = places[near], stamp[near]
+        weight, values = _weights(stamp), self._values[:, self._columns[kind]]
+        # One product after the other: in the same order for few as for many.
+        difference = weight[:, :1] * values[places[:, 0]]
+        for place in range(1, ORDER + 1):
+            difference += weight[:, place, None] * values[places[:, place]]
+        if values.shape[1] == 9:
+            difference = _turns(difference, values[places[:, ORDER // 2]])
+        square = (difference / self._sizes[places[:, ORDER // 2], kind, None]) ** 2
+        mantissa, exponent = np.frexp(np.where(np.isfinite(square), square, 0.0))
+        octave = exponent - 1 - _LOWEST
+        place = np.clip(octave * _PARTS + np.floor((2.0 * mantissa - 1.0) * _PARTS).astype(np.int64), 0, _BINS - 1)
+        known = np.isfinite(square)
+        when = np.repeat(stamp[:, -1:], square.shape[1], axis=1)
+        return when[known], row * _BINS + place[known]
+
+
+def variances(counts: Integers) -> Array:
+    """Return the variance (rows,) of the errors behind counted differences (rows, bins); 0 without any."""
+    total = counts.sum(axis=1)
+    half = np.argmax(np.cumsum(counts, axis=1) >= 0.5 * total[:, None], axis=1)
+    variance = _SQUARES[half] / 0.4549  # the median of the square of a unit normal number
+    for _ in range(_ROUNDS):
+        clipped = np.minimum(_SQUARES, _CLIPPED * variance[:, None])
+        variance = np.add.reduce(counts * clipped, axis=1) / np.maximum(total, 1) / _OF_NORMAL
+    return np.asarray(variance)
+
+
+def _weights(stamp: Stamps) -> Array:
+    """Return the (M, 7) weights of readings at stamps (M, 7), ns."""
+    weight = np.repeat(BINOMIAL[None], len(stamp), axis=0)
+    step = np.diff(stamp, axis=1)
+    uneven = np.any(step != step[:, :1], axis=1)
+    if np.any(uneven):
+        time = (stamp[uneven] - stamp[uneven, :1]) * (ORDER / (stamp[uneven, -1:] - stamp[uneven, :1]))
+        inverse = np.ones(time.shape)
+        for other in range(ORDER + 1):
+            apart = time - time[:, other : other + 1]
+            apart[:, other] = 1.0
+            inverse *= apart
+        square = np.zeros(len(time))
+        for place in range(ORDER + 1):
+            square += inverse[:, place] ** -2.0
+        weight[uneven] = 1.0 / inverse / np.sqrt(square)[:, None]
+    return weight
+
+
+def _turns(difference: Array, rotation: Array) -> Array:
+    """Return the (K, 3) small rotations that differences (K, 9) of matrices have beside one of them, (K, 9)."""
+    matrix = difference.reshape(-1, 3, 3) @ np.swapaxes(rotation.reshape(-1, 3, 3), -1, -2)
+    return 0.5 * (matrix - np.swapaxes(matrix, -1, -2))[:, [2, 0, 1], [1, 2, 0]]

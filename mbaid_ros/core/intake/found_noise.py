@@ -1,0 +1,91 @@
+"""Windows with the noise that their sensors have turned out to have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.intake.noise_levels import NoiseLevels
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from mbaid_ros.core.sensor_levels import SensorLevels
+
+# What sensors of a servicer have. Below a thirtieth of that a model is off by more than by noise.
+_TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])
+_LEAST = 1.0 / 30.0
+
+
+class FoundNoise:
+    """Follows how noisy the sensors are, and says it of each window.
+
+    Parameters
+    ----------
+    noise : as declared; what it has of the base counts where messages have no covariance
+    joints : number
+    estimate : whether what is found is used, and not what is declared
+    """
+
+    def __init__(self, noise: SensorNoise, joints: int, *, estimate: bool = False) -> None:
+        self._noise = noise
+        self._estimate = estimate
+        self._levels = NoiseLevels(noise, joints, free=estimate)
+
+    def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
+        """Take readings as they arrived, in the order of their stamps, without repeated poses and outliers."""
+        self._levels.take(joints, base)
+
+    def applied(self, window: Samples, origin: int) -> tuple[Samples, SensorLevels]:
+        """Return a window with its noise, and what is known of that by then.
+
+        Parameters
+        ----------
+        window : the next one
+        origin : ns, stamp at time 0
+        """
+        levels = self._levels.until(origin + round(float(window.time[-1]) * 1e9), float(np.median(window.apart)))
+        declared = self._declared(window)
+        found = np.maximum(levels.factor * declared, _LEAST * _TYPICAL)
+        factor = np.where(np.isnan(found) | (not self._estimate), 1.0, found / declared)
+        time = self._noise.base_correlation_time or levels.correlation_time
+        noise = np.array([*(factor[:2] * declared[:2]), time])
+        return replace(
+            window,
+            pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
+            twist_covariance=_scaled(window.twist_covariance, factor[4:], np.ones(len(window))),
+            noise=np.repeat(noise[None], len(window), axis=0),
+        ), SensorLevels(declared, found, time, self._estimate)
+
+    def _declared(self, window: Samples) -> Array:
+        """Return the (6,) standard deviations of single readings that are declared of a window."""
+        spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else 0.0
+        # Samples between two poses have the noise that they share as if it were each one's own.
+        shared = max(float(np.median(window.apart)) / spacing, 1.0) if spacing > 0.0 else 1.0
+        base = [
+            np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=(0, 2)) / shared)
+            for each in (window.pose_covariance, window.twist_covariance)
+        ]
+        return np.concatenate(([self._noise.joint_position, self._noise.joint_velocity], *base))
+
+
+def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
+    """Return covariances (N, 6, 6), weighted (N,), their two parts (2,) times as large as standard deviations."""
+    if np.all(factor == 1.0) and np.all(weight == 1.0):
+        return covariance
+    size = np.repeat(factor, 3)
+    return weight[:, None, None] * covariance * (size * size[:, None])
+
+
+def _slower(apart: Array, time: float) -> Array:
+    """Return how many times as large slow means of poses are as those of independent ones, as a variance, (N,).
+
+    Of an autoregression of first order with correlation c from one to the next that is (1 + c) / (1 - c).
+
+    Parameters
+    ----------
+    apart : (N,) s, between poses; 0 where not known
+    time : s, over which their errors are correlated
+    """
+    if time <= 0.0:
+        return np.ones(len(apart))
+    return np.where(apart > 0.0, 1.0 / np.tanh(np.where(apart > 0.0, 0.5 * apart / time, 1.0)), 1.0)

@@ -1,0 +1,160 @@
+"""Noise levels from readings alone: right whatever moves, however the streams are cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.intake.found_noise import FoundNoise
+from mbaid_ros.core.intake.noise_levels import Levels, NoiseLevels
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from measured import base_stream, joint_stream
+from observed import MID
+
+TRUE = np.array([2e-4, 5e-3, 3e-3, 2.5e-4, 5e-4, 3e-4])  # of CHANNELS; MID is declared
+BEGIN = 1_700_000_000_000_000_000
+DECLARED = np.array([getattr(MID, name) for name in list(vars(MID))[:6]])
+ALL = 10**19
+
+
+def streams(
+    seconds: float, rate: float, seed: int = 0, keep: float = 0.0, jitter: float = 0.0
+) -> tuple[JointStream, BaseStream]:
+    """Return readings of what swings by half a radian, or metre, at 0.3 Hz; poses' errors have a correlation."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
+    time = time + jitter / rate * rng.uniform(-0.5, 0.5, len(time))
+    stamps = BEGIN + np.round(1e9 * time).astype(np.int64)
+    joints, base = joint_stream(stamps), base_stream(stamps)
+    swing = 0.5 * np.sin(2.0 * np.pi * 0.3 * time)[:, None] * np.array([1.0, 0.7, -0.4])
+
+    def errors(channel: int, columns: int = 3) -> Array:
+        white = TRUE[channel] * rng.normal(size=(len(time), columns))
+        gain = np.sqrt(1.0 - keep**2) if channel in {2, 3} else 1.0
+        return np.asarray(lfilter([gain], [1.0, -keep if channel in {2, 3} else 0.0], white, axis=0))
+
+    count = joints.position.shape[1]
+    joints.position[:] = swing[:, :1] + errors(0, count)
+    joints.velocity[:] = swing[:, :1] + errors(1, count)
+    shape = (len(time), 6, 6)
+    return joints, replace(
+        base,
+        position=swing + errors(2),
+        rotation=exp(errors(3)) @ exp(swing),
+        linear_velocity=swing + errors(4),
+        angular_velocity=swing + errors(5),
+        pose_covariance=np.broadcast_to(MID.pose_covariance(), shape),
+        twist_covariance=np.broadcast_to(MID.twist_covariance(), shape),
+    )
+
+
+def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
+    levels = NoiseLevels(MID, joints.position.shape[1], free=free)
+    levels.take(joints, base)
+    return levels.until(ALL, spacing)
+
+
+@pytest.mark.parametrize(('rate', 'jitter'), [(100.0, 0.0), (100.0, 0.8), (10.0, 0.3)])
+def test_levels_are_found_within_a_tenth_whatever_moves(rate: float, jitter: float) -> None:
+    levels = found(*streams(60.0, rate, jitter=jitter), 1.0 / rate)
+    assert levels.factor * DECLARED == pytest.approx(TRUE, rel=0.1)
+    assert levels.correlation_time == 0.0
+
+
+def test_single_readings_far_off_make_little_of_a_difference() -> None:
+    joints, base = streams(60.0, 100.0)
+    rng = np.random.default_rng(1)
+    far = rng.choice(len(joints.stamp), 30, replace=False)
+    joints.position[far] += 1.0
+    base.position[far] += 1.0
+    assert found(joints, base, 0.01).factor * DECLARED == pytest.approx(TRUE, rel=0.15)
+
+
+def test_what_is_found_does_not_depend_on_the_calls() -> None:
+    joints, base = streams(4.0, 100.0, jitter=0.5)
+    at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1], free=True) for _ in range(2))
+    at_once.take(joints, base)
+    begin = 0
+    for end in (*range(7, 400, 13), 400):
+        bit_by_bit.take(joints[begin:end], base[begin:end])
+        begin = end
+        if end >= 50:
+            seen = int(joints.stamp[end - 1])
+            one, other = at_once.until(seen, 0.01), bit_by_bit.until(seen, 0.01)
+            np.testing.assert_array_equal(one.factor, other.factor)
+
+
+@pytest.mark.parametrize('constant', [0.1, 0.3, 1.0])
+def test_a_time_of_correlation_is_found_where_the_size_is_declared(constant: float) -> None:
+    joints, base = streams(20.0, 100.0, keep=float(np.exp(-0.01 / constant)))
+    base = replace(
+        base, pose_covariance=np.broadcast_to(np.diag(np.repeat(TRUE[2:4], 3) ** 2), (len(base.stamp), 6, 6))
+    )
+    for seconds in (0.5, 1.0, 20.0):
+        part = round(100 * seconds)
+        levels = found(joints[:part], base[:part], 0.01, free=False)
+        assert levels.correlation_time == pytest.approx(constant, rel=0.25)
+
+
+def test_white_noise_that_is_small_is_not_taken_for_correlated() -> None:
+    joints, base = streams(20.0, 100.0)
+    large = replace(base, pose_covariance=100.0 * base.pose_covariance)
+    levels = found(joints, large, 0.01, free=False)
+    assert levels.correlation_time == 0.0
+    assert levels.factor[2:4] * 10.0 * DECLARED[2:4] == pytest.approx(TRUE[2:4], rel=0.1)
+
+
+def window(joints: JointStream, base: BaseStream) -> Samples:
+    return Samples(
+        time=(joints.stamp - BEGIN) * 1e-9,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=base.rotation,
+        base_linear_velocity=base.linear_velocity,
+        base_angular_velocity=base.angular_velocity,
+        pose_covariance=base.pose_covariance,
+        twist_covariance=base.twist_covariance,
+        apart=np.full(len(joints.stamp), 0.01),
+    )
+
+
+@pytest.mark.parametrize('estimate', [True, False])
+def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> None:
+    joints, base = streams(20.0, 100.0)
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=estimate)
+    noise.take(joints, base)
+    changed, levels = noise.applied(window(joints, base), BEGIN)
+    assert levels.found == pytest.approx(TRUE, rel=0.1)
+    used = levels.found if estimate else DECLARED
+    own = MID.found_in(changed)
+    assert (own.joint_position, own.joint_velocity) == pytest.approx(tuple(used[:2]))
+    sizes = np.sqrt(
+        np.concatenate([np.diagonal(each[0]) for each in (changed.pose_covariance, changed.twist_covariance)])
+    )
+    assert sizes == pytest.approx(np.repeat(used[2:], 3))
+    assert any(
+        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line for line in levels.told()
+    )
+
+
+def test_sensors_without_noise_are_not_taken_for_exact() -> None:
+    joints, base = streams(4.0, 100.0)
+    base.position[:], joints.position[:] = 1.0, 0.5
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
+    noise.take(joints, base)
+    changed, _ = noise.applied(window(joints, base), BEGIN)
+    assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
+
+
+def test_declared_noise_stands_until_readings_tell() -> None:
+    joints, base = streams(0.05, 100.0)
+    assert np.all(np.isnan(found(joints, base, 0.01).factor))
+    noise = SensorNoise(*(2.0 * DECLARED).tolist())
+    changed, levels = FoundNoise(noise, joints.position.shape[1], estimate=True).applied(window(joints, base), BEGIN)
+    assert noise.found_in(changed) == noise
+    assert levels.told() == []
