@@ -58,6 +58,9 @@ class Inquiries:
         if not suspicious:
             self._onset, self._next = self._seen, max(_FIRST, self._seen)
         early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
+        # A walk that leads has taken the jump up: it is there all the same.
+        walks = run.started and not run.best.hypothesis.physical
+        early = early or (walks and self._since_a_jump(run) < _AFTER_A_JUMP)
         if not self._inquiry.under_way and suspicious and self._seen >= self._next and not early:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
             point = run.point if run.started else None
@@ -69,6 +72,12 @@ class Inquiries:
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
             self._found = self._inquiry.work_off() or self._found
         return self._inquiry.owing
+
+    def _since_a_jump(self, run: FilterRun) -> float:
+        """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
+        if not run.jumped or not self._windows:
+            return np.inf
+        return (self._windows[-1].start - run.jumped[0]) / self._windows[-1].length
 
     @property
     def change(self) -> Change | None:

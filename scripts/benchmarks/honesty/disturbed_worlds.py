@@ -14,6 +14,7 @@ from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
 from benchmarks.honesty.robots import BASE, box
 from mbaid_ros.core.geometry import Array, skew, unvec
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_values import change_inertial
 
 GROUP = 'world'
 _FORCE = np.array([2.0, -2.0, 1.0]) / 3.0
@@ -67,6 +68,12 @@ def _grasp(place: tuple[float, float, float], angle: float, _seed: int) -> World
     turning = by_rates(np.zeros(1), knots, angle / 0.25 * np.array([[0.0], [0.0], [1.0], [0.0]]))
     path = together(load_model(urdf), sinusoids(), {'held_joint': turning})
     return World(urdf, path, unread=('held_joint',), sought=robots.slipped(place, angle))
+
+
+def _lost(_seed: int) -> World:
+    """Return a hand that lets go of what it holds at 30 s."""
+    empty = change_inertial(robots.servicer(), robots.LINK, robots.BARE)
+    return World(robots.servicer(), sinusoids(), sought=robots.BARE, lost=(30.0, empty))
 
 
 def _plain(_urdf: str) -> str:
@@ -147,6 +154,7 @@ DISTURBED = (
         partial(_grasp, (0.0, 0.0, 0.3), np.deg2rad(30.0)),
         _plain,
     ),
+    Condition(GROUP, 'the hand loses the body', _lost),
     Condition(GROUP, 'wheels that nobody reads spin up', _wheels, partial(_fixed, *_wheel_names())),
     Condition(GROUP, 'a flexible panel of 0.3 Hz', _panel, partial(_fixed, 'panel')),
     Condition(GROUP, 'fuel that sloshes at 0.1 Hz', _slosh, partial(_fixed, 'yoke', 'fuel')),

@@ -50,6 +50,7 @@ class World:
     unread : joints that no sensor reads
     springs : by joint
     sought : (10,) physical parameters to be found; None for those of the target link in the URDF
+    lost : s, and the robot as it is from then on, which has let go of a part; None where it keeps all
     """
 
     urdf: str
@@ -61,24 +62,26 @@ class World:
     unread: tuple[str, ...] = ()
     springs: Mapping[str, Spring] = field(default_factory=dict)
     sought: Array | None = None
+    lost: tuple[float, str] | None = None
 
 
 def float_freely(world: World) -> Truth:
     """Return the motion of a world without springs."""
-    model = load_model(world.urdf)
     steps = round(world.seconds * world.rate) + 1
     joints, rates = world.path(np.arange(2 * steps - 1) / (2.0 * world.rate))
-    kinematics = Kinematics(model)
-    configuration = kinematics.configure(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints)
-    bodies = express(model.body_parameters(), configuration.rotation, configuration.position)
-    whole = np.sum(bodies, axis=1)
-    matrix = inertia_matrix(whole)
-    moving = np.sum(momentum(bodies, kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))), axis=1)
-    total = matrix[0] @ start_twist(matrix[0], moving[0], world.spin) + moving[0]
-    flow = _Flow(np.linalg.inv(matrix), moving, whole, world)
+    flow = _Flow.of(world, world.urdf, joints, rates)
+    matrix = np.linalg.inv(flow.inverse[0])
+    total = matrix @ start_twist(matrix, flow.moving[0], world.spin) + flow.moving[0]
     start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), total))
     states = integrated(flow.rate, start, steps, world.rate)
     twists = np.array([flow.twist(2 * number, state)[1] for number, state in enumerate(states)])
+    if world.lost is not None:
+        time, urdf = world.lost
+        first = round(time * world.rate)
+        after = _Flow.of(world, urdf, joints[2 * first :], rates[2 * first :])
+        begin = after.moving_as(flow, 2 * first, states[first])
+        states[first:] = integrated(after.rate, begin, steps - first, world.rate)
+        twists[first:] = [after.twist(2 * number, state)[1] for number, state in enumerate(states[first:])]
     return truth_of(world, states, twists, joints[::2], rates[::2])
 
 
@@ -149,6 +152,24 @@ class _Flow:
     moving: Array  # (K, 6) momentum by the joints' rates alone
     whole: Array  # (K, 10)
     world: World
+
+    @staticmethod
+    def of(world: World, urdf: str, joints: Array, rates: Array) -> _Flow:
+        """Return the flow of a robot whose joints have positions and rates (K, n)."""
+        model = load_model(urdf)
+        kinematics = Kinematics(model)
+        configuration = kinematics.configure(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints)
+        bodies = express(model.body_parameters(), configuration.rotation, configuration.position)
+        whole = np.sum(bodies, axis=1)
+        twists = kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))
+        return _Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
+
+    def moving_as(self, other: _Flow, node: int, state: Array) -> Array:
+        """Return the state in which this robot, at its first node, moves as another one does at a node of its own."""
+        rotation, twist = other.twist(node, state)
+        own = np.linalg.solve(self.inverse[0], twist) + self.moving[0]
+        linear = rotation @ own[:3]
+        return np.concatenate((state[:7], linear, rotation @ own[3:] + np.cross(state[4:7], linear)))
 
     def twist(self, node: int, state: Array) -> tuple[Array, Array]:
         """Return the base's rotation and its (6,) twist in base axes."""

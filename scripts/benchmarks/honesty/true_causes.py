@@ -49,6 +49,7 @@ TRUE_CAUSES = {
     'a pulse of 0.1 N s every 4 s': rf'{_FORCE}|momentum drifts',
     'the body slips in the grasp by 5 deg': r'grasp',
     'the body slips in the grasp by 30 deg': r'grasp',
+    'the hand loses the body': r'another body|lost',
     'wheels that nobody reads spin up': _UNREAD,
     'a flexible panel of 0.3 Hz': r'\bHz\b',
     'fuel that sloshes at 0.1 Hz': r'\bHz\b|fuel',

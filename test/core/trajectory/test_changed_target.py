@@ -56,3 +56,14 @@ def test_after_a_slip_the_run_goes_on() -> None:
     assert 'moved in the grasp at 30.0 s' in told.causes
     given = told.std > 0.0
     assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
+
+
+def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'the hand loses the body'
+    shorten(monkeypatch, name, 48.0)
+    told = run((name, 'trajectory', 0))
+    assert told.status in PUBLISHED
+    assert 'another body is in the grasp since 30.0 s, caught or lost' in told.causes
+    given = told.std > 0.0
+    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
+    assert told.error[0] < 5.0  # kg, of a body that was 155 kg heavier
