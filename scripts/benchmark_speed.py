@@ -9,6 +9,7 @@ What is compared is measured in turn, pair by pair, on the same machine under th
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,7 +60,7 @@ def _provenance(part: str, arguments: argparse.Namespace) -> str:
         'd': '',
     }
     command = f'scripts/{Path(__file__).name} --parts {part} {own[part]}--repeats {arguments.repeats} --output docs'
-    return provenance(f'medians of {arguments.repeats}', command)
+    return provenance(f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} by then', command)
 
 
 def _replays(arguments: argparse.Namespace, folder: Path) -> str:
