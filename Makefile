@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
+.PHONY: help setup demo bags test test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -28,6 +28,7 @@ help:
 	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test"
+	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
@@ -56,6 +57,10 @@ test: export OPENBLAS_NUM_THREADS := 1
 test: lint
 	$(STEP) "tests"
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal
+
+test-basilisk: install/.built
+	@$(BIN)/python -m pip install --quiet bsk==2.12.1
+	@. ./install/setup.sh && BASILISK=1 pytest -s test/replay/test_basilisk.py test/core/simulation/test_basilisk_orbit.py
 
 fuzz: install/.built
 	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS) \

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -114,13 +114,13 @@ def told(found: Sequence[Estimate], seconds: float) -> dict[str, Any]:
     }
 
 
-def _grid(seed: int, kept: set[tuple[Any, ...]]) -> Iterator[dict[str, Any]]:
+def _grid(seed: int, kept: set[tuple[Any, ...]], durations: Sequence[float] = DURATIONS) -> Iterator[dict[str, Any]]:
     for pace in PACES:
         for frame, place in (('', 'at'), *((frame, place) for frame in FRAMES for place in PLACES)):
             if ('grid', pace, frame, place, seed) not in kept:
-                truth = moved(pace, frame, place, DURATIONS[-1])
+                truth = moved(pace, frame, place, durations[-1])
                 found = estimates(truth, seed, {**EXACT, **declared(frame)})
-                for seconds in DURATIONS:
+                for seconds in durations:
                     yield {'pace': pace, 'frame': frame, 'place': place, **told(found, seconds)}
 
 
@@ -162,16 +162,30 @@ def _wheels(seed: int, kept: set[tuple[Any, ...]]) -> Iterator[dict[str, Any]]:
         yield {'pace': '', 'frame': how, 'place': '', **told(found, DURATIONS[0])}
 
 
-PARTS = {'grid': _grid, 'undeclared': _undeclared, 'wheels': _wheels}
+Part = Callable[[int, set[tuple[Any, ...]]], Iterator[dict[str, Any]]]
+PARTS: dict[str, Part] = {
+    'grid': _grid,
+    'minute': partial(_grid, durations=DURATIONS[:1]),
+    'undeclared': _undeclared,
+    'wheels': _wheels,
+}
 
 
 def run_part(part: str, seeds: Sequence[int], store: Path) -> None:
-    """Run a part for some seeds, but for what a file holds already, and put it there."""
+    """Run a part for some seeds, but for what a file holds already, and put it there.
+
+    `minute` is the first minute of `grid`.
+    """
     kept = {(each['part'], each['pace'], each['frame'], each['place'], each['seed']) for each in stored(store)}
     for seed in seeds:
         begin = time.monotonic()
         for line in PARTS[part](seed, kept):
-            own = {'part': part, 'seed': seed, **line, 'wall': round(time.monotonic() - begin, 1)}
+            own = {
+                'part': 'grid' if part == 'minute' else part,
+                'seed': seed,
+                **line,
+                'wall': round(time.monotonic() - begin, 1),
+            }
             with store.open('a', encoding='utf-8') as file:
                 file.write(json.dumps(own) + '\n')
             begin = time.monotonic()

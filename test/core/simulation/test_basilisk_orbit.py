@@ -1,0 +1,195 @@
+"""A six-joint servicer over an orbit of Basilisk (`make test-basilisk`), against the simulator, and identified from it.
+
+Basilisk integrates it about the Earth, in inertial coordinates: a point mass for gravity, and its gravity gradient on
+the whole craft. Joints are on springs; where they are is then given to the simulator.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.honesty.readings import Readings
+from benchmarks.honesty.runs import history, messages
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.orbit import Orbit
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.simulation.dynamics import State
+from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.core.simulation.steered import Followed
+from mbaid_ros.core.simulation.surroundings import Surroundings
+from mbaid_ros.session import Session
+from simulated import CONFIG, robot
+
+pytest.importorskip('Basilisk', reason='Basilisk is not installed (pip install bsk)')
+pytestmark = pytest.mark.skipif('BASILISK' not in os.environ, reason='minutes: make test-basilisk')
+
+RADIUS, STEP = 6778e3, 0.5  # m, s
+SPRINGS = [0.024, 0.024, 0.016, 0.008, 0.008, 0.006]  # N m / rad
+SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def column(values: Array) -> list[list[float]]:
+    return [[float(value)] for value in values]
+
+
+@dataclass(frozen=True, eq=False)
+class InOrbit:
+    """Where the craft is in the frame that falls along, and its mean motion (rad/s)."""
+
+    truth: Truth
+    mean_motion: float
+
+
+def craft_of(model: RobotModel) -> tuple[Any, Any]:
+    """Return a robot as Basilisk has it, and its arm."""
+    bodies = [physical(body) for body in model.body_parameters()]
+    craft = import_module('Basilisk.simulation.spacecraft').Spacecraft()
+    craft.hub.mHub, craft.hub.r_BcB_B = float(bodies[0][0]), column(bodies[0][1:4])
+    craft.hub.IHubPntBc_B = unvec(bodies[0][4:]).tolist()
+    module = import_module('Basilisk.simulation.spinningBodyNDOFStateEffector')
+    arm = module.SpinningBodyNDOFStateEffector()
+    for number, body in enumerate(bodies[1:]):
+        part = module.SpinningBody()
+        part.setMass(float(body[0]))
+        part.setISPntSc_S(unvec(body[4:]).tolist())
+        part.setR_ScS_S(column(body[1:4]))
+        part.setSHat_S(column(model.axes[number]))
+        part.setR_SP_P(column(model.positions[number]))
+        part.setDCM_S0P(model.rotations[number].T.tolist())
+        part.setThetaInit(0.5 * (-1) ** number)
+        part.setK(SPRINGS[number])
+        arm.addSpinningBody(part)
+    craft.addStateEffector(arm)
+    return craft, arm
+
+
+def seen_falling(base: Any, joints: list[Any], mean_motion: float) -> Truth:
+    """Return what Basilisk has recorded, in the frame that falls along."""
+    time = base.times() * 1e-9
+    angle = mean_motion * time
+    up = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(len(angle))))
+    along = np.column_stack((-np.sin(angle), np.cos(angle), np.zeros(len(angle))))
+    parameters = np.array(base.sigma_BN)  # modified Rodrigues parameters
+    square = np.sum(parameters**2, axis=1, keepdims=True)
+    orientation = np.column_stack((2.0 * parameters, 1.0 - square)) / (1.0 + square)
+    velocity = np.array(base.v_BN_N) - RADIUS * mean_motion * along
+    return Truth(
+        time=time,
+        joint_position=np.array([each.theta for each in joints]).T,
+        joint_velocity=np.array([each.thetaDot for each in joints]).T,
+        joint_effort=np.zeros((len(time), len(joints))),
+        base_position=np.array(base.r_BN_N) - RADIUS * up,
+        base_orientation=orientation,
+        base_linear_velocity=rotate_back(rotation_from_quaternion(orientation), velocity),
+        base_angular_velocity=np.array(base.omega_BN_B),
+    )
+
+
+@cache
+def in_basilisk() -> InOrbit:
+    """Return an orbit of ets7, its centre of mass at the origin of the falling frame."""
+    craft, arm = craft_of(robot('ets7'))
+    factory = import_module('Basilisk.utilities.simIncludeGravBody').gravBodyFactory()
+    earth = factory.createEarth()
+    earth.isCentralBody = True
+    factory.addBodiesTo(craft)
+    gradient = import_module('Basilisk.simulation.GravityGradientEffector').GravityGradientEffector()
+    gradient.addPlanetName(earth.planetName)
+    craft.addDynamicEffector(gradient)
+    mean_motion = float(np.sqrt(earth.mu / RADIUS**3))
+    craft.hub.r_CN_NInit = column(np.array([RADIUS, 0.0, 0.0]))
+    craft.hub.v_CN_NInit = column(np.array([0.0, RADIUS * mean_motion, 0.0]))
+    craft.hub.sigma_BNInit = column(np.zeros(3))
+    craft.hub.omega_BN_BInit = column(np.array([0.0004, -0.0006, 0.0008]))
+    craft.setIntegrator(import_module('Basilisk.simulation.svIntegrators').svIntegratorRKF78(craft))
+    seconds = import_module('Basilisk.utilities.macros').sec2nano
+    simulation = import_module('Basilisk.utilities.SimulationBaseClass').SimBaseClass()
+    simulation.CreateNewProcess('process').addTask(simulation.CreateNewTask('task', seconds(STEP)))
+    base, joints = craft.scStateOutMsg.recorder(), [message.recorder() for message in arm.spinningBodyOutMsgs]
+    for part in (arm, craft, gradient, base, *joints):
+        simulation.AddModelToTask('task', part)
+    simulation.InitializeSimulation()
+    simulation.ConfigureStopTime(seconds(STEP * round(2.0 * np.pi / mean_motion / STEP)))
+    simulation.ExecuteSimulation()
+    return InOrbit(seen_falling(base, joints, mean_motion), mean_motion)
+
+
+def slopes(values: Array, step: float) -> Array:
+    """Return the derivative of equally spaced (N, n) values, of sixth order."""
+    found = np.empty_like(values)
+    for place in range(7):
+        powers = np.vander(np.arange(7.0) - place, increasing=True).T
+        weights = np.linalg.solve(powers, np.eye(7)[1]) / step
+        if place == 3:
+            parts = [values[shift : len(values) - 6 + shift] * weight for shift, weight in enumerate(weights)]
+            found[3:-3] = np.sum(parts, axis=0)
+        elif place < 3:
+            found[place] = weights @ values[:7]
+        else:
+            found[place - 7] = weights @ values[-7:]
+    return found
+
+
+def test_the_simulator_moves_as_basilisk_does() -> None:
+    run, model = in_basilisk(), robot('ets7')
+    truth = run.truth
+    course = truth.joint_position, truth.joint_velocity, slopes(truth.joint_velocity, STEP)
+    motion = Followed(
+        JointTrajectory(model.joint_names, truth.time, *course), course[0][0], np.arange(model.joints), 0.0
+    )
+    velocity = np.concatenate((truth.base_linear_velocity[0], truth.base_angular_velocity[0], course[1][0]))
+    start = State(truth.base_position[0], truth.base_orientation[0], course[0][0], velocity)
+    around = Orbit.inertial(run.mean_motion, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    found = Simulation(model, motion, start, STEP, surroundings=Surroundings(orbit=around)).advance(truth.time)
+    rotation, expected = (rotation_from_quaternion(each.base_orientation) for each in (found, truth))
+    turned = np.linalg.norm(expected - expected[0], axis=(1, 2)).max()
+    moved = np.linalg.norm(truth.base_position - truth.base_position[0], axis=1).max()
+    off = np.linalg.norm(found.base_position - truth.base_position, axis=1).max()
+    angle = np.linalg.norm(rotation - expected, axis=(1, 2)).max()
+    print(f'an orbit: position to {off / moved:.1e} of {moved:.3g} m, orientation to {angle / turned:.1e}')  # noqa: T201
+    assert off < 1e-6 * moved
+    assert angle < 1e-6 * turned
+
+
+def identified() -> Estimate:
+    """Return what is estimated from noiseless messages of an orbit."""
+    run = in_basilisk()
+    # There is no noise but rounding: declared is a ten-thousandth of an ordinary sensor's.
+    fine = SensorNoise(*(1e-4 * value for value in (1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)))
+    given: dict[str, object] = {
+        **EXACT,
+        **{f'noise.{name}': value for name, value in vars(fine).items()},
+        'target_link': robot('ets7').last_link,
+        'window': 10.0 * STEP,
+        'maximum_gap': 1.5 * STEP,
+        'orbit.mean_motion': run.mean_motion,
+        'orbit.nadir': [-1.0, 0.0, 0.0],
+        'orbit.normal': [0.0, 0.0, 1.0],
+    }
+    session = Session(build(EstimatorConfig, given), (CONFIG / 'ets7.urdf').read_text(encoding='utf-8'))
+    readings = Readings(run.truth, *(getattr(Sensors(SILENT, 0), part)(run.truth) for part in ('joints', 'base')))
+    return history(session, messages(session, readings, robot('ets7'), fine))[-1]
+
+
+def test_an_orbit_of_basilisk_is_identified() -> None:
+    last = identified()
+    true = physical(robot('ets7').link(robot('ets7').last_link).parameters)
+    size = np.concatenate((true[:1], np.full(3, np.linalg.norm(true[1:4])), np.full(6, true[[4, 7, 9]].max())))
+    off = np.abs(last.parameters - true) / size
+    print(f'identified to {off.max():.1e}, {last.status}')  # noqa: T201
+    assert off.max() < 1e-6
