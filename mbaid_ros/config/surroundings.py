@@ -20,7 +20,7 @@ _ACROSS = 0.02  # rad, by how much nadir and normal may miss a right angle
 
 @dataclass(frozen=True)
 class SimulatedOrbitConfig:
-    """A circular orbit, and how the frame of the odometry stands to it."""
+    """An orbit, and how the frame of the odometry stands to it."""
 
     mean_motion: float = parameter(
         0.0, 'Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit.', unit='rad/s', minimum=0.0, maximum=0.1
@@ -36,6 +36,10 @@ class SimulatedOrbitConfig:
     )
     normal: tuple[float, ...] = parameter(
         (), "Direction of the orbit's angular momentum in an inertial frame of the odometry.", lengths=(0, 3)
+    )
+    eccentricity: float = parameter(0.0, 'Eccentricity of the orbit; 0 is a circle.', minimum=0.0, maximum=0.9)
+    true_anomaly: float = parameter(
+        0.0, 'Where on it the epoch is, from its lowest point on; of no matter on a circle.', unit='rad'
     )
     twist: str = parameter(
         'relative',
@@ -82,7 +86,7 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
             raise ParameterError(
                 f"parameter 'orbit.{given[0]}' is given with orbit.frame: {frame}, which has its own; accepted: none"
             )
-        return Orbit.turning_with(config.mean_motion, frame)
+        return Orbit.turning_with(config.mean_motion, frame).eccentric(config.eccentricity, config.true_anomaly)
     if len(given) < 2:
         missing = 'normal' if 'nadir' in given else 'nadir'
         raise ParameterError(
@@ -96,7 +100,7 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
             f"parameters 'orbit.nadir' {list(config.nadir)} and 'orbit.normal' {list(config.normal)} are not at right "
             'angles; accepted: directions that are'
         )
-    return Orbit.inertial(config.mean_motion, nadir, normal)
+    return Orbit.inertial(config.mean_motion, nadir, normal).eccentric(config.eccentricity, config.true_anomaly)
 
 
 @dataclass(frozen=True)

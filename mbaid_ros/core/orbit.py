@@ -1,7 +1,7 @@
-"""A circular orbit, and the frames that go round with it.
+"""An orbit, and the frames that go round with it.
 
 The frame that falls along and does not turn has the axes that the frame of the odometry has at the epoch. Up is away
-from the centre; the orbit turns at the mean motion about its normal.
+from the centre; the orbit turns about its normal, at the mean motion where it is circular.
 """
 
 from __future__ import annotations
@@ -22,23 +22,28 @@ _TURNING: dict[Turning, tuple[Array, Array]] = {
     'lvlh': (np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])),
     'hill': (np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
 }
+_NEWTON = 20  # steps, enough for an eccentricity of 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A circular orbit.
+    """An orbit of one body about another (Kepler).
 
     Attributes
     ----------
     mean_motion : rad/s
     up, normal : (3,) unit vectors at the epoch, in the frame that falls along
     turning : whether the frame of the odometry turns with the orbit
+    eccentricity : 0 is a circle
+    anomaly : rad, true anomaly at the epoch: how far past the lowest point
     """
 
     mean_motion: float
     up: Array
     normal: Array
     turning: bool
+    eccentricity: float = 0.0
+    anomaly: float = 0.0
 
     @staticmethod
     def turning_with(mean_motion: float, frame: Turning) -> Orbit:
@@ -55,28 +60,56 @@ class Orbit:
         down = nadir - (nadir @ across) * across
         return Orbit(mean_motion, -down / np.linalg.norm(down), across, turning=False)
 
-    @property
-    def rate(self) -> Array:
-        """The (3,) angular velocity of what turns with the orbit, rad/s: the same in the turning frame's axes."""
-        return self.mean_motion * self.normal
+    def eccentric(self, eccentricity: float, anomaly: float) -> Orbit:
+        """Return the same with an eccentricity below 1, at a true anomaly (rad) at the epoch."""
+        return replace(self, eccentricity=eccentricity, anomaly=anomaly)
+
+    def swept(self, time: Array) -> Array:
+        """Return the (N,) angles that the direction to the centre has turned by, rad, (N,) s after the epoch."""
+        passed, e = self.mean_motion * np.asarray(time), self.eccentricity
+        if e == 0.0:
+            return passed
+        ratio = np.sqrt((1.0 + e) / (1.0 - e))
+        begin = 2.0 * np.arctan2(np.sin(0.5 * self.anomaly), ratio * np.cos(0.5 * self.anomaly))
+        mean = begin - e * np.sin(begin) + passed
+        eccentric = mean + e * np.sin(mean)
+        for _ in range(_NEWTON):  # Kepler's equation
+            eccentric = eccentric - (eccentric - e * np.sin(eccentric) - mean) / (1.0 - e * np.cos(eccentric))
+        true = 2.0 * np.arctan2(ratio * np.sin(0.5 * eccentric), np.cos(0.5 * eccentric))
+        return np.asarray(true - self.anomaly)
+
+    def strength(self, time: Array) -> Array:
+        """Return the (N,) mu / r^3, 1/s^2, (N,) s after the epoch."""
+        return np.asarray(self.mean_motion**2 * self._nearness(time) ** 3)
+
+    def rate(self, time: Array) -> Array:
+        """Return the (N, 3) angular velocities of what turns with the orbit, rad/s, in the axes of either frame."""
+        pace = self.mean_motion * np.sqrt(1.0 - self.eccentricity**2) * self._nearness(time) ** 2
+        return np.asarray(pace[:, None] * self.normal)
+
+    def _nearness(self, time: Array) -> Array:
+        """Return the (N,) ratios of the semi-major axis to the distance from the centre."""
+        course = self.anomaly + self.swept(time)
+        return np.asarray((1.0 + self.eccentricity * np.cos(course)) / (1.0 - self.eccentricity**2))
 
     def later(self, time: float) -> Orbit:
         """Return the same orbit with the epoch at a time (s) of this one; a frame that turns is not asked for here."""
-        return replace(self, up=self.upward(np.array([time]))[0])
+        begin = np.array([time])
+        return replace(self, up=self.upward(begin)[0], anomaly=self.anomaly + float(self.swept(begin)[0]))
 
     def turned(self, time: Array) -> Array:
         """Return the (N, 3, 3) rotations from the turning frame's axes to inertial ones, (N,) s after the epoch."""
-        return exp(time[:, None] * self.rate)
+        return exp(self.swept(time)[:, None] * self.normal)
 
     def upward(self, time: Array) -> Array:
         """Return the (N, 3) unit vectors away from the centre, inertial axes, (N,) s after the epoch."""
-        angle = self.mean_motion * time[:, None]
+        angle = self.swept(time)[:, None]
         return np.asarray(np.cos(angle) * self.up + np.sin(angle) * cross(self.normal, self.up))
 
     def gradient(self, time: Array) -> Array:
         """Return the (N, 3, 3) gradients G of gravity, 1/s^2: at x from the origin a body falls by G x faster."""
         up = self.upward(time)
-        return np.asarray(self.mean_motion**2 * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
+        return np.asarray(self.strength(time)[:, None, None] * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
 
 
 def orbit_fixed_frame(rate: float) -> str:

@@ -43,6 +43,27 @@ def test_gravity_pulls_apart_upwards_and_together_across(seed: int) -> None:
     assert around.later(3.0).upward(np.array([697.0])) == pytest.approx(up[2:], abs=1e-9)
 
 
+@pytest.mark.parametrize('eccentricity', [0.001, 0.3, 0.9])
+def test_an_eccentric_orbit_is_that_of_a_point_about_a_centre(eccentricity: float) -> None:
+    """The second derivative of r up, by differences, is -mu / r^3 of it: Newton's law."""
+    around, step = orbit(0.02).eccentric(eccentricity, 0.7), 1e-2
+
+    def place(time: Array) -> Array:
+        distance = (around.strength(time) / around.mean_motion**2) ** (-1.0 / 3.0)  # over the semi-major axis
+        return np.asarray(distance[:, None] * around.upward(time))
+
+    time = np.linspace(-200.0, 500.0, 31)
+    found = (place(time + step) - 2.0 * place(time) + place(time - step)) / step**2
+    pull = around.strength(time)[:, None] * place(time)
+    assert found == pytest.approx(-pull, abs=1e-4 * np.abs(pull).max())
+    turned = (around.swept(time + step) - around.swept(time - step)) / (2.0 * step)
+    whole_turns = np.round((turned - around.rate(time) @ around.normal) * step / np.pi)
+    assert turned - whole_turns * np.pi / step == pytest.approx(around.rate(time) @ around.normal, rel=1e-3)
+    later = around.later(40.0)
+    assert later.upward(time - 40.0) == pytest.approx(around.upward(time), abs=1e-9)
+    assert later.strength(time - 40.0) == pytest.approx(around.strength(time), rel=1e-9)
+
+
 def test_the_directions_of_ccsds() -> None:
     """LVLH: z down, y against the normal, x along the motion. Hill's: x up, z the normal, y along the motion."""
     for frame, along in (('lvlh', [1.0, 0.0, 0.0]), ('hill', [0.0, 1.0, 0.0])):
@@ -91,11 +112,12 @@ def odometry(truth: Truth) -> BaseStream:
     )
 
 
+@pytest.mark.parametrize('eccentricity', [0.0, 0.3])
 @pytest.mark.parametrize('relative', [True, False])
 @pytest.mark.parametrize('frame', FRAMES)
 @pytest.mark.parametrize('seed', range(3))
-def test_there_and_back(frame: Turning, seed: int, *, relative: bool) -> None:
-    around = Orbit.turning_with(0.02, frame)
+def test_there_and_back(frame: Turning, seed: int, eccentricity: float, *, relative: bool) -> None:
+    around = Orbit.turning_with(0.02, frame).eccentric(eccentricity, 1.0)
     truth = moving(seed, np.arange(0.0, 200.0, 7.0))
     seen = odometry(seen_from_orbit(around, truth, relative_twist=relative))
     falling = FallingFrame(around, robot('ets7'), relative_twist=relative, epoch=EPOCH).falling(seen)
@@ -110,11 +132,12 @@ def test_there_and_back(frame: Turning, seed: int, *, relative: bool) -> None:
     assert np.array_equal(falling.twist_covariance, seen.twist_covariance)
 
 
+@pytest.mark.parametrize('eccentricity', [0.0, 0.3])
 @pytest.mark.parametrize('frame', FRAMES)
-def test_what_is_seen_moves_as_its_twist_says(frame: Turning) -> None:
+def test_what_is_seen_moves_as_its_twist_says(frame: Turning, eccentricity: float) -> None:
     """The relative twist is the derivative of the pose that is seen, what is found of it that of the found pose."""
     step, time = 1e-4, np.arange(1.0, 60.0, 5.0)
-    around = Orbit.turning_with(0.05, frame)
+    around = Orbit.turning_with(0.05, frame).eccentric(eccentricity, 2.0)
     before, now, after = (
         odometry(seen_from_orbit(around, moving(1, time + shift), relative_twist=True)) for shift in (-step, 0.0, step)
     )

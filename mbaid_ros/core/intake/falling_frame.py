@@ -43,11 +43,12 @@ class FallingFrame:
             return measured
         if self.epoch is None:
             self.epoch = int(measured.stamp[0])
-        turn = self._orbit.turned((measured.stamp - self.epoch) * 1e-9)
+        passed = (measured.stamp - self.epoch) * 1e-9
+        turn, rate = self._orbit.turned(passed), self._orbit.rate(passed)
         linear, angular = measured.linear_velocity, measured.angular_velocity
         if self._relative:
-            linear = linear + cross(self._orbit.rate, measured.position)
-            angular = angular + self._orbit.rate
+            linear = linear + cross(rate, measured.position)
+            angular = angular + rate
         axes = np.zeros((len(turn), 6, 6))
         axes[:, :3, :3] = axes[:, 3:, 3:] = turn
         return replace(

@@ -2,7 +2,7 @@
 
 In the frame that falls along, gravity leaves G x at x from its origin, with a symmetric G. A body at x, of axes R, has
 
-    P' = G (m x + R h),    L' = x x P' + R h x G x + 3 n^2 R [s]x I_o s,    s = R^T up
+    P' = G (m x + R h),    L' = x x P' + R h x G x + 3 k R [s]x I_o s,    s = R^T up, k = mu / r^3
 
 (Hughes 1986, chapter 8, in standard parameters): a column for each of them, whatever a body may turn out to be.
 """
@@ -39,7 +39,8 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
     rates[..., :3, 0], rates[..., :3, 1:4] = pull, first
     rates[..., 3:, 0] = cross(place, pull)
     rates[..., 3:, 1:4] = skew(place) @ first - skew(pull) @ rotation
-    rates[..., 3:, 4:] = 3.0 * orbit.mean_motion**2 * (rotation @ (skew(seen) @ bracket(seen)))
+    strength = orbit.strength(time)[:, None, None, None]
+    rates[..., 3:, 4:] = 3.0 * strength * (rotation @ (skew(seen) @ bracket(seen)))
     return rates
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from mbaid_ros.core.geometry import cross, quaternion_from_rotation, rotate_back
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.simulation import quaternions
@@ -29,10 +27,10 @@ def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Trut
     if not relative_twist:
         return seen
     to_base = quaternions.conjugate(orientation)
-    carried = cross(np.broadcast_to(orbit.rate, place.shape), place)
+    rate = orbit.rate(truth.time)
+    carried = cross(rate, place)
     return replace(
         seen,
         base_linear_velocity=truth.base_linear_velocity - quaternions.rotate(to_base, carried),
-        base_angular_velocity=truth.base_angular_velocity
-        - quaternions.rotate(to_base, np.broadcast_to(orbit.rate, place.shape)),
+        base_angular_velocity=truth.base_angular_velocity - quaternions.rotate(to_base, rate),
     )

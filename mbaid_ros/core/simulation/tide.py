@@ -44,10 +44,10 @@ class Tide:
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: Instant) -> Array:
-        """Return m G x at each centre of mass and 3 n^2 up x I up, about the body's origin, in its axes."""
+        """Return m G x at each centre of mass and 3 mu / r^3 up x I up, about the body's origin, in its axes."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)
         force = rotate_back(now.rotation, self.mass[:, None] * (place @ self.orbit.gradient(instant)[0]))
-        torque = 3.0 * self.orbit.mean_motion**2 * cross(up, rotate(self.inertia, up))
+        torque = 3.0 * self.orbit.strength(instant) * cross(up, rotate(self.inertia, up))
         return np.concatenate((force, torque + cross(self.centre, force)), axis=1)

@@ -14,18 +14,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from benchmarks.honesty.readings import Readings
 from benchmarks.honesty.runs import history, messages
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
+from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion, unvec
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import RobotModel, express
+from mbaid_ros.core.robot.momentum import momentum
+from mbaid_ros.core.robot.tide import momentum_rates, of_bodies
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.run import Simulation, Truth
@@ -36,9 +40,14 @@ from mbaid_ros.session import Session
 from simulated import CONFIG, robot
 
 pytest.importorskip('Basilisk', reason='Basilisk is not installed (pip install bsk)')
-pytestmark = pytest.mark.skipif('BASILISK' not in os.environ, reason='minutes: make test-basilisk')
+pytestmark = [
+    pytest.mark.skipif('BASILISK' not in os.environ, reason='minutes: make test-basilisk'),
+    pytest.mark.timeout(3600),
+]
 
-RADIUS, STEP = 6778e3, 0.5  # m, s
+RADIUS, STEP = 6778e3, 0.16  # m, s
+SAMPLE = 3 * STEP  # of the estimator
+SIMULATED = 400.0  # s, of an orbit: what the simulator's small steps take longest for
 SPRINGS = [0.024, 0.024, 0.016, 0.008, 0.008, 0.006]  # N m / rad
 SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -129,6 +138,10 @@ def in_basilisk() -> InOrbit:
     return InOrbit(seen_falling(base, joints, mean_motion), mean_motion)
 
 
+def orbit_of(run: InOrbit) -> Orbit:
+    return Orbit.inertial(run.mean_motion, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+
+
 def slopes(values: Array, step: float) -> Array:
     """Return the derivative of equally spaced (N, n) values, of sixth order."""
     found = np.empty_like(values)
@@ -145,23 +158,45 @@ def slopes(values: Array, step: float) -> Array:
     return found
 
 
+def test_momentum_changes_as_tide_and_gravity_gradient_say() -> None:
+    run, model = in_basilisk(), robot('ets7')
+    truth, kinematics, bodies = run.truth, Kinematics(model), model.body_parameters()
+    rotation = rotation_from_quaternion(truth.base_orientation)
+    placed = kinematics.configure(rotation, truth.joint_position)
+    twist = np.concatenate(
+        (rotate(rotation, truth.base_linear_velocity), rotate(rotation, truth.base_angular_velocity)), axis=1
+    )
+    moving = momentum(
+        express(bodies, placed.rotation, placed.position), kinematics.body_twists(placed, truth.joint_velocity, twist)
+    )
+    linear, angular = np.split(np.sum(moving, axis=1), 2, axis=1)
+    angular += np.cross(truth.base_position, linear)
+    rates = of_bodies(momentum_rates(orbit_of(run), truth.time, placed, truth.base_position), bodies)
+    brought = cumulative_simpson(rates[:, 3:], dx=STEP, axis=0, initial=0.0)
+    changed = np.abs(angular - angular[0]).max()
+    off = np.abs(angular - angular[0] - brought).max()
+    print(f'an orbit: angular momentum to {off / changed:.1e} of {changed:.3g} N m s')  # noqa: T201
+    assert changed > 1.0
+    assert off < 1e-8 * changed
+
+
 def test_the_simulator_moves_as_basilisk_does() -> None:
     run, model = in_basilisk(), robot('ets7')
-    truth = run.truth
+    truth = run.truth[: round(SIMULATED / STEP)]
     course = truth.joint_position, truth.joint_velocity, slopes(truth.joint_velocity, STEP)
     motion = Followed(
         JointTrajectory(model.joint_names, truth.time, *course), course[0][0], np.arange(model.joints), 0.0
     )
     velocity = np.concatenate((truth.base_linear_velocity[0], truth.base_angular_velocity[0], course[1][0]))
     start = State(truth.base_position[0], truth.base_orientation[0], course[0][0], velocity)
-    around = Orbit.inertial(run.mean_motion, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    around = orbit_of(run)
     found = Simulation(model, motion, start, STEP, surroundings=Surroundings(orbit=around)).advance(truth.time)
     rotation, expected = (rotation_from_quaternion(each.base_orientation) for each in (found, truth))
     turned = np.linalg.norm(expected - expected[0], axis=(1, 2)).max()
     moved = np.linalg.norm(truth.base_position - truth.base_position[0], axis=1).max()
     off = np.linalg.norm(found.base_position - truth.base_position, axis=1).max()
     angle = np.linalg.norm(rotation - expected, axis=(1, 2)).max()
-    print(f'an orbit: position to {off / moved:.1e} of {moved:.3g} m, orientation to {angle / turned:.1e}')  # noqa: T201
+    print(f'{SIMULATED:.0f} s: position to {off / moved:.1e} of {moved:.3g} m, orientation to {angle / turned:.1e}')  # noqa: T201
     assert off < 1e-6 * moved
     assert angle < 1e-6 * turned
 
@@ -175,14 +210,15 @@ def identified() -> Estimate:
         **EXACT,
         **{f'noise.{name}': value for name, value in vars(fine).items()},
         'target_link': robot('ets7').last_link,
-        'window': 10.0 * STEP,
-        'maximum_gap': 1.5 * STEP,
+        'window': 10.0 * SAMPLE,
+        'maximum_gap': 1.5 * SAMPLE,
         'orbit.mean_motion': run.mean_motion,
         'orbit.nadir': [-1.0, 0.0, 0.0],
         'orbit.normal': [0.0, 0.0, 1.0],
     }
     session = Session(build(EstimatorConfig, given), (CONFIG / 'ets7.urdf').read_text(encoding='utf-8'))
-    readings = Readings(run.truth, *(getattr(Sensors(SILENT, 0), part)(run.truth) for part in ('joints', 'base')))
+    truth = run.truth[::3]
+    readings = Readings(truth, *(getattr(Sensors(SILENT, 0), part)(truth) for part in ('joints', 'base')))
     return history(session, messages(session, readings, robot('ets7'), fine))[-1]
 
 
