@@ -161,7 +161,7 @@ class Identifier:
             self._watch(window)
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         if self._levels:
-            estimates = [replace(estimate, noise=self._levels.get(estimate.time)) for estimate in estimates]
+            estimates = [self._with_levels(estimate) for estimate in estimates]
         if not self._notes and self._misread is None:
             return estimates
         return [self._with_notes(estimate) for estimate in estimates]
@@ -218,6 +218,12 @@ class Identifier:
         if base:
             self._notes.setdefault(TWIST_DERIVED, start)
         return with_rates(window)
+
+    def _with_levels(self, estimate: Estimate) -> Estimate:
+        """Return an estimate with how noisy the sensors have turned out to be by its window."""
+        levels = self._levels.get(estimate.time)
+        warning = '' if levels is None else levels.warning
+        return replace(estimate, noise=levels, warnings=(*estimate.warnings, *([warning] if warning else [])))
 
     def _with_notes(self, estimate: Estimate) -> Estimate:
         """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""

@@ -17,6 +17,8 @@ CHANNELS = (
     'base_angular_velocity',
 )
 UNITS = ('rad', 'rad/s', 'm', 'rad', 'm/s', 'rad/s')  # m and m/s of a prismatic joint
+TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # what sensors of a servicer have
+_FAR_TOO_LARGE = 10.0  # times, from which what is taken off the equations for noise in them is off itself
 _WRONG = 1.3  # times too small or too large, from which a declared value is told to be
 
 
@@ -35,6 +37,20 @@ class SensorLevels:
     found: Array
     correlation_time: float
     used: bool
+
+    @property
+    def warning(self) -> str:
+        """What leads to wrong numbers, whatever the innovations say: joints that are far better than declared.
+
+        Their noise is in the coefficients of the equations. What it adds there on average is taken off.
+        """
+        declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
+        if self.used or not declared > _FAR_TOO_LARGE * found:
+            return ''
+        return (
+            f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.found[0]:.2g}: estimates may '
+            'be pulled aside by more than their intervals say; set what the joints have, or noise.estimate'
+        )
 
     def told(self) -> list[str]:
         """Return in words what a user should know: of each sensor that is not as declared, a line."""

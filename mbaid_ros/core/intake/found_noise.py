@@ -9,10 +9,9 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.noise_levels import NoiseLevels
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.sensor_levels import SensorLevels
+from mbaid_ros.core.sensor_levels import TYPICAL, SensorLevels
 
-# What sensors of a servicer have. Below a thirtieth of that a model is off by more than by noise.
-_TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])
+# Below a thirtieth of what sensors have a model is off by more than by noise.
 _LEAST = 1.0 / 30.0
 
 
@@ -45,7 +44,7 @@ class FoundNoise:
         """
         levels = self._levels.until(origin + round(float(window.time[-1]) * 1e9), float(np.median(window.apart)))
         declared = self._declared(window)
-        found = np.maximum(levels.factor * declared, _LEAST * _TYPICAL)
+        found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
         factor = np.where(np.isnan(found) | (not self._estimate), 1.0, found / declared)
         time = self._noise.base_correlation_time or levels.correlation_time
         noise = np.array([*(factor[:2] * declared[:2]), time])

@@ -158,3 +158,13 @@ def test_declared_noise_stands_until_readings_tell() -> None:
     changed, levels = FoundNoise(noise, joints.position.shape[1], estimate=True).applied(window(joints, base), BEGIN)
     assert noise.found_in(changed) == noise
     assert levels.told() == []
+
+
+@pytest.mark.parametrize(('declared', 'warned'), [(5e-4, False), (3e-2, True)])
+def test_joints_that_are_far_better_than_declared_are_warned_of(declared: float, *, warned: bool) -> None:
+    joints, base = streams(4.0, 100.0)
+    noise = FoundNoise(replace(MID, joint_position=declared), joints.position.shape[1])
+    noise.take(joints, base)
+    assert (
+        noise.applied(window(joints, base), BEGIN)[1].warning.startswith('noise.joint_position is 0.03 rad') == warned
+    )
