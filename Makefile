@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
+.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -27,7 +27,7 @@ help:
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
 	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
-	@echo "make test    set-up, lint, types, then every test"
+	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
@@ -61,6 +61,12 @@ test: lint
 test-basilisk: install/.built
 	@$(BIN)/python -m pip install --quiet bsk==2.12.1
 	@. ./install/setup.sh && BASILISK=1 pytest -s test/replay/test_basilisk.py test/core/simulation/test_basilisk_orbit.py
+
+test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test-long: export OPENBLAS_NUM_THREADS := 1
+test-long: install/.built
+	$(STEP) "long tests"
+	@. ./install/setup.sh && pytest -n 2 --dist worksteal -m long
 
 fuzz: install/.built
 	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS) \

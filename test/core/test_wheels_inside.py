@@ -96,7 +96,7 @@ def test_a_momentum_that_is_told_serves_as_well(run: Truth) -> None:
     assert found.covariance == pytest.approx(expected.covariance, rel=1e-6, abs=1e-18)
 
 
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
 def test_noisy_speeds_widen_the_intervals_as_they_should(run: Truth, method: str) -> None:
     """With tachometers this bad, intervals that took them for exact would be far too narrow."""
     noise, squares = 3.0, []

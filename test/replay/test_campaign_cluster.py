@@ -22,7 +22,7 @@ from distributed import Client
 from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun
 from mbaid_ros.replay import campaign
-from mbaid_ros.replay.campaigns import cluster
+from mbaid_ros.replay.campaigns import cluster, command
 from mbaid_ros.replay.campaigns.make import Result
 from simulated import CONFIG
 
@@ -122,7 +122,7 @@ def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
     (tmp_path / yaml).write_text(TEXT)
     monkeypatch.chdir(tmp_path)
     victim, other = two.workers()
-    monkeypatch.setattr(campaign, 'made_on_cluster', dying(lambda: os.kill(victim, signal.SIGKILL), runs // 4))
+    monkeypatch.setattr(command, 'made_on_cluster', dying(lambda: os.kill(victim, signal.SIGKILL), runs // 4))
     assert campaign.main([yaml, *options, '--output', 'cluster']) == 0
     left = two.workers()
     assert other in left
@@ -140,7 +140,7 @@ def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
 ) -> None:
     yaml, output = tmp_path / 'campaign.yaml', tmp_path / 'output'
     yaml.write_text(TEXT)
-    monkeypatch.setattr(campaign, 'made_on_cluster', dying(lambda: os.killpg(two.scheduler.pid, signal.SIGKILL), 2))
+    monkeypatch.setattr(command, 'made_on_cluster', dying(lambda: os.killpg(two.scheduler.pid, signal.SIGKILL), 2))
     assert campaign.main([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
     captured = capfd.readouterr()
     assert captured.out == ''

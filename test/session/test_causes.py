@@ -13,7 +13,7 @@ from shortened import shorten
 @pytest.mark.parametrize(
     ('condition', 'seconds'),
     [
-        ("a joint's zero 30 mrad off", 32.0),
+        pytest.param("a joint's zero 30 mrad off", 32.0, marks=pytest.mark.long),
         ("a joint's sign flipped", 32.0),
         ('twist 50 ms late', 24.0),
         ('noise of the joints declared 10 x too small', 32.0),
@@ -28,6 +28,7 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
     assert len(set(causes)) == len(causes)
 
 
+@pytest.mark.long
 def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     condition = 'a flexible panel of 0.3 Hz'
     shorten(monkeypatch, condition, 32.0)

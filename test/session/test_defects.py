@@ -118,6 +118,7 @@ def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
     assert any('pose repeated: odometry that says again' in warning for warning in intake_warnings(session))
 
 
+@pytest.mark.long
 def test_slow_poses_beside_fast_joints_are_as_uncertain_as_told() -> None:
     model, squares = robot(ROBOT), []
     truth = physical(model.link(model.last_link).parameters)
@@ -276,7 +277,7 @@ def looped() -> list[Arrival]:
     )
 
 
-@pytest.mark.parametrize('at_once', [1, 77, 100_000])
+@pytest.mark.parametrize('at_once', [pytest.param(1, marks=pytest.mark.long), 77, 100_000])
 def test_a_loop_starts_again_and_says_why(at_once: int) -> None:
     result, session = estimates(ROBOT, looped(), at_once=at_once)
     assert session.restarted == 1

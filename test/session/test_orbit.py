@@ -20,7 +20,9 @@ from orbiting import AWAY, declared, identify, nees, session, simulated, urdf
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
-FRAMES = ('inertial', 'lvlh', 'hill')
+LONG = pytest.mark.long
+FRAMES = ('inertial', 'lvlh', pytest.param('hill', marks=LONG))
+LVLH_FIRST = ('lvlh', *(pytest.param(frame, marks=LONG) for frame in ('inertial', 'hill')))
 ECCENTRIC: dict[str, object] = {'orbit.eccentricity': 0.3, 'orbit.true_anomaly': 1.0}
 FAST = 0.005  # rad/s: four times the mean motion of a low orbit, so that half a minute is enough
 
@@ -56,7 +58,7 @@ def test_intervals_hold(frame: str, method: str) -> None:
     assert float(off @ np.linalg.solve(last.momentum_covariance, off)) > chi2.isf(1e-12, 6)
 
 
-@pytest.mark.parametrize('frame', FRAMES)
+@pytest.mark.parametrize('frame', LVLH_FIRST)
 def test_the_orbit_costs_nothing(frame: str) -> None:
     """Errors seed by seed, with the same noise, against those of a run that is in no orbit."""
     ratios = []
@@ -81,7 +83,7 @@ def test_a_gyro_is_inertial_in_a_frame_that_turns() -> None:
     assert nees(identify(again, session(method='difference', **around)), run.target_inertia) > LIMIT
 
 
-@pytest.mark.parametrize('frame', FRAMES)
+@pytest.mark.parametrize('frame', LVLH_FIRST)
 def test_without_the_parameter_it_is_no_quiet_error(frame: str) -> None:
     run = simulated(SECONDS, initial__base_position=AWAY, **given(declared(frame, FAST)))
     last = identify(run, session())
@@ -163,6 +165,7 @@ def test_the_methods_of_the_paper_refuse_it() -> None:
         session(method='paper_difference', **given(declared()))
 
 
+@LONG
 def test_a_capture() -> None:
     """What the captured body had before, in a run that the orbit changes the momentum of all the time."""
     around, time = given(declared('lvlh', FAST) | ECCENTRIC), 20.0

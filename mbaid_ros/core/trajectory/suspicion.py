@@ -9,6 +9,7 @@ own. All gains are log-likelihoods over the same pass: they tell the causes apar
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,8 @@ _FITTED = 30  # work of fitting them
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
-_REFINED = 4  # of how many the gain is found by passes of their own
+# Of how many the gain is found by passes of their own, and of how many of one kind: two links or joints will do.
+_REFINED, _ALIKE = 4, 2
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
 _BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
@@ -225,14 +227,26 @@ class Suspicion:
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
         found = []
-        for cause, (value, factor) in sorted(gains.items(), key=lambda each: -each[1][0])[:_REFINED]:
-            if value > _WORTH:
-                suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
-                using = self.extended(*suspected).widened(cause, factor)
-                track = yield from using.repeated(windows, point, self.hypotheses[0])
-                gained = track.belief.log_likelihood - base.log_likelihood
-                found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))
+        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > _WORTH}):
+            factor = gains[cause][1]
+            suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
+            using = self.extended(*suspected).widened(cause, factor)
+            track = yield from using.repeated(windows, point, self.hypotheses[0])
+            gained = track.belief.log_likelihood - base.log_likelihood
+            found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))
         return found
+
+
+def _likeliest(gains: Mapping[str, float]) -> list[str]:
+    """Return the causes that are worth a pass of their own, the likeliest first."""
+    found: list[str] = []
+    kinds: Counter[str] = Counter()
+    for cause in sorted(gains, key=lambda each: -gains[each]):
+        kind = cause.partition(':')[0]
+        kinds[kind] += 1
+        if kinds[kind] <= _ALIKE:
+            found.append(cause)
+    return found[:_REFINED]
 
 
 def _pulses(track: Track, base: Belief) -> list[Suspected]:

@@ -44,7 +44,8 @@ def underlined(parameters: dict[str, object]) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    ('method', 'seed'), [('difference', 0), ('difference', 1), ('difference', 2), ('trajectory', 0)]
+    ('method', 'seed'),
+    [('difference', 0), ('difference', 1), ('difference', 2), pytest.param('trajectory', 0, marks=pytest.mark.long)],
 )
 def test_a_low_orbit_is_named_first(method: str, seed: int) -> None:
     run = simulated(SECONDS, seed=seed, initial__base_position=AWAY, **underlined(declared('lvlh')))

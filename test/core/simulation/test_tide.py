@@ -90,7 +90,7 @@ class InMuJoCo:
         return joints, position, orientation
 
 
-@pytest.mark.parametrize('name', ['ets7', 'servicer7'])
+@pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
 def test_a_robot_moves_as_in_mujoco(name: str) -> None:
     """At sixty times the mean motion of a low orbit, so that half a minute is a good part of one."""
     model, around = robot(name), orbit(0.07)

@@ -41,6 +41,7 @@ def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> No
         assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
 
 
+@pytest.mark.long
 def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
     name = 'a thrust pulse of 1 N s, 0.5 N m s'
     shorten(monkeypatch, name, 40.0)
@@ -58,6 +59,7 @@ def test_after_a_slip_the_run_goes_on() -> None:
     assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
 
 
+@pytest.mark.long
 def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     name = 'the hand loses the body'
     shorten(monkeypatch, name, 48.0)

@@ -80,6 +80,7 @@ def test_a_planar_robot_shows_four_parameters(plane: Truth, seed: int | None) ->
     assert 'planar motion' in last.warnings[0]
 
 
+@pytest.mark.long
 def test_rows_full_of_noise(plane: Truth) -> None:
     """Where joints move little more in a window than their noise, least squares prefers bodies that noise moves less.
 
