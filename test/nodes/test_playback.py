@@ -45,7 +45,14 @@ def by_window(data: Iterable[bytes]) -> dict[int, bytes]:
     return {(span.sec * 1_000_000_000 + span.nanosec + 1) // WINDOW: estimate for span, estimate in spans}
 
 
-@pytest.mark.parametrize('method', methods())
+# Two of the four stand for the others, which take as long.
+@pytest.mark.parametrize(
+    'method',
+    [
+        each if each in {'trajectory', 'paper_main'} else pytest.param(each, marks=pytest.mark.long)
+        for each in methods()
+    ],
+)
 def test_a_played_bag_gives_the_estimates_of_its_replay(graph: Graph, bag: Path, tmp_path: Path, method: str) -> None:
     parameters = tmp_path / 'estimator.yaml'
     parameters.write_text(PARAMETERS.format(method=method))

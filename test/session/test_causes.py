@@ -14,7 +14,7 @@ from shortened import shorten
     ('condition', 'seconds'),
     [
         pytest.param("a joint's zero 30 mrad off", 32.0, marks=pytest.mark.long),
-        ("a joint's sign flipped", 32.0),
+        pytest.param("a joint's sign flipped", 32.0, marks=pytest.mark.long),
         ('twist 50 ms late', 24.0),
         ('noise of the joints declared 10 x too small', 32.0),
     ],

@@ -143,6 +143,7 @@ def test_outliers_cost_little_and_are_told(share: float) -> None:
     assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
 
 
+@pytest.mark.long
 def test_correlated_odometry_is_as_uncertain_as_told() -> None:
     model, squares = robot(ROBOT), []
     truth = physical(model.link(model.last_link).parameters)

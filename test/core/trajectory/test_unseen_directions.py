@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -71,6 +72,7 @@ def last(links: float, seconds: float = 60.0, **parameters: float) -> Estimate:
     return method.update(windows(observed(links)[: round(100.0 * seconds)]), 0)[-1]
 
 
+@pytest.mark.long
 def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given() -> None:
     # A wheel whose centre is off its axis would move a little mass.
     assert last(0.0, seconds=30.0).status == 'not_identifiable'
