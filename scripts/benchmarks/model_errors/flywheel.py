@@ -21,6 +21,7 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.simulation.drawn import draw, generator
 from mbaid_ros.core.simulation.run import Simulation
 from mbaid_ros.session import make_estimator
+from mbaid_ros.session.session import UNSOLVABLE
 from mbaid_ros.simulated_run import make_initial_state, make_motion
 
 _SECONDS = 60.0
@@ -77,7 +78,10 @@ def estimate(seed: int, mass_std: float) -> Estimate:
         given |= {'target_prior.mass': MASS + off, 'target_prior.mass_std': mass_std}
     config = build(EstimatorConfig, {'target_link': BASE, **given})
     estimator = make_estimator(config, MomentumKernel(nominal, BASE))
-    return Identifier(estimator, config.window, MAXIMUM_GAP).push(*readings(truth, NOISE, seed, errors))[-1]
+    try:
+        return Identifier(estimator, config.window, MAXIMUM_GAP).push(*readings(truth, NOISE, seed, errors))[-1]
+    except UNSOLVABLE:  # which a session tells, and begins anew
+        return Estimate(method=config.method, status='waiting')
 
 
 def rows(seeds: Sequence[int], mass_std: float) -> list[tuple[Estimate, Array]]:
