@@ -16,8 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.core.unknowns.declaration import Linear
 
 GRAVITY = 'gravity gradient'
 
@@ -36,10 +35,10 @@ _NEAR = 200.0
 
 
 @dataclass(frozen=True, eq=False)
-class Gravity(Unknown):
+class Gravity(Linear):
     """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
 
-    read = True  # no prediction is linearised at it: the momentum takes it up on the way
+    in_equations = True
     pushes = True
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
@@ -53,16 +52,6 @@ class Gravity(Unknown):
         for axis, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
             rates[:, 3 + axis] = weighed[..., one, other] - weighed[..., other, one]
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
-
-    def settled(self, value: Array, deviation: Array) -> Array:
-        """Return zero: the momentum is linear in it."""
-        del deviation
-        return np.zeros_like(value)
-
-    def moved(self, side: KnownSide, value: Array) -> KnownSide:
-        """Return the known side as it is."""
-        del value
-        return side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return nothing: tables do not orbit."""
