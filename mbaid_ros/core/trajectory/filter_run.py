@@ -13,7 +13,7 @@ from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.errand import Errand
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.multi_start import HOPELESS, Found, MultiStart
-from mbaid_ros.core.trajectory.state import BODY, Layout, Point
+from mbaid_ros.core.trajectory.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -219,8 +219,9 @@ class FilterRun:
             self._young = young[-_AT_REST:]
         elif len(young) >= self._next_pass:
             self._searched = len(young)
-            begin = self._found if self.settled else self._offered
-            self._search.begin(self._start.search(young, None if begin is None else begin()))
+            begins = [self._found] if self.settled else []
+            begins += [] if self._offered is None else [self._offered]
+            self._search.begin(self._start.search(young, begins))
         elif len(young) > self._kept and not self.settled:
             self._young = young[len(young) // 2 :]
 
@@ -281,16 +282,22 @@ class FilterRun:
         distance = root @ (gather @ (moments.mean - self._reference))
         if distance @ distance <= _HELD:
             return self._point
-        self._reference = moments.mean.copy()
         state = moments.mean.copy()
         state[self._layout.parameters] = self._point.parameters
         state[self._layout.readings] = self._point.readings
-        unit = np.ones(count - first)
+        # Beside a body that is heavier than the robot, what is typical of the robot is little.
+        heavier = float(moments.mean[BODY.start] / self._variables.typical_momentum[0])
+        unit = np.full(count - first, 1.0 / max(1.0, heavier))
         unit[self._variables.own - first :] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
         deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
         offset = directions.T @ (unit * (gather @ (moments.mean - state)))
         moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
         state += self._variables.spread[:, first:] @ (directions @ np.where(moving, offset, 0.0) / unit)
+        step = state[self._layout.parameters] - self._point.parameters
+        part = near_part(self._point.parameters, step)
+        state[self._layout.parameters] = self._point.parameters + part * step
+        if part == 1.0:
+            self._reference = moments.mean.copy()
         # What follows has to be linked to the windows before: at their readings.
         return self._layout.beside(state, self._point)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.known_errors import body_sizes
+from mbaid_ros.core.results.consistency import is_physical, project
+from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.bank import (
     LONGEST,
     LONGEST_AT_A_GUESS,
@@ -23,7 +24,7 @@ from mbaid_ros.core.trajectory.bank import (
 )
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, Layout, Point
+from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
@@ -43,8 +44,7 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _MASS = BODY.start - LINEAR.start
-_BODY = slice(_MASS, _MASS + 10)
-_TRUSTED = 0.5  # of the body's size, that one pass may change it by
+_BODY_PLACES = np.arange(BODY.start, BODY.stop)
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
 _STACK = 10  # windows linearised at a time: one piece of work
 _LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
@@ -144,23 +144,28 @@ class MultiStart:
     linearised: LinearisationCache
     hypotheses: tuple[Hypothesis, ...]
 
-    def search(self, windows: list[Window], point: Point | None) -> Search:
+    def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Search:
         """Linearise windows ever nearer to what they say, from a point; from the guesses where that leads nowhere.
 
         Parameters
         ----------
         windows : in order; those that are added while the search goes on are only followed
-        point : found earlier; None where there is none
+        points : make what has been found earlier, or None; each is asked only where the one before leads nowhere
         """
         count = len(windows)
         stacks = [stacked(windows[k : min(k + _STACK, count)]) for k in range(0, count, _STACK)]
         results: list[_Result] = []
         sound = other_leads = False
-        if point is not None and not _massless(point.parameters):
+        for begin in points:
+            point = begin()
+            if point is None or _massless(point.parameters):
+                continue
             found = yield from self._repeat(stacks, point, self._fresh(self.hypotheses[0]))
             if found is not None:
-                results, sound = [found], found.sound
+                results, sound = [*results, found], found.sound
                 passed, bank, other_leads = yield from self._hypotheses(stacks, found)
+            if sound or other_leads:
+                break
         if not (sound or other_leads):
             results += yield from self._from_guesses(stacks)
             if not results:
@@ -255,13 +260,24 @@ class MultiStart:
         (track,) = yield from self._follow(passed, (fresh,))
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
-        state = moments.mean
+        state = self._real(moments)
         step: Array = state[self.layout.parameters] - point.parameters
-        step = _trusted(step, point.parameters)
+        step *= near_part(point.parameters, step)
         state[self.layout.parameters] = point.parameters + step
         settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
         after = self.layout.point(state, moments.deviation)
         return _Result(after, passed, track, moments, deviation, settled=settled, held=held)
+
+    def _real(self, moments: Moments) -> Array:
+        """Return the likeliest state (s,) whose body can exist; in a plane, which leaves most of it open, the mean."""
+        body = moments.mean[BODY]
+        if self.layout.plane is not None or is_physical(body):
+            return moments.mean.copy()
+        scale = unknown_scale(self.layout.kernel)[:10]
+        nearest, _ = project(body, moments.covariance(_BODY_PLACES), scale)
+        # What else is uncertain follows the body, as far as it is correlated.
+        own = moments.factor[BODY] / scale[:, None]
+        return np.asarray(moments.mean + moments.factor @ np.linalg.lstsq(own, (nearest - body) / scale)[0])
 
     def _pass(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, _Pass]:
         """Linearise all windows at one point."""
@@ -308,12 +324,6 @@ class MultiStart:
             state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
             guesses.append(self.layout.point(state))
         return guesses
-
-
-def _trusted(step: Array, parameters: Array) -> Array:
-    """Return a step of Gauss and Newton, no longer than it is near linear: the body stays much as large as it was."""
-    sizes = body_sizes(parameters[_BODY])
-    return np.asarray(step * min(1.0, _TRUSTED / float(np.max(np.abs(step[_BODY]) / sizes, initial=_TRUSTED))))
 
 
 def _massless(parameters: Array) -> bool:

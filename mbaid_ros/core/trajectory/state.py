@@ -15,6 +15,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -23,6 +24,7 @@ from mbaid_ros.core.unknowns.known_side import KnownSide
 from mbaid_ros.core.unknowns.target_body import KnownTarget
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
+_NEAR = 0.5  # of the body's size
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 
 
@@ -151,6 +153,13 @@ class Layout:
         values = state.copy()
         values[self.readings] = point.readings
         return self.point(values)
+
+
+def near_part(parameters: Array, step: Array) -> float:
+    """Return how much of a step from a point's (u,) parameters is near linear: the body stays much as large."""
+    body = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)
+    change = float(np.max(np.abs(step[body]) / body_sizes(parameters[body])))
+    return min(1.0, _NEAR / max(change, _NEAR))
 
 
 def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:

@@ -44,6 +44,7 @@ URDF = f"""\
     <inertia ixx="0.3" ixy="0" ixz="0" iyy="0.3" iyz="0" izz="0.5"/></inertial></link>
 </robot>
 """
+BASE = physical(load_model(URDF).link('base_link').parameters)
 
 
 @cache
@@ -79,10 +80,19 @@ def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given
     assert last(0.0, target_prior__mass=MASS, target_prior__mass_std=MASS_STD).identifiable.all()
 
 
+def test_a_wheel_out_of_balance_tells_the_mass_of_its_base_as_far_as_it_is_out() -> None:
+    estimate = last(0.01)
+    assert estimate.identifiable.all()
+    assert np.all(np.abs(estimate.parameters - BASE) < 3.0 * estimate.std)
+    # A given mass is known ten times better.
+    assert estimate.std[0] > 0.02 * MASS
+    # Mass and CoM go together, and windows at different masses must not tell of the mount.
+    assert np.all(estimate.std[1:4] > 0.7 * MOUNT)
+
+
 def test_windows_linearised_at_different_points_do_not_tell_what_none_of_them_sees() -> None:
     estimate = last(0.01, target_prior__mass=MASS + MASS_STD, target_prior__mass_std=MASS_STD)
-    error = estimate.parameters - physical(load_model(URDF).link('base_link').parameters)
-    assert np.all(np.abs(error) < 3.0 * estimate.std)
+    assert np.all(np.abs(estimate.parameters - BASE) < 3.0 * estimate.std)
     # The CoM is known in the odometry's frame, which may be this far from the base's.
     assert np.all(estimate.std[1:4] > 0.9 * MOUNT)
     assert estimate.std[0] > 0.9 * MASS_STD

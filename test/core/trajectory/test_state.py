@@ -1,0 +1,26 @@
+"""How far a point may move before what is linear there no longer holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.trajectory.state import near_part
+
+BODY = standard(np.array([10.0, 0.1, 0.2, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0]))
+POINT = np.concatenate((np.zeros(6), BODY, np.zeros(3)))
+
+
+def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
+    step = np.zeros_like(POINT)
+    step[6] = 20.0
+    assert near_part(POINT, step) == pytest.approx(0.25)
+    assert near_part(POINT, -step) == pytest.approx(0.25)
+    assert near_part(POINT, 0.2 * step) == 1.0
+
+
+def test_momentum_and_unknowns_may_change_by_anything() -> None:
+    step = np.full_like(POINT, 1e6)
+    step[6:16] = 0.0
+    assert near_part(POINT, step) == 1.0
