@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Measure runs in orbit, and with wheels inside, against the same in empty space: the tables of docs/orbit.md.
+"""Measure runs in orbit, with wheels inside or a thruster that is off: the tables of docs/orbit.md.
+
+They are compared with the same in empty space.
 
 Every run that is done is kept as a line of a file; tables are of all that it holds. Several of these may work at the
 same file, each at seeds of its own:
@@ -15,7 +17,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.orbit.pages import tables
-from benchmarks.orbit.runs import PARTS, run_part
+from benchmarks.orbit.store import PARTS, run_part
 
 
 def main() -> int:

@@ -18,7 +18,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.tide import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
@@ -97,15 +96,14 @@ class Normals:
 
     def thrusters(self) -> tuple[Thruster, ...]:
         """Return by how much thrusters are off their commands."""
-        found, place = [], 10
+        found: list[Thruster] = []
+        place = 10
         for unknown in self.unknowns:
             numbers = slice(place, place + unknown.count)
             place = numbers.stop
             if isinstance(unknown, Thrusters):
-                values = (unknown.factor @ self.belief.mean[numbers]).reshape(-1, OF_A_THRUSTER)
-                spread = unknown.factor @ self.belief.factor[numbers]
-                stds = np.sqrt(np.sum(spread**2, axis=1)).reshape(values.shape)
-                found += [Thruster.of(*each) for each in zip(unknown.frames, values, stds, strict=True)]
+                stds = np.linalg.norm(unknown.factor @ self.belief.factor[numbers], axis=1)
+                found += Thruster.all_of(unknown.frames, unknown.factor @ self.belief.mean[numbers], stds)
         return tuple(found)
 
     def blocks(self) -> tuple[Array, Array]:

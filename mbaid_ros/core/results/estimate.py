@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -72,6 +73,12 @@ class Thruster:
     turn_std: Array
     delay: float
     delay_std: float
+
+    @staticmethod
+    def all_of(frames: Sequence[str], values: Array, stds: Array) -> list[Thruster]:
+        """Return k of them from (5 k,) numbers with standard deviations, as `of` takes them, one after the other."""
+        parts = (np.reshape(each, (len(frames), -1)) for each in (values, stds))
+        return [Thruster.of(*each) for each in zip(frames, *parts, strict=True)]
 
     @staticmethod
     def of(frame: str, value: Array, std: Array) -> Thruster:

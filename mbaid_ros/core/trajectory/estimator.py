@@ -14,7 +14,7 @@ from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.tide import OF_A_THRUSTER, brought
+from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.bank import Track
@@ -238,13 +238,9 @@ class TrajectoryEstimator:
         found: list[Thruster] = []
         for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
             if isinstance(unknown, Thrusters):
-                values = (unknown.factor @ moments.mean[place]).reshape(-1, OF_A_THRUSTER)
                 # Each number of the state is one of these, in units of its prior.
-                stds = np.abs(unknown.factor @ _deviation(moments, place)).reshape(values.shape)
-                found += [
-                    Thruster.of(frame, value, std)
-                    for frame, value, std in zip(unknown.frames, values, stds, strict=True)
-                ]
+                stds = np.abs(unknown.factor @ _deviation(moments, place))
+                found += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
         return tuple(found)
 
     def _reported(self, solved: list[_Solved]) -> list[Estimate]:

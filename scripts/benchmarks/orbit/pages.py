@@ -1,4 +1,4 @@
-"""What the runs in orbit and with wheels have come to, as tables."""
+"""What the runs in orbit, with wheels and with a thruster have come to, as tables."""
 
 from __future__ import annotations
 
@@ -8,20 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
-from benchmarks.orbit.runs import DURATIONS, FRAMES, PACES, PLACES, stored
+from benchmarks.orbit.runs import DURATIONS, FRAMES, PACES, PLACES
+from benchmarks.orbit.simulated import STRONGER, TURN
+from benchmarks.orbit.store import stored
+from benchmarks.pages import table
 
 _CLAIMED = ('converged', 'estimating')
 _BAND = 1.96
+_WRONG = float(chi2.isf(1e-3, 10))  # NEES that one run in a thousand exceeds
 _ORBIT = 'set orbit.mean_motion'
 _WHEELS = 'wheels'
-_HOW = {
+_WHEELS_READ = {
     '': 'none',
     'names': 'by names',
     'stored': 'by stored momentum',
     'unread': 'not read',
     'off': 'by names, inertia 5 % off, declared',
     'off, exact': 'by names, inertia 5 % off, exact',
+}
+_THRUSTERS = {
+    '': 'none',
+    'right': 'as commanded',
+    'right, prior': 'as commanded, may be off',
+    'off, prior': 'off, may be off',
+    'off': 'off, taken as commanded',
 }
 
 Line = dict[str, Any]
@@ -30,14 +42,12 @@ Line = dict[str, Any]
 def tables(store: Path) -> str:
     """Return the tables of what a file holds."""
     lines = stored(store)
-    return '\n'.join((_grid(lines), _undeclared(lines), _wheels(lines)))
+    return '\n\n'.join((_grid(lines), _undeclared(lines), _wheels(lines), _thruster(lines))) + '\n'
 
 
 def _grid(lines: Iterable[Line]) -> str:
-    rows = [
-        '| motion | frame | where | runs | coverage | NEES | RMSE over that in no orbit | status |',
-        '|---' * 8 + '|',
-    ]
+    header = ('motion', 'frame', 'where', 'runs', 'coverage', 'NEES', 'RMSE over that in no orbit', 'status')
+    rows = []
     for seconds in DURATIONS:
         for pace in PACES:
             these = [line for line in lines if _is(line, part='grid', seconds=seconds, pace=pace)]
@@ -46,40 +56,70 @@ def _grid(lines: Iterable[Line]) -> str:
             for frame, place in every:
                 own = [line for line in these if _is(line, frame=frame, place=place) and line['seed'] in free]
                 if own:
-                    told = (frame or 'no orbit', place if frame else '-', *_figures(own, free))
-                    rows.append(f'| {seconds:.0f} s, {pace} | ' + ' | '.join(told) + ' |')
-    return '\n'.join(rows) + '\n'
+                    where = (frame or 'no orbit', place if frame else '-')
+                    rows.append((f'{seconds:.0f} s, {pace}', *where, *_figures(own, free)))
+    return table(header, rows, words=True)
 
 
 def _undeclared(lines: Iterable[Line]) -> str:
-    rows = [
-        '| motion | frame | where | runs | status | coverage of those that claim one | named first |',
-        '|---' * 7 + '|',
-    ]
-    for pace in PACES:
-        for frame in FRAMES:
-            for place in PLACES:
-                own = [line for line in lines if _is(line, part='undeclared', pace=pace, frame=frame, place=place)]
-                if own:
-                    claimed = [line for line in own if line['status'] in _CLAIMED]
-                    covered = f'{_covered(claimed):.0f} %' if claimed else '-'
-                    named = sum(_ORBIT in ''.join(line['named'][:1]) for line in own)
-                    told = (pace, frame, place, len(own), _status(own), covered, f'{named} of {len(own)}')
-                    rows.append('| ' + ' | '.join(map(str, told)) + ' |')
-    return '\n'.join(rows) + '\n'
+    header = ('motion', 'frame', 'where', 'runs', 'status', 'coverage of those that claim one', 'wrong', 'named first')
+    rows = []
+    these = [line for line in lines if line['part'] == 'undeclared']
+    for seconds in DURATIONS:
+        for pace in PACES:
+            for frame in FRAMES:
+                for place in PLACES:
+                    own = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame, place=place)]
+                    if own:
+                        rows.append((f'{seconds:.0f} s, {pace}', frame, place, *_told_of(own)))
+    return table(header, rows, words=True)
+
+
+def _told_of(own: list[Line]) -> tuple[str, ...]:
+    """Return how many runs there are, their status, coverage, how many are silently wrong, and how many name it."""
+    claimed = [line for line in own if line['status'] in _CLAIMED]
+    covered = f'{_covered(claimed):.0f} %' if claimed else '-'
+    wrong = sum(line['nees'] is not None and line['nees'] > _WRONG for line in claimed)
+    named = sum(_ORBIT in ''.join(line['named'][:1]) for line in own)
+    return str(len(own)), _status(own), covered, str(wrong), f'{named} of {len(own)}'
 
 
 def _wheels(lines: Iterable[Line]) -> str:
-    rows = ['| wheels | runs | coverage | NEES | RMSE over that without | status | named |', '|---' * 7 + '|']
+    header = ('wheels', 'runs', 'coverage', 'NEES', 'RMSE over that without', 'status', 'named')
+    rows = []
     these = [line for line in lines if line['part'] == 'wheels']
     free = {line['seed']: line for line in these if not line['frame']}
-    for how, words in _HOW.items():
+    for how, words in _WHEELS_READ.items():
         own = [line for line in these if line['frame'] == how and line['seed'] in free]
         if own:
             named = sum(any(_WHEELS in cause for cause in line['named'][:2]) for line in own)
-            told = (words, *_figures(own, free), f'{named} of {len(own)}')
-            rows.append('| ' + ' | '.join(told) + ' |')
-    return '\n'.join(rows) + '\n'
+            rows.append((words, *_figures(own, free), f'{named} of {len(own)}'))
+    return table(header, rows, words=True)
+
+
+def _thruster(lines: Iterable[Line]) -> str:
+    header = ('thruster', 'runs', 'coverage', 'NEES', 'RMSE over that without', 'status', 'scale', 'turn')
+    rows = []
+    these = [line for line in lines if line['part'] == 'thruster']
+    free = {line['seed']: line for line in these if not line['frame']}
+    for how, words in _THRUSTERS.items():
+        own = [line for line in these if line['frame'] == how and line['seed'] in free]
+        if own:
+            rows.append((words, *_figures(own, free), *_found(own)))
+    return table(header, rows, words=True)
+
+
+def _found(own: list[Line]) -> tuple[str, str]:
+    """Return the largest errors of scale and turn, the latter in degrees, each with its standard deviation."""
+    known = [line for line in own if 'scale' in line]
+    if not known:
+        return '-', '-'
+    strength, turn = (STRONGER, np.radians(TURN)) if 'off' in own[0]['frame'] else (1.0, 0.0)
+    # What there is of the force along its command, and across it.
+    scale = max(abs(line['scale'] - strength * np.cos(turn)) for line in known)
+    off = max(float(np.abs(np.array(line['turn']) - [strength * np.sin(turn), 0.0, 0.0]).max()) for line in known)
+    stds = [_mean(known, lambda line: line['scale_std']), _mean(known, lambda line: float(np.max(line['turn_std'])))]
+    return f'{scale:.4f} ({stds[0]:.4f})', f'{np.degrees(off):.2f}° ({np.degrees(stds[1]):.2f}°)'
 
 
 def _is(line: Line, **values: object) -> bool:

@@ -1,36 +1,29 @@
-"""Runs of the servicer in orbit, or with wheels inside: what they come to, a line a run."""
+"""Runs of the servicer in orbit: what they come to, a line a run."""
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from benchmarks.data import CONFIG, LEVELS, model
+from benchmarks.data import LEVELS, model
 from benchmarks.honesty.floating import World, float_freely
 from benchmarks.honesty.paths import ROBOT, sinusoids
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import history, messages
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import SimulatedRun
 
 MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
 NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
@@ -39,14 +32,9 @@ PACES = {'fast': 8.0, 'slow': 0.25}  # times the sinusoids of config/: up to 20 
 FRAMES = ('inertial', 'lvlh', 'hill')
 NOISE = LEVELS['mid']
 DURATIONS = (60.0, 300.0)  # s: a shorter run is the begin of the longer one
-_RATE = 20.0  # Hz
-_AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
-_WHEELS: dict[str, object] = {
-    'wheels.names': ['rw1', 'rw2', 'rw3', 'rw4'],
-    'wheels.axes': _AXES,
-    'wheels.spin_inertias': [0.05] * 4,
-}
-_OFF = {'wheels.spin_inertias': [0.0525, 0.0475, 0.0525, 0.0475]}  # 5 %
+RATE = 20.0  # Hz
+
+Kept = set[tuple[Any, ...]]  # what need not be run again
 
 
 def orbit_of(frame: str) -> Orbit:
@@ -59,7 +47,7 @@ def orbit_of(frame: str) -> Orbit:
 @cache
 def moved(pace: str, frame: str, place: str, seconds: float) -> Truth:
     """Return the motion as the odometry's frame sees it; of no frame in empty space."""
-    world = World(model(ROBOT).urdf, sinusoids(pace=PACES[pace]), seconds=seconds, rate=_RATE)
+    world = World(model(ROBOT).urdf, sinusoids(pace=PACES[pace]), seconds=seconds, rate=RATE)
     if not frame:
         return float_freely(world)
     around, away = orbit_of(frame), PLACES[place]
@@ -88,11 +76,12 @@ def declared(frame: str) -> dict[str, object]:
 
 def estimates(truth: Truth, seed: int, parameters: Mapping[str, object]) -> list[Estimate]:
     """Return what is estimated of a motion that sensors read."""
-    session = Session(build(EstimatorConfig, {**_noise(), **parameters}), model(ROBOT).urdf)
+    session = Session(build(EstimatorConfig, {**sensors(), **parameters}), model(ROBOT).urdf)
     return history(session, messages(session, read(truth, NOISE, seed), model(ROBOT), NOISE))
 
 
-def _noise() -> dict[str, object]:
+def sensors() -> dict[str, object]:
+    """Return the parameters of what is sought, and of the sensors."""
     return {'target_link': 'link7', **{f'noise.{name}': value for name, value in vars(NOISE).items()}}
 
 
@@ -114,7 +103,8 @@ def told(found: Sequence[Estimate], seconds: float) -> dict[str, Any]:
     }
 
 
-def _grid(seed: int, kept: set[tuple[Any, ...]], durations: Sequence[float] = DURATIONS) -> Iterator[dict[str, Any]]:
+def grid(seed: int, kept: Kept, durations: Sequence[float] = DURATIONS) -> Iterator[dict[str, Any]]:
+    """Yield what comes of every motion in every frame, and in no orbit."""
     for pace in PACES:
         for frame, place in (('', 'at'), *((frame, place) for frame in FRAMES for place in PLACES)):
             if ('grid', pace, frame, place, seed) not in kept:
@@ -124,75 +114,13 @@ def _grid(seed: int, kept: set[tuple[Any, ...]], durations: Sequence[float] = DU
                     yield {'pace': pace, 'frame': frame, 'place': place, **told(found, seconds)}
 
 
-def _undeclared(seed: int, kept: set[tuple[Any, ...]]) -> Iterator[dict[str, Any]]:
+def undeclared(seed: int, kept: Kept, durations: Sequence[float] = DURATIONS) -> Iterator[dict[str, Any]]:
+    """Yield the same where nobody has said that there is an orbit."""
     exact = {name: value for name, value in EXACT.items() if not name.startswith('orbit')}
     for pace in PACES:
         for frame in FRAMES:
             for place in PLACES:
                 if ('undeclared', pace, frame, place, seed) not in kept:
-                    found = estimates(moved(pace, frame, place, DURATIONS[0]), seed, exact)
-                    yield {'pace': pace, 'frame': frame, 'place': place, **told(found, DURATIONS[0])}
-
-
-def _wheels(seed: int, kept: set[tuple[Any, ...]]) -> Iterator[dict[str, Any]]:
-    names: dict[str, dict[str, object]] = {
-        '': {},
-        'names': _WHEELS,
-        'stored': {'wheels.momentum_frame': 'base_link'},
-        'unread': {},
-    }
-    with_prior = {**_WHEELS, **_OFF, 'wheels.spin_inertia_relative_std': 0.05}
-    for how, parameters in {**names, 'off': with_prior, 'off, exact': {**_WHEELS, **_OFF}}.items():
-        if ('wheels', '', how, '', seed) in kept:
-            continue
-        publish = {'stored': 'stored_momentum', 'unread': 'none'}.get(how, 'joint_states')
-        turning = {**_WHEELS, 'wheels.accelerations': [1.7, -1.7, 1.5, 1.6], 'wheels.publish': publish}
-        values = load_parameter_file(CONFIG / f'{ROBOT}_simulator.yaml', 'simulator')
-        values |= {'duration': DURATIONS[0], 'joint_rate': _RATE, 'odometry_rate': _RATE, 'seed': seed, 'step': 0.05}
-        values |= {f'noise.{name}': value for name, value in vars(NOISE).items() if not name.endswith('time')}
-        values |= {**turning, 'wheels.speed_noise': 0.05} if how else {}
-        run = SimulatedRun(build(SimulatorConfig, values), model(ROBOT).urdf, BAG_TYPES)
-        session = Session(build(EstimatorConfig, {**EXACT, **_noise(), **parameters}), model(ROBOT).urdf)
-        take = {
-            'joint_states': session.add_joint_state,
-            'odom': session.add_odometry,
-            'stored_momentum': session.add_stored_momentum,
-        }
-        found = history(session, ((take[each.topic], each.message) for each in run.read(DURATIONS[0])))
-        yield {'pace': '', 'frame': how, 'place': '', **told(found, DURATIONS[0])}
-
-
-Part = Callable[[int, set[tuple[Any, ...]]], Iterator[dict[str, Any]]]
-PARTS: dict[str, Part] = {
-    'grid': _grid,
-    'minute': partial(_grid, durations=DURATIONS[:1]),
-    'undeclared': _undeclared,
-    'wheels': _wheels,
-}
-
-
-def run_part(part: str, seeds: Sequence[int], store: Path) -> None:
-    """Run a part for some seeds, but for what a file holds already, and put it there.
-
-    `minute` is the first minute of `grid`.
-    """
-    kept = {(each['part'], each['pace'], each['frame'], each['place'], each['seed']) for each in stored(store)}
-    for seed in seeds:
-        begin = time.monotonic()
-        for line in PARTS[part](seed, kept):
-            own = {
-                'part': 'grid' if part == 'minute' else part,
-                'seed': seed,
-                **line,
-                'wall': round(time.monotonic() - begin, 1),
-            }
-            with store.open('a', encoding='utf-8') as file:
-                file.write(json.dumps(own) + '\n')
-            begin = time.monotonic()
-
-
-def stored(store: Path) -> list[dict[str, Any]]:
-    """Return the runs that a file holds."""
-    if not store.exists():
-        return []
-    return [json.loads(line) for line in store.read_text(encoding='utf-8').splitlines()]
+                    found = estimates(moved(pace, frame, place, durations[-1]), seed, exact)
+                    for seconds in durations:
+                        yield {'pace': pace, 'frame': frame, 'place': place, **told(found, seconds)}
