@@ -69,7 +69,7 @@ test-long: install/.built
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal -m long
 
 fuzz: install/.built
-	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_bags.py && python3 scripts/fuzz_files.py $(ARGS) \
+	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_files.py $(ARGS) \
 	  && python3 scripts/fuzz_messages.py $(ARGS)
 
 lint: install/.built

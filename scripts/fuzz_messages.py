@@ -13,69 +13,36 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import resource
-import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from copy import deepcopy
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
-from nav_msgs.msg import Odometry
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from tqdm import tqdm
 
-from fuzz_bags import CONFIG, LONGEST, MEMORY, TYPES, Damage, TooLongError, cut, flipped, overwritten, spliced
+from fuzzing.damage import of_bytes, one
+from fuzzing.formats import BAG
+from fuzzing.mcap_files import CONFIG
+from fuzzing.meanings import FRAMES, NUMBERS, SECONDS, TYPES, meaning
+from fuzzing.trial import MEMORY, Found, TooLongError, bounded, memory_begins, memory_peak
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.estimator import EstimatorNode
 
-BAG = CONFIG.parent / 'bags' / 'table1_live'
 MESSAGES = 1200  # of the robot
 METHODS = ('difference', 'trajectory')  # by the seed
 STRETCH = 60  # messages of an input
 EVERY = 100  # inputs, after which the node has to be as it was
-CLASSES = {'joint_states': JointState, 'odom': Odometry}
 OTHERS = {'thrust': WrenchStamped, 'stored_momentum': Vector3Stamped, 'robot_description': String}
-DAMAGES: tuple[Damage, ...] = (flipped, cut, overwritten, spliced)
-NUMBERS = (0.0, -1.0, 1e-300, 1e300, -1e9, np.nan, np.inf, -np.inf)
-SECONDS = (0, -(2**31), 2**31 - 1, 1_700_000_000, 1)
-NAMES: tuple[list[str], ...] = (
-    [],
-    [''],
-    ['a'] * 4,
-    ['joint1'],
-    ['joint1'] * 9,
-    [f'n{k}' for k in range(10_000)],
-    ['x' * 100_000],
-)
-FRAMES = ('', 'odom', '/base_link', 'link4', 'x' * 1_000_000, '\n\x1b[31m', 'ä' * 1000)
 RMWError = rclpy_implementation.RMWError
-
-
-@dataclass
-class Found:
-    """What came out.
-
-    Attributes
-    ----------
-    inputs : how many went in
-    slowest : s
-    wrong : what should not have been
-    """
-
-    inputs: int = 0
-    slowest: float = 0.0
-    wrong: list[str] = field(default_factory=list)
 
 
 class Node:
@@ -137,88 +104,59 @@ def bits(estimate: Any) -> bytes:
 
 def recorded() -> list[tuple[str, bytes]]:
     """Return the first messages of a robot, as their bytes."""
+    topics = [f'/{topic}' for topic in TYPES]
     with BagReader(BAG) as bag:
-        return [(topic.lstrip('/'), data) for _, (topic, data, _) in zip(range(MESSAGES), bag.raw(TYPES), strict=False)]
-
-
-def meaning(topic: str, data: bytes, generator: np.random.Generator) -> bytes:
-    """Return a well-formed message that means something else."""
-    message = deepcopy(deserialize_message(data, CLASSES[topic]))
-
-    def one(values: tuple[Any, ...]) -> Any:
-        return values[int(generator.integers(0, len(values)))]
-
-    way = int(generator.integers(0, 5))
-    if way == 0:
-        message.header.stamp.sec = one(SECONDS)
-    elif way == 1:
-        message.header.frame_id = one(FRAMES)
-    elif way == 2 and topic == 'odom':
-        message.child_frame_id = one(FRAMES)
-    elif way == 2:
-        message.name = one(NAMES)
-        message.position = [one(NUMBERS)] * int(generator.choice([0, 1, len(message.name)]))
-    elif topic == 'odom':
-        part = one((message.pose, message.twist))
-        part.covariance[int(generator.integers(0, 36))] = one(NUMBERS)
-        if way == 3:
-            setattr(message.pose.pose.orientation, one(('x', 'y', 'z', 'w')), one(NUMBERS))
-    else:
-        values = one((message.position, message.velocity))
-        if len(values):
-            values[int(generator.integers(0, len(values)))] = one(NUMBERS)
-    return bytes(serialize_message(message))
+        return [
+            (topic.lstrip('/'), data) for _, (topic, data, _) in zip(range(MESSAGES), bag.raw(topics), strict=False)
+        ]
 
 
 def of_others(generator: np.random.Generator) -> tuple[str, bytes]:
     """Return a message of one of the other topics."""
-    topic = list(OTHERS)[int(generator.integers(0, 2))]
+    topic = one(('thrust', 'stored_momentum'), generator)
     message = OTHERS[topic]()
-    message.header.frame_id = FRAMES[int(generator.integers(0, len(FRAMES)))]
-    message.header.stamp.sec = SECONDS[int(generator.integers(0, len(SECONDS)))]
+    message.header.frame_id = one(FRAMES, generator)
+    message.header.stamp.sec = one(SECONDS, generator)
     vector = message.vector if topic == 'stored_momentum' else message.wrench.force
-    vector.x = NUMBERS[int(generator.integers(0, len(NUMBERS)))]
+    vector.x = one(NUMBERS, generator)
     return topic, bytes(serialize_message(message))
 
 
 def attacked(clean: list[tuple[str, bytes]], generator: np.random.Generator) -> Iterator[tuple[str, bytes]]:
     """Yield a stretch of messages of which some are damaged."""
     begin = int(generator.integers(0, len(clean) - STRETCH))
-    share = float(generator.choice([0.02, 0.2, 1.0]))
+    share = one((0.02, 0.2, 1.0), generator)
     for topic, data in clean[begin : begin + STRETCH]:
         if generator.random() >= share:
             yield topic, data
         elif generator.random() < 0.1:
             other, content = of_others(generator)
             damaged = generator.random() < 0.5
-            yield other, DAMAGES[int(generator.integers(0, 4))](content, generator) if damaged else content
+            yield other, of_bytes(content, generator) if damaged else content
         elif generator.random() < 0.5:
             yield topic, meaning(topic, data, generator)
         else:
-            yield topic, DAMAGES[int(generator.integers(0, 4))](data, generator)
+            yield topic, of_bytes(data, generator)
 
 
 def fuzz(count: int, seed: int, every: int = EVERY) -> Found:
     """Return what came of so many inputs, after each `every` of which the node has to be as it was."""
     found, clean, node = Found(), recorded(), Node()
     expected = node.of_clean(clean)
-    at_start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for number in tqdm(range(count), unit=' stretches', disable=None, leave=False):
         generator = np.random.default_rng([seed, number])
-        begin = time.monotonic()
-        signal.setitimer(signal.ITIMER_REAL, LONGEST)
+        stretch = list(attacked(clean, generator))
+        at_first, begin = memory_begins(), time.process_time()
         try:
-            for topic, data in attacked(clean, generator):
-                node.send(topic, data)
-            if generator.random() < 0.1:
-                node.serve(int(generator.integers(0, 3)))
-            node.report()
-        except Exception as reason:  # noqa: BLE001 - that none comes out is what is tested
+            with bounded():
+                for topic, data in stretch:
+                    node.send(topic, data)
+                if generator.random() < 0.1:
+                    node.serve(int(generator.integers(0, 3)))
+                node.report()
+        except (Exception, TooLongError) as reason:  # noqa: BLE001 - that none comes out is what is tested
             found.wrong.append(f'messages {number}: {type(reason).__name__}: {reason}'[:500])
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-        found.inputs += 1
-        found.slowest = max(found.slowest, time.monotonic() - begin)
+        found.measured(time.process_time() - begin, memory_peak() - at_first)
         for estimate in node.published:
             if not np.all(np.isfinite(estimate.parameters[estimate.identifiable])):
                 found.wrong.append(f'messages {number}: {estimate.parameters} with status {estimate.status}')
@@ -227,14 +165,9 @@ def fuzz(count: int, seed: int, every: int = EVERY) -> Found:
             found.wrong.append(f'messages {number}: after ~/reset, a clean stream leads to another estimate')
     if not expected:
         found.wrong.append('the clean stream leads to no estimate')
-    memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - at_start) * 1024
-    if memory > MEMORY:
-        found.wrong.append(f'{memory / 1e6:.0f} MB more memory than at the start')
+    if found.largest > MEMORY:
+        found.wrong.append(f'{found.largest / 1e6:.0f} MB')
     return found
-
-
-def _on_alarm(_number: int, _frame: object) -> None:
-    raise TooLongError(f'more than {LONGEST:g} s')
 
 
 @contextlib.contextmanager
@@ -254,7 +187,6 @@ def silenced(log: Path) -> Iterator[None]:
 def on_a_graph(count: int, seed: int, every: int = EVERY) -> Found:
     """Return what came of so many inputs of a node on a graph of its own, without anybody else."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
-    signal.signal(signal.SIGALRM, _on_alarm)
     parameters = [
         '-p',
         f'robot_description_file:={CONFIG / "table1.urdf"}',
@@ -275,6 +207,5 @@ if __name__ == '__main__':
     parser.add_argument('--seed', type=int, default=0, metavar='N')
     asked = parser.parse_args()
     result = on_a_graph(asked.inputs, asked.seed)
-    print(f'messages: {result.inputs} inputs; slowest {result.slowest:.2f} s, {len(result.wrong)} failures')
-    print(*result.wrong[:20], sep='\n', end='\n' if result.wrong else '')
+    print(f'messages: {result}')
     sys.exit(bool(result.wrong))

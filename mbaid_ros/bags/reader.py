@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
@@ -19,7 +19,7 @@ from mbaid_ros.bags.block import Block, Raw, of_length
 from mbaid_ros.bags.chunks import UnindexedError
 from mbaid_ros.bags.recorded import Recorded, Timed
 from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic
-from mbaid_ros.bags.types import ADDED, is_standard, message_types
+from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
@@ -210,10 +210,7 @@ class BagReader:
             )
         with suppress(TypesysError, *DAMAGE):  # then as they are known
             if topic.definition:
-                parse = _types_from_idl if topic.idl else get_types_from_msg
-                store = get_typestore(Stores.EMPTY)
-                store.register(parse(topic.definition, topic.type))
-                store.get_msgdef(topic.type)
+                store = defined(topic.definition, topic.type, idl=topic.idl)
                 self._compare_with_known(store, topic)
                 return store
         if topic.type not in message_types().types:
@@ -284,13 +281,3 @@ def _open_file(file: Path) -> Source:
 def _natural_order(path: Path) -> list[int | str]:
     """Sort ``bag_2`` before ``bag_10``, as the recorder numbers the parts of a bag."""
     return [int(part) if part.isdecimal() else part for part in re.split(r'(\d+)', path.name)]
-
-
-def _types_from_idl(text: str, _name: str) -> Any:
-    """Return the types of an IDL definition, which a bag stores with a headline before each file."""
-    types = {}
-    for part in text.split(f'{"=" * 80}\n'):
-        body = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
-        if body.strip():
-            types.update(get_types_from_idl(body))
-    return types

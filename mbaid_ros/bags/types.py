@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros.core.errors import DataError
@@ -75,6 +75,32 @@ def definition(type_name: str) -> tuple[str, str]:
     store = message_types()
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
+
+
+@lru_cache(maxsize=16)  # it takes longer than reading thousands of messages, and bags of one robot define the same
+def defined(text: str, name: str, *, idl: bool) -> Typestore:
+    """Return the types of a definition, that of a name among them.
+
+    Raises
+    ------
+    rosbags.typesys.TypesysError
+        The definition is none.
+    """
+    parse = _types_from_idl if idl else get_types_from_msg
+    store = get_typestore(Stores.EMPTY)
+    store.register(parse(text, name))
+    store.get_msgdef(name)
+    return store
+
+
+def _types_from_idl(text: str, _name: str) -> Any:
+    """Return the types of an IDL definition, which a bag stores with a headline before each file."""
+    types = {}
+    for part in text.split(f'{"=" * 80}\n'):
+        body = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
+        if body.strip():
+            types.update(get_types_from_idl(body))
+    return types
 
 
 def is_standard(store: Typestore, type_name: str) -> bool:

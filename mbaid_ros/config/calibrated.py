@@ -88,6 +88,9 @@ def _is_covariance(matrix: Array) -> bool:
     if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
         return False
     size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    scaled = matrix / size / size[:, None]
+    with np.errstate(over='ignore'):  # a covariance with what has no variance
+        scaled = matrix / size / size[:, None]
+    if not np.all(np.isfinite(scaled)):
+        return False
     symmetric = np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING)
     return bool(symmetric and np.linalg.eigvalsh(scaled)[0] > -_ROUNDING * len(scaled))

@@ -139,7 +139,9 @@ class _Reading:
             if unknown or 'column' not in value:
                 raise ParameterError(f'{where} is {_shown(value)}; accepted: {{column: NAME, scale: 1.0, offset: 0.0}}')
             scale, offset = _number(value.get('scale', 1.0), where), _number(value.get('offset', 0.0), where)
-            return self._raw(value['column'], where) * scale + offset
+            with np.errstate(over='ignore'):
+                values = self._raw(value['column'], where) * scale + offset
+            return np.where(np.isinf(values), np.nan, values)
         return self._raw(value, where)
 
     def all_are(self, values: Sequence[Any], number: float, where: str) -> Array:

@@ -24,7 +24,7 @@ class Table:
     ----------
     path : of the file
     names : of its columns; empty where the file does not say
-    values : (N, k); NaN where a field is empty or says so
+    values : (N, k); NaN where a field is empty or says so, or is infinite
     """
 
     path: Path
@@ -57,7 +57,9 @@ def read_table(path: Path, separator: str = ',', *, header: bool) -> Table:
     count = len(names) or rows[0][1].count(separator) + 1
     if count > limits.LOG_COLUMNS:
         raise DataError(f"log '{path}' has {count} columns; at most {limits.LOG_COLUMNS} are accepted")
-    return Table(path, names, np.array([_row(line, separator, count, number, path) for number, line in rows]))
+    values = np.array([_row(line, separator, count, number, path) for number, line in rows])
+    values[np.isinf(values)] = np.nan
+    return Table(path, names, values)
 
 
 def _row(line: str, separator: str, count: int, number: int, path: Path) -> list[float]:

@@ -148,3 +148,12 @@ def test_arguments_that_do_not_fit_are_one_line(tmp_path: Path, capsys: pytest.C
     assert convert(tmp_path) == 0
     assert convert(tmp_path) == 2
     assert 'exists already' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('huge', ['inf', '1e308'])
+def test_what_is_infinite_or_becomes_so_is_no_number(
+    huge: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scaled = MAPPING.replace('scale: 0.017453292519943295', 'scale: 100.0')
+    assert convert(tmp_path, TABLE.replace('90,1,10', f'{huge},1,10', 1), scaled) == 0
+    assert '2 poses left out: no number there' in capsys.readouterr().err

@@ -113,6 +113,12 @@ def changed_values() -> list[float]:
     return found.tolist()
 
 
+def without_variance() -> list[list[float]]:
+    found = matrix()
+    found[3, 3] = 0.0
+    return found.tolist()
+
+
 def moved_joint() -> dict[str, Any]:
     found = joints()
     found['joint4']['position'][1] += 1e-4
@@ -139,6 +145,7 @@ def moved_joint() -> dict[str, Any]:
             'is no calibration: values and covariance of 8 links and 7 joints have the shapes (128,), (1, 1)',
         ),
         (content(matrix=(-matrix()).tolist()), {}, 'its matrix is no covariance'),
+        (content(matrix=without_variance()), {}, 'its matrix is no covariance'),
         (content(values=changed_values()), {}, "link 'link3' has other values in the robot description than in"),
         (
             {**content(), 'links': {name: {} for name in (*LINKS[:7], 'claw')}},

@@ -39,6 +39,7 @@ class Carried:
     def whitening(self) -> Array:
         """The (e, e) matrix W that makes W (numbers - mean) independent, of unit variance, each near its own number."""
         size = np.sqrt(np.sum(self.factor**2, axis=1))
+        size[size == 0.0] = 1.0  # of what a planar motion does not depend on
         left, values, _ = np.linalg.svd(self.factor / size[:, None], full_matrices=False)
         values = np.maximum(values, _NOTHING * values.max(initial=0.0))
         return np.asarray((left / values) @ left.T / size)

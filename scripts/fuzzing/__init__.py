@@ -1,0 +1,1 @@
+"""What the fuzzers share: damage, formats, and how one input is tried."""
