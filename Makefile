@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-model-errors benchmark-planning benchmark-speed demo-plan paper-table
+.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-live benchmark-model-errors benchmark-planning benchmark-speed benchmark-week demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -36,7 +36,7 @@ help:
 	@echo "             in docs/ (seconds, an hour, five minutes, half an hour; ARGS=... for the script, as in"
 	@echo "             ARGS=\"--seeds 10\", ARGS=--help); benchmark-disturbances and benchmark-speed the same, an hour each,"
 	@echo "             benchmark-honesty a quarter of an hour, benchmark-model-errors an hour, benchmark-planning an hour,"
-	@echo "             benchmark-benches half an hour"
+	@echo "             benchmark-benches, benchmark-week and benchmark-live half an hour"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
@@ -111,6 +111,12 @@ benchmark-speed: install/.built
 
 benchmark-day: install/.built
 	@$(BIN)/python scripts/benchmark_day.py --output docs $(ARGS)
+
+benchmark-week: install/.built
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_week.py --output docs $(ARGS)
+
+benchmark-live: install/.built
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/benchmark_live.py --output docs $(ARGS)
 
 clean:
 	rm -rf .venv build install log .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from tqdm import tqdm
 
 from benchmarks.data import DURATION, LEVELS, ROBOTS, endless_motion, kernel, momentum_of, sensed
 from benchmarks.driver import parser_of
+from benchmarks.endurance import HEAD, ORDER, resident
 from benchmarks.methods import METHODS, Identification
 from benchmarks.pages import number, provenance, put_section, table
 from mbaid_ros.core.geometry import Array
@@ -33,13 +33,6 @@ _PART = 50  # samples handed over at a time
 _MINUTES = 60  # an hour
 _WANTED_RATIO = 1.2
 
-_HEAD = """\
-# A day without a break
-
-24 hours of data at 100 Hz, joints and odometry, half a second at a time, as the node takes them. Time is processor time
-of one core, reading and synchronising included. `make benchmark-day` measures it anew, for `trajectory` with
-`ARGS="--method trajectory"`.
-"""
 _SECTION = """\
 ## Method `{method}`
 
@@ -91,8 +84,7 @@ def main() -> int:
             print(_hourly([hour], truth).splitlines()[-1], flush=True)
     print(_final(hours[-1].estimate, truth))
     if arguments.output:
-        order = [f'Method `{method}`' for method in METHODS]
-        put_section(arguments.output / 'endurance.md', _HEAD, _section(arguments, hours, truth), order)
+        put_section(arguments.output / 'endurance.md', HEAD, _section(arguments, hours, truth), ORDER)
     return 0 if _ratio(hours) <= _WANTED_RATIO else 1
 
 
@@ -118,18 +110,12 @@ def _hours(arguments: argparse.Namespace) -> Iterator[Hour]:
                 estimate = estimates[-1] if estimates else estimate
         if estimate is None:
             raise RuntimeError('an hour without an estimate')
-        yield Hour(hour + 1, spent / updates, _resident(), estimate, updates, len(events - told))
+        yield Hour(hour + 1, spent / updates, resident(), estimate, updates, len(events - told))
         told |= events
 
 
 def _later(truth: Truth, shift: float) -> Truth:
     return replace(truth, time=truth.time + shift)
-
-
-def _resident() -> float:
-    """Return the resident memory of this process, MB."""
-    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def _ratio(hours: list[Hour]) -> float:

@@ -77,15 +77,15 @@ def _read(path: str, text: str) -> CalibrationFile:
         np.array([content['joints'][name][key] for name in joints], dtype=float).reshape(-1, *shape)
         for key, shape in (('position', (3,)), ('rotation', (3, 3)))
     ]
-    if not all(len(each) == len(joints) and np.all(np.isfinite(each)) for each in frames):
+    if not all(len(each) == len(joints) and np.all(np.abs(each) <= limits.LENGTH) for each in frames):
         raise ValueError('position or rotation of a joint is none')
-    if not np.all(np.isfinite(values)) or not _is_covariance(covariance):
+    if not np.all(np.abs(values) <= limits.QUANTITY) or not _is_covariance(covariance):
         raise ValueError('its matrix is no covariance')
     return CalibrationFile(path, links, joints, values, covariance, *frames)
 
 
 def _is_covariance(matrix: Array) -> bool:
-    if not np.all(np.isfinite(matrix)) or np.any(np.diag(matrix) < 0.0):
+    if not np.all(np.abs(matrix) <= limits.QUANTITY**2) or np.any(np.diag(matrix) < 0.0):
         return False
     size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     with np.errstate(over='ignore'):  # a covariance with what has no variance

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
@@ -22,6 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from benchmarks.data import CONFIG
+from benchmarks.endurance import processor_time
 from benchmarks.speed_bag import ROBOT, make_bag
 from benchmarks.speed_replay import VARIANTS, assigned
 from mbaid_ros.nodes.qos import qos
@@ -29,7 +31,8 @@ from mbaid_ros.nodes.qos import qos
 HERE = Path(__file__).parent
 # A graph of its own: of the domains whose ports Linux does not hand out, those that hardly anyone uses.
 DOMAIN = 215 + os.getpid() % 18
-_ENVIRONMENT = {
+ENVIRONMENT = {
+    **os.environ,
     'ROS_DOMAIN_ID': str(DOMAIN),
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(HERE.parent / 'quick_discovery.xml'),
@@ -84,10 +87,14 @@ def runs(folder: Path, rate: float, seconds: float, repeats: int) -> dict[str, l
     return found
 
 
+def executable(name: str) -> str:
+    """Return the path of an executable, where `ros2 run mbaid_ros` finds it."""
+    return str(Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / name)
+
+
 def _estimator(method: str, others: Mapping[str, object]) -> list[str]:
-    program = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / 'estimator'
     options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', 'method': method, **others})
-    return [str(program), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
+    return [executable('estimator'), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
 
 
 def _run(command: Sequence[str], publisher: Sequence[str], seconds: float) -> Live:
@@ -95,13 +102,13 @@ def _run(command: Sequence[str], publisher: Sequence[str], seconds: float) -> Li
     with _process(command) as node, _process(publisher) as source, _listener() as listener:
         _line(source)
         gc.freeze()  # as in the publisher
-        before = _processor_time(node.pid)
+        before = processor_time(node.pid)
         _say(source)
         listener.spin(seconds)
         published = int(_line(source))
         if listener.received:
             listener.until(lambda: min(listener.received.values()) >= published)
-        cpu = _processor_time(node.pid) - before
+        cpu = processor_time(node.pid) - before
         _say(source)
         lost = sum(published - count for count in listener.received.values())
         return Live(cpu, 0.0, tuple(listener.latencies), lost)
@@ -152,7 +159,7 @@ class _Listener:
 
 @contextmanager
 def _listener() -> Iterator[_Listener]:
-    os.environ.update(_ENVIRONMENT)  # read by the middleware of this process, too
+    os.environ.update(ENVIRONMENT)  # read by the middleware of this process, too
     context = Context()
     rclpy.init(context=context, domain_id=DOMAIN)
     listener = _Listener(context)
@@ -166,15 +173,20 @@ def _listener() -> Iterator[_Listener]:
 @contextmanager
 def _process(command: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
     """Run a process on the graph; interrupt it in the end."""
-    environment = {**os.environ, **_ENVIRONMENT}
     process = subprocess.Popen(
-        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command, env=ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         yield process
     finally:
+        interrupted(process)
+
+
+def interrupted(process: subprocess.Popen[Any]) -> None:
+    """Ask a process to end, as Ctrl-C does, and wait for it."""
+    if process.poll() is None:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=_PATIENCE)
+    process.communicate(timeout=_PATIENCE)
 
 
 def _line(process: subprocess.Popen[str]) -> str:
@@ -190,9 +202,3 @@ def _say(process: subprocess.Popen[str]) -> None:
     if process.stdin:
         process.stdin.write('\n')
         process.stdin.flush()
-
-
-def _processor_time(pid: int) -> float:
-    """Return the processor time of a running process, s."""
-    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')

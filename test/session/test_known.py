@@ -119,9 +119,9 @@ def without_variance() -> list[list[float]]:
     return found.tolist()
 
 
-def moved_joint() -> dict[str, Any]:
+def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
     found = joints()
-    found['joint4']['position'][1] += 1e-4
+    found['joint4']['position'][1] += distance
     return found
 
 
@@ -146,6 +146,8 @@ def moved_joint() -> dict[str, Any]:
         ),
         (content(matrix=(-matrix()).tolist()), {}, 'its matrix is no covariance'),
         (content(matrix=without_variance()), {}, 'its matrix is no covariance'),
+        (content(matrix=(1e31 * np.eye(SIZE)).tolist()), {}, 'its matrix is no covariance'),
+        ({**content(), 'joints': moved_joint(1e200)}, {}, 'position or rotation of a joint is none'),
         (content(values=changed_values()), {}, "link 'link3' has other values in the robot description than in"),
         (
             {**content(), 'links': {name: {} for name in (*LINKS[:7], 'claw')}},
