@@ -134,8 +134,9 @@ class Information:
             last = belief
         moments = Moments.of(last, self._known.variables)
         own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
-        causes, variances = moments.contributions(own, self._known.layout)
-        return causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
+        layout = self._known.layout
+        variances = moments.contributions(own, layout).T ** 2 @ layout.belongs
+        return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
     def _followed(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> Iterator[list[Belief]]:
         """Give what will be known of B motions after each window."""

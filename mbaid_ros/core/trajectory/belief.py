@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.trajectory.state import Layout
+from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations
 
@@ -157,22 +157,22 @@ class Moments:
         """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
         return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
 
-    def contributions(self, own: Array, layout: Layout) -> tuple[tuple[str, ...], Array]:
-        """Return the part of the variance of m numbers that comes from the prior of each cause.
+    def unknowns(self, layout: Layout) -> tuple[Array, Array]:
+        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and a covariance factor."""
+        whitening = layout.known.whitening
+        return whitening @ (self.mean[BODY.stop :] - layout.known.mean), whitening @ self.factor[BODY.stop :]
 
-        An estimate errs by what noise and priors contribute, which are independent: the prior of unknowns of unit
-        variance contributes the square of their covariance with the estimate. What is left of the variance is sensor
-        noise.
+    def contributions(self, own: Array, layout: Layout) -> Array:
+        """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.
+
+        An estimate errs by what noise and priors contribute, which are independent. What the prior of a number of unit
+        variance contributes is the covariance of that number with the estimate.
 
         Parameters
         ----------
         own : (m, v) a covariance factor of the numbers, as of `factor_of`
         layout : of the state
-
-        Returns
-        -------
-        names of c causes, (m, c) variances
         """
-        unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
-        squares = (layout.known.whitening @ unknowns).T ** 2
-        return layout.causes, squares @ layout.belongs
+        return np.asarray(
+            layout.known.whitening @ self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        )

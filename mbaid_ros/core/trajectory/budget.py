@@ -13,27 +13,29 @@ from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 
-def error_budget(moments: Moments, layout: Layout, variables: Variables, uncertainty: Uncertainty) -> ErrorBudget:
+def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, sizes: Array) -> ErrorBudget:
     """Return the budget of the ten parameters: what no prior contributes is sensor noise.
 
     Parameters
     ----------
-    moments, layout, variables : of the filter
+    moments, layout : of the filter
     uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
+    sizes : (e,) how many times as far off as declared the unknowns' independent numbers are taken to be
     """
+    variables = moments.variables
     own = moments.factor_of(physical_jacobian(moments.mean[BODY]) @ variables.spread[BODY, : variables.own])
-    variance = np.sum(own**2, axis=1)
-    causes, parts = moments.contributions(own, layout)
+    squares = moments.contributions(own, layout).T ** 2
     given = []
     if uncertainty.target.given:
         given.append(('target prior', slice(variables.head, variables.own)))
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
-    names = (SENSOR_NOISE, *causes, *(name for name, _ in given))
-    parts = np.column_stack((parts, *(_of_a_prior(own, moments, variables, which) for _, which in given)))
+    priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
+    noise = np.sum(own**2, axis=1) - squares.sum(axis=1) - priors.sum(axis=0)
+    parts = np.column_stack((noise, (squares * sizes**2) @ layout.belongs, priors.T))
+    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
-        shares = np.column_stack((variance - parts.sum(axis=1), parts)) / variance[:, None]
-    return ErrorBudget(names, shares)
+        return ErrorBudget(names, parts / parts.sum(axis=1, keepdims=True))
 
 
 def _of_a_prior(own: Array, moments: Moments, variables: Variables, which: slice) -> Array:

@@ -23,6 +23,7 @@ from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.events import forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
+from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
@@ -52,6 +53,7 @@ class _Solved:
     events: tuple[Event, ...]
     delay: tuple[float, float]
     budget: ErrorBudget
+    warnings: tuple[str, ...]
 
 
 class TrajectoryEstimator:
@@ -208,7 +210,10 @@ class TrajectoryEstimator:
             judgement = replace(judgement, causes=causes)
         if (orbit := undeclared_orbit(moments, self._runs.layout)) is not None:
             judgement = judgement.with_cause(orbit)
-        covariance = moments.covariance(_ORDER) * judgement.widening
+        layout, variables = self._runs.layout, self._runs.variables
+        sizes = PriorSizes.of(moments, layout)
+        added = sizes.added(moments, layout, moments.factor_of(variables.spread[_ORDER]))
+        covariance = (moments.covariance(_ORDER) + added) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,
@@ -219,9 +224,18 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
-        budget = error_budget(moments, self._runs.layout, self._runs.variables, self._settings.uncertainty)
+        budget = error_budget(moments, layout, self._settings.uncertainty, sizes.each)
         return _Solved(
-            moments.mean, solution, now, self._thrusters(moments), track, judgement, found, self._delay(moments), budget
+            moments.mean,
+            solution,
+            now,
+            self._thrusters(moments),
+            track,
+            judgement,
+            found,
+            self._delay(moments),
+            budget,
+            sizes.told,
         )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:
@@ -262,7 +276,7 @@ def _deviation(moments: Moments, place: slice) -> Array:
 def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
     """Return the estimate with what its run says against it."""
     judgement = solved.judgement
-    warnings = list(estimate.warnings)
+    warnings = [*estimate.warnings, *solved.warnings]
     if solved.track.hypothesis.disturbed and solved.track.hypothesis.physical:
         warnings.append(f'{solved.track.hypothesis.name}; estimated along, which widens the intervals')
     known = estimate.status != 'not_identifiable'

@@ -14,7 +14,7 @@ from mbaid_ros.core.trajectory.bank import Track, follow
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.grasp import target_changed
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, Layout, Point
+from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Window, stacked
@@ -165,18 +165,12 @@ class WidePass:
 
     def gains(self, base: Belief, declared: Collection[str]) -> dict[str, tuple[float, float]]:
         """Return what each cause would gain by less certainty, and by how much less; some have been declared."""
-        values, factor = self._whitened(base)
+        values, factor = Moments.of(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
             found[cause] = gain(values[own], factor[own] @ factor[own].T, _MOST[cause not in declared])
         return found
-
-    def _whitened(self, belief: Belief) -> tuple[Array, Array]:
-        """Return the unknowns' numbers as if of unit variance beforehand, and a factor of their covariance."""
-        moments, known = Moments.of(belief, self.variables), self.layout.known
-        whitening = known.whitening
-        return whitening @ (moments.mean[BODY.stop :] - known.mean), whitening @ moments.factor[BODY.stop :]
 
     def widened(self, cause: str, factor: float) -> WidePass:
         """Return the same with one cause less certain."""

@@ -20,6 +20,14 @@ _CONSTANT = {
     'inertial': 'a tilted table, drag or a leak; set disturbance.constant to inertial',
     'body': 'a leak or thrust, or wheels that nobody reads spin up; set disturbance.constant to body',
 }
+# By kind of cause, what it is of and where that is declared.
+_DECLARED = {
+    'link': ('the links', 'known_links.relative_std'),
+    'zero': ("the joints' zeros", 'known_joints.zero_std'),
+    'origin': ("the joints' origins", 'known_joints.origin_std'),
+    'axis': ("the joints' axes", 'known_joints.axis_std'),
+    'mount': ('position and orientation of the odometry mount', 'odometry_mount.position_std, .orientation_std'),
+}
 
 
 def of_hypothesis(hypothesis: Hypothesis) -> str:
@@ -39,6 +47,12 @@ def of_change(time: float, *, exchanged: bool) -> str:
 def of_line(frequency: float) -> str:
     """Return that something swings at a frequency, Hz."""
     return f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
+
+
+def of_size(kind: str, size: float) -> str:
+    """Return that all of a kind is so many times as far off as declared."""
+    what, parameter = _DECLARED.get(kind, (kind, 'its standard deviation'))
+    return f'{what} look {size:.1f} times as far off as declared: intervals allow for that; raise {parameter}'
 
 
 def of_suspect(cause: str, value: Array) -> str:

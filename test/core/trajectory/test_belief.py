@@ -79,8 +79,8 @@ def test_the_shares_are_what_each_prior_contributes() -> None:
     # Of numbers of momentum and body that are no coordinates of the state.
     rows = np.arange(6, BODY.stop)
     jacobian = np.random.default_rng(1).normal(size=(4, len(rows)))
-    causes, parts = moments.contributions(jacobian @ moments.factor[rows], layout)
-    shares = dict(zip(causes, parts.T, strict=True))
+    parts = moments.contributions(jacobian @ moments.factor[rows], layout)
+    shares = dict(zip(layout.causes, (parts.T**2 @ layout.belongs).T, strict=True))
     names = layout.kernel.model.joint_names
     assert set(shares) == {*(f'{part}:{name}' for name in names for part in ('zero', 'axis')), 'mount', 'time offset'}
 

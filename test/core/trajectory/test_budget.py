@@ -59,7 +59,9 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     prior = Belief.prior(of_filter)
     belief, rows = measured(prior, 1, of_filter.gather @ state)
     moments = Moments.of(belief, of_filter)
-    found = error_budget(moments, layout, of_filter, known)
+    found = error_budget(moments, layout, known, np.ones(layout.size - BODY.stop))
+    zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
+    wider = error_budget(moments, layout, known, np.where(zeros, 3.0, 1.0))
 
     information = prior.root[:, :-2].T @ prior.root[:, :-2]
     covariance = np.linalg.inv(information + rows.T @ rows)
@@ -79,3 +81,7 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
         found.shares[seen, 0], np.sum((gains @ rows.T) ** 2, axis=1)[seen] / variance[seen], atol=0.05
     )
     assert found.shares[seen, 0].max() > 0.1
+    # Where zeros are three times as far off, their part of the variance is nine times as large, the others stay.
+    factor = np.array([9.0 if cause.startswith('zero') else 1.0 for cause in found.causes])
+    of_zeros = found.shares[seen] * factor
+    np.testing.assert_allclose(wider.shares[seen], of_zeros / of_zeros.sum(axis=1, keepdims=True), rtol=1e-9)
