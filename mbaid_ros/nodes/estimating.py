@@ -232,7 +232,7 @@ class Estimating:
     @staticmethod
     def _frames(session: Session) -> Frames:
         robot, prefix = session.robot, session.config.frame_prefix
-        return Frames(target_link=robot.target_link, odometry=session.odometry_reader.frame, prefix=prefix)
+        return Frames(target_link=robot.target_link, odometry=session.intake.odometry_reader.frame, prefix=prefix)
 
     def adjust(self, config: EstimatorConfig) -> None:
         """Take on what may change while it runs: convergence.*, plan.* and publish_tf.

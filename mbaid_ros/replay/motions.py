@@ -92,7 +92,7 @@ def read_motions(
             notes = _noted(session.process(), notes)
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
-    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.joint_reader.heard))
+    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))
 
 
 def _noted(estimates: list[Estimate], notes: tuple[str, ...]) -> tuple[str, ...]:

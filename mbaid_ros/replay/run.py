@@ -157,7 +157,7 @@ class _Intake:
 def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
     frames = Frames(
         target_link=session.robot.target_link,
-        odometry=session.odometry_reader.frame,
+        odometry=session.intake.odometry_reader.frame,
         prefix=session.config.frame_prefix,
     )
     for estimate in estimates:

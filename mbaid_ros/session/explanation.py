@@ -15,7 +15,8 @@ from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import BAD_QUATERNION, IMU_FRAME, JOINT_MISSING, WRONG_CHILD_FRAME
 from mbaid_ros.session.base_source import OTHER_SOURCE
-from mbaid_ros.session.session import IMU, JOINTS, ODOMETRY, Session
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY
+from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
 _MANY_OUTLIERS = 0.01  # share of the odometry
@@ -38,9 +39,9 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
         OUTLIER: _outliers(session),
         RATE_MISSING: 'a window needs two samples',
-        UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.odometry_reader.frame}'",
+        UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.intake.odometry_reader.frame}'",
         OTHER_MOMENTUM_FRAME: (
-            f"'{session.stored_momentum.other_frame[:60]}'; accepted: wheels.momentum_frame, "
+            f"'{session.intake.stored_momentum.other_frame[:60]}'; accepted: wheels.momentum_frame, "
             f"'{config.wheels.momentum_frame}', or a link that is fixed to it"
         ),
         FAR_THRUST: 'more than 10 s: both need the same time source',
@@ -63,17 +64,17 @@ def obstacles(session: Session) -> list[str]:
     found = [session.problem] if session.problem else []
     if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
-    if IMU in session.gates and session.received[JOINTS] and not session.received[IMU]:
+    if IMU in session.arrivals.newest and session.received[JOINTS] and not session.received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
-    joints, base = (session.gates[name].newest for name in (JOINTS, ODOMETRY))
+    joints, base = (session.arrivals.newest[name] for name in (JOINTS, ODOMETRY))
     if joints is not None and base is not None and abs(joints - base) > _APART:
         ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
         found.append(
             f'the stamps of {ahead} are {abs(joints - base) * 1e-9:.6g} s ahead of those of {behind}: '
             f'{behind} has stopped, or their clocks differ'
         )
-    stamps = session.merge.newest
-    if len(stamps) > 1 and not session.merge.missing:
+    stamps = session.intake.merge.newest
+    if len(stamps) > 1 and not session.intake.merge.missing:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
@@ -85,21 +86,21 @@ def obstacles(session: Session) -> list[str]:
 def missing_joints(session: Session) -> tuple[str, ...]:
     """Return the joints for want of which most of the joint states lead to no sample; empty where that is not so."""
     most = 2 * session.dropped[JOINT_MISSING] > session.received[JOINTS]
-    return _never_held(session) or (session.joint_reader.missing if most else ())
+    return _never_held(session) or (session.intake.joint_reader.missing if most else ())
 
 
 def _never_held(session: Session) -> tuple[str, ...]:
     """Return the joints that no message has held, where the joints come in parts."""
-    merge = session.merge
+    merge = session.intake.merge
     return tuple(session.robot.readings[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:
     """Return which joints are missing; empty where that was only so before the run started again."""
-    missing = _never_held(session) or session.joint_reader.missing
+    missing = _never_held(session) or session.intake.joint_reader.missing
     if not missing:
         return ''
-    return f'the joint states lack {listing(missing)}; they hold {listing(session.joint_reader.unknown)}'
+    return f'the joint states lack {listing(missing)}; they hold {listing(session.intake.joint_reader.unknown)}'
 
 
 def _outliers(session: Session) -> str:
@@ -110,7 +111,7 @@ def _outliers(session: Session) -> str:
 
 def _imu_frame(session: Session) -> str:
     links = [f'{session.config.frame_prefix}{link.name}' for link in session.robot.model.links if link.body == 0]
-    given = session.imu_reader.other_frame[:60]
+    given = session.intake.imu_reader.other_frame[:60]
     return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is"
 
 
@@ -126,7 +127,7 @@ def _other_source(session: Session) -> str:
 
 def _wrong_child_frame(session: Session) -> str:
     links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
-    given = session.odometry_reader.other_child_frame[:60]
+    given = session.intake.odometry_reader.other_child_frame[:60]
     return (
         f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "
         'of the robot' + ('; or pose.frame says which it is' if session.base_source.kind != 'odom' else '')

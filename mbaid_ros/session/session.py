@@ -14,36 +14,27 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
-from mbaid_ros.core.intake.attached_frame import AttachedFrame
-from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.intake.gyro import Gyro
-from mbaid_ros.core.intake.joint_merge import JointMerge
-from mbaid_ros.core.intake.reorder import Reorder
-from mbaid_ros.core.intake.stored_momentum import StoredMomentum
-from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, Gate
 from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.trajectory.knowledge import Knowledge
-from mbaid_ros.messages import JointReader, OdometryReader, number_of, stamp_of, vector_of, wrench_of
-from mbaid_ros.session.at_once import let_through
+from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.arrivals import Arrivals
 from mbaid_ros.session.base_source import BaseSource
-from mbaid_ros.session.frames import imu_reader
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
 from mbaid_ros.session.survey import Survey, survey
 
-JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
 MakeEstimator = Callable[..., Estimator]
 # Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
-STOPPED = 'after the stop by a jump of the stamps'
 
 _RESTARTS_KEPT = 20
 
@@ -65,9 +56,9 @@ class Session:
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     base_source : what of the messages that may locate the base does
+    intake : what the run reads its messages with
     thrust : what commanded thrust has brought since the run began
-    stored_momentum : what a flight computer tells of it
-    problem : why it takes no more messages until `reset`; empty while it does
+    arrivals : what has come and waits to be worked through
 
     Raises
     ------
@@ -80,35 +71,20 @@ class Session:
         self._make = make or partial(make_estimator, judge=self._judge)
         self._judged: list[Reporting] = []
         self.robot = Robot(config, urdf)
-        self._threshold = round(config.time_jump_threshold * 1e9)
-        self._reorder_limit = round(config.reorder_time * 1e9)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything and start again."""
-        ignore = self.config.time_jump == 'ignore'
-        topics = (JOINTS, ODOMETRY, IMU) if self.config.imu.noise_density > 0.0 else (JOINTS, ODOMETRY)
-        self.gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in topics}
+        self._gyro = self.config.imu.noise_density > 0.0
+        self.arrivals = Arrivals((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
         self.restarted = 0
-        self.problem = ''
         self._earlier: Counter[str] = Counter()  # dropped in runs that are over
         self._used = 0
-        self._epoch = 0
         self._ready: list[Estimate] = []
         self._begin()
-
-    def readers(self) -> tuple[JointReader, OdometryReader]:
-        """Return readers of this session's messages as they are before the first."""
-        links = self.robot.model.links
-        prefix = self.config.frame_prefix
-        attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
-        noise = self.config.noise.declared
-        names = frozenset(prefix + link.name for link in links)
-        odometry = OdometryReader(attached, self.robot.marker, names, self.config.twist_frame, noise)
-        return JointReader(self.robot.model.independent_joints, self.config.wheels.names), odometry
 
     def add_joint_state(self, message: Any) -> bool:
         """Take a JointState without looking into it; return whether it is time for `process`."""
@@ -124,7 +100,7 @@ class Session:
 
     def add_imu(self, message: Any) -> bool:
         """Take an Imu without looking into it; return whether it is time for `process`."""
-        if IMU not in self.gates:
+        if not self._gyro:
             self._earlier[IMU_NOT_ASKED_FOR] += 1
             return False
         return self._add(IMU, message)
@@ -134,13 +110,13 @@ class Session:
 
         Return whether they have been taken; where not, they have to be added one by one as they came.
         """
-        if self.problem or not self.base_source.takes(odometry):
+        if not self.base_source.takes(odometry):
             return False
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
-        if IMU in self.gates:
+        if self._gyro:
             messages[IMU] = imu
-        taken = let_through(self.gates, self._epoch, messages)
-        if taken and IMU not in self.gates and imu:
+        taken = self.arrivals.take_at_once(messages)
+        if taken and not self._gyro and imu:
             self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
         return taken
 
@@ -148,7 +124,7 @@ class Session:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
         frame, stamp, wrench = wrench_of(message)
         frame = frame.removeprefix(self.config.frame_prefix)
-        newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
+        newest = self.arrivals.latest
         if self.thrust.changes(frame, stamp, wrench, newest):
             # What came before it is worked through without it, however the calls are spread.
             self._ready += self._work()
@@ -160,7 +136,7 @@ class Session:
     def add_stored_momentum(self, message: Any) -> None:
         """Take a Vector3Stamped of what wheels or gyros store."""
         if not self.problem:
-            self.stored_momentum.take(*vector_of(message))
+            self.intake.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
         """Work through what has been added and return the new estimates.
@@ -181,7 +157,7 @@ class Session:
     def survey(self) -> Survey:
         """Return what the run takes the robot for, with the joints that messages have named so far."""
         chosen = bool(self.config.target_link)
-        heard = [name for name in self.joint_reader.heard if name not in self.config.wheels.names]
+        heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
         return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
     def work_off(self) -> bool:
@@ -202,8 +178,13 @@ class Session:
     @property
     def closing(self) -> int | None:
         """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
-        end, newest = self._identifier.end_of_window, self.gates[JOINTS].newest
+        end, newest = self._identifier.end_of_window, self.arrivals.newest[JOINTS]
         return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
+
+    @property
+    def problem(self) -> str:
+        """Why it takes no more messages until `reset`; empty while it does."""
+        return self.arrivals.problem
 
     @property
     def used(self) -> int:
@@ -218,8 +199,7 @@ class Session:
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by cause."""
-        gates = sum((gate.dropped for gate in self.gates.values()), Counter(self.base_source.dropped))
-        return self._earlier + self._dropped_now() + gates
+        return self._earlier + self._dropped_now() + self.arrivals.dropped + self.base_source.dropped
 
     def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
         """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
@@ -244,7 +224,7 @@ class Session:
                 'pre_capture'
             )
         self._ready += self._work()
-        newest = max((gate.newest for gate in self.gates.values() if gate.newest is not None), default=None)
+        newest = self.arrivals.latest
         if newest is None or not self._identifier.used:
             raise DataError('there are no samples yet; accepted: a capture after the first')
         time, before = (newest - self._identifier.origin) * 1e-9, capture.time
@@ -261,18 +241,8 @@ class Session:
     def _begin(self) -> None:
         """Make anew what a run works with."""
         config = self.config
-        self.joint_reader, self.odometry_reader = self.readers()
+        self.intake = Intake(config, self.robot)
         model, described = self.robot.model, self.robot.described
-        beside = described.storage.count
-        turning = ~np.array(model.prismatic, dtype=bool)[model.transmission.independent]
-        turning = np.append(turning, np.zeros(beside, dtype=bool))
-        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), self._reorder_limit, beside)
-        self.stored_momentum = StoredMomentum(model, config.wheels.momentum_frame)
-        self._reorder = Reorder[BaseStream](self._reorder_limit)
-        self._reorder_imu = Reorder[ImuStream](self._reorder_limit)
-        self.imu_reader = imu_reader(config, model)
-        self._reckoning = DeadReckoning() if config.imu.alone else None
-        self._refused: Counter[str] = Counter()
         self._pace = Pace(config.window)
         self._judged = []
         make = partial(self._make, config)
@@ -288,7 +258,7 @@ class Session:
             self.thrust,
             FoundNoise(config.noise.declared, described.model.joints, estimate=config.noise.estimate),
             falling=falling_frame(config.orbit, model),
-            gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if IMU in self.gates else None,
+            gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if self._gyro else None,
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])
@@ -300,62 +270,25 @@ class Session:
 
     def _add(self, name: str, message: Any) -> bool:
         stamp = stamp_of(message)
-        gate = self.gates[name]
-        behind = gate.epoch != self._epoch
-        if (behind or self.problem) and not self._takes(stamp):
-            return bool(self.problem)
-        jump = gate.take(stamp, message)
-        if jump:
-            self._jumped(name, jump)
-            gate.settle(message)
-            return True
-        if behind and gate.messages and gate.messages[-1] is message:
-            gate.epoch = self._epoch
-        return self._is_time(name, stamp)
+        jumped = self.arrivals.take(name, stamp, message)
+        if jumped is None:
+            return bool(self.problem) or self._is_time(name, stamp)
+        if jumped:
+            self._ready += self._work()
+            self._start_again(jumped)
+        self.arrivals.settle(name, message)
+        return True
 
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
-        alone = self._reckoning is not None
-        joints, odometry = self.gates[JOINTS], self.gates[IMU if alone else ODOMETRY]
-        if sum(len(gate.messages) for gate in self.gates.values()) >= PART:
+        waiting, intake = self.arrivals.waiting, self.intake
+        if sum(waiting.values()) >= PART:
             return True
         end = self._identifier.end_of_window
-        if end is None:
-            return bool(joints.messages and odometry.messages)
-        if joints.messages and odometry.messages and self._pace.is_due(stamp, end):
-            return True
-        if stamp < end or joints.newest is None or odometry.newest is None:
-            return False
-        # A window is complete with the first joints after it and odometry that is no earlier than these.
-        hold = (self._reorder_imu if alone else self._reorder).hold
-        newest_joints, newest_odometry = joints.newest - self.merge.hold, odometry.newest - hold
-        if IMU in self.gates and not alone:
-            newest_imu = self.gates[IMU].newest
-            if newest_imu is None or newest_imu - self._reorder_imu.hold < (newest_joints if name == JOINTS else end):
-                return False
-        return newest_joints >= end and newest_odometry >= (newest_joints if name == JOINTS else end)
-
-    def _takes(self, stamp: int) -> bool:
-        """Tell whether a message is taken although its topic has not jumped back with another one."""
-        if self.problem:
-            self._earlier[STOPPED] += 1
-            return False
-        jumped = [gate.newest for gate in self.gates.values() if gate.epoch == self._epoch and gate.newest is not None]
-        if jumped and stamp > max(jumped) + self._threshold:
-            self._earlier[OTHER_CLOCK] += 1
-            return False
-        return True
-
-    def _jumped(self, name: str, amount: int) -> None:
-        """Start again, or stop, after stamps have jumped back; the second topic to do so only follows the first."""
-        gate = self.gates[name]
-        told = f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
-        if self.config.time_jump == 'error':
-            self.problem = f'{told}; stopped, as time_jump: error says'
-        elif gate.epoch > self._epoch:
-            self._ready += self._work()
-            self._epoch = gate.epoch
-            self._start_again(told)
+        both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
+        if end is None or (both and self._pace.is_due(stamp, end)):
+            return both
+        return stamp >= end and intake.completes(end, name, self.arrivals.newest)
 
     def _start_again(self, reason: str) -> None:
         """Give up what has been learnt, and go on with what comes."""
@@ -366,52 +299,22 @@ class Session:
         self._begin()
 
     def _work(self) -> list[Estimate]:
-        joint_states, odometry = (self.gates[name].take_all() for name in (JOINTS, ODOMETRY))
-        joints, dropped_joints = self.joint_reader.read(joint_states)
-        base, dropped_base = self.odometry_reader.read(odometry)
-        self.thrust.odometry_frame = self.odometry_reader.frame
-        self.received[JOINTS] += number_of(joint_states)
-        self.received[ODOMETRY] += number_of(odometry)
-        self._refused += dropped_joints + dropped_base
-        imu = self._measured_by_imu()
-        located = self._reorder.push(base) if self._reckoning is None else self._reckoning.push(imu)
-        told = self.stored_momentum.stream()
-        if told is not None:
-            every = range(len(self.robot.readings))
-            joints[tuple(every[-told.position.shape[1] :])] = told
-        merged = self.merge.push(joints)
-        if merged is not None:
-            merged = merged.divided(len(self.robot.model.independent_joints))
+        messages = self.arrivals.take_all()
+        self.received.update({name: number_of(each) for name, each in messages.items()})
+        streams = self.intake.streams(messages)
+        self.thrust.odometry_frame = self.intake.odometry_reader.frame
         try:
-            estimates = self._identifier.push(self._all_joints(merged), located, imu)
-            joints_there_are = self.robot.model.joint_names  # also those that follow others
-            return suspecting(estimates, [name for name in self.joint_reader.others if name not in joints_there_are])
+            estimates = self._identifier.push(*streams)
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
-
-    def _measured_by_imu(self) -> ImuStream | None:
-        """Return what an IMU has measured since the last call."""
-        if IMU not in self.gates:
-            return None
-        messages = self.gates[IMU].take_all()
-        self.received[IMU] += len(messages)
-        measured, dropped = self.imu_reader.read(messages)
-        self._refused += dropped
-        return self._reorder_imu.push(measured)
-
-    def _all_joints(self, measured: JointStream | None) -> JointStream | None:
-        """Return measurements of all joints from those of the joints that follow no other."""
-        moved = self.robot.model.transmission
-        if measured is None or moved.direct:
-            return measured
-        position, velocity = moved.positions(measured.position), moved.rates(measured.velocity)
-        return replace(measured, position=position, velocity=velocity)
+        joints_there_are = self.robot.model.joint_names  # also those that follow others
+        others = [name for name in self.intake.joint_reader.others if name not in joints_there_are]
+        return suspecting(estimates, others)
 
     def _unsolved(self, error: Exception) -> None:
         self._start_again(f'the equations could not be solved ({error})')
 
     def _dropped_now(self) -> Counter[str]:
         """Return what the current run has dropped, by cause."""
-        parts = (self.merge, self._reorder, self._identifier, self.thrust, self.stored_momentum, self._reorder_imu)
-        return sum((part.dropped for part in parts), self._refused)
+        return self.intake.dropped + self._identifier.dropped + self.thrust.dropped

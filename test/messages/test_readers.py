@@ -115,7 +115,7 @@ def bits(stream: Any) -> list[tuple[tuple[int, ...], bytes]]:
 @pytest.mark.parametrize('seed', range(3))
 def test_joint_states(seed: int, mixture: str, *, whole: bool) -> None:
     objects, given = mixed(joint_states(seed, whole=whole), JOINT_STATE_TYPE, mixture)
-    expected, found = session({}).joint_reader, session({}).joint_reader
+    expected, found = session({}).intake.joint_reader, session({}).intake.joint_reader
     seen: Counter[str] = Counter()
     for part in (slice(0, 1), slice(1, 90), slice(90, None)):
         (streams, dropped), (others, others_dropped) = (
@@ -135,7 +135,7 @@ def test_joint_states(seed: int, mixture: str, *, whole: bool) -> None:
 @pytest.mark.parametrize('seed', range(2))
 def test_odometry(seed: int, parameters: dict[str, object], mixture: str) -> None:
     objects, given = mixed(odometries(seed), ODOMETRY_TYPE, mixture)
-    expected, found = session(parameters).odometry_reader, session(parameters).odometry_reader
+    expected, found = session(parameters).intake.odometry_reader, session(parameters).intake.odometry_reader
     seen: Counter[str] = Counter()
     for part in (slice(0, 1), slice(1, 90), slice(90, None)):
         (stream, dropped), (other, other_dropped) = (
@@ -163,9 +163,9 @@ def test_the_numbers_are_those_of_the_messages() -> None:
     names = ['joint3', 'joint1', 'joint4', 'joint2']
     run = session({})
     joints = [as_bytes(joint_state(names, *row, stamp=9)) for row in zip(position, velocity, strict=True)]
-    streams, _ = run.joint_reader.read([make_joints.many(joints)])
+    streams, _ = run.intake.joint_reader.read([make_joints.many(joints)])
     poses = [as_bytes(odometry(row, np.tile(np.eye(6), (2, 1, 1)), stamp=9)) for row in numbers]
-    base, _ = run.odometry_reader.read([make_odometry.many(poses)])
+    base, _ = run.intake.odometry_reader.read([make_odometry.many(poses)])
     order = [1, 3, 0, 2]
     assert np.array_equal(streams[0, 1, 2, 3].position, position[:, order])
     assert np.array_equal(streams[0, 1, 2, 3].velocity, velocity[:, order])

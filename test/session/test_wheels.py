@@ -85,7 +85,7 @@ def test_by_their_momentum() -> None:
     last = identify(run, into)
     assert nees(last, run) < LIMIT
     assert last.status in {'estimating', 'converged'}
-    assert into.stored_momentum.taken == round(SECONDS * 50) + 1
+    assert into.intake.stored_momentum.taken == round(SECONDS * 50) + 1
     as_speeds = identify(simulated(), session(**{name.replace('.', '__'): value for name, value in WHEELS.items()}))
     assert np.mean(last.std / as_speeds.std) == pytest.approx(1.0, abs=0.05)
 
