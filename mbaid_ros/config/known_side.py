@@ -19,6 +19,7 @@ EXACT = {
     'odometry.angular_velocity_bias_std': 0.0,
     'time_offset.drift_std': 0.0,
     'orbit.undeclared_rate': 0.0,
+    'orbit.undeclared_eccentricity': 0.0,
 }
 
 

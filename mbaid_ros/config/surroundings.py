@@ -67,6 +67,13 @@ class OrbitConfig(SimulatedOrbitConfig):
         minimum=0.0,
         maximum=0.1,
     )
+    undeclared_eccentricity: float = parameter(
+        0.002,
+        'With orbit.mean_motion but no orbit.eccentricity: up to which the orbit may be no circle all the same, which '
+        'is estimated along; 0 for one that is.',
+        minimum=0.0,
+        maximum=0.02,
+    )
 
 
 def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:

@@ -12,6 +12,18 @@ from mbaid_ros.core.intake.falling_frame import FallingFrame
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.unknowns.orbit_shape import Circle
+
+
+def uncertain_circle(config: OrbitConfig) -> Circle | None:
+    """Return the orbit where it may be no circle, None where it is known or there is none.
+
+    Who says how eccentric it is, or when it was where, knows it.
+    """
+    orbit = make_orbit(config)
+    if orbit is None or config.eccentricity > 0.0 or config.epoch > 0.0 or config.undeclared_eccentricity == 0.0:
+        return None
+    return Circle(orbit, config.undeclared_eccentricity, config.twist == 'relative')
 
 
 def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None:

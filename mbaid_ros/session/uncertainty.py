@@ -13,7 +13,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.gyro import GyroErrors
 from mbaid_ros.core.unknowns.target_body import TargetPrior
-from mbaid_ros.session.surroundings import spin_deviations, uncertain_thrusters
+from mbaid_ros.session.surroundings import spin_deviations, uncertain_circle, uncertain_thrusters
 
 _NO_MOMENTUM = 1e-9  # N s
 
@@ -30,7 +30,7 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
     uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
     orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
-    return replace(uncertainty, target=_prior(config.target_prior), orbit=orbit)
+    return replace(uncertainty, target=_prior(config.target_prior), orbit=orbit, circle=uncertain_circle(config.orbit))
 
 
 def with_surroundings(

@@ -103,6 +103,23 @@ def test_a_gravity_gradient_that_is_not_declared(place: list[float], method: str
         assert any('set orbit.mean_motion' in warning for warning in last.warnings)
 
 
+@pytest.mark.parametrize('frame', LVLH_FIRST)
+def test_an_orbit_that_is_no_circle_where_one_is_declared(frame: str) -> None:
+    around = given(declared(frame, FAST))
+    eccentric: dict[str, object] = {'orbit__eccentricity': 0.015, 'orbit__true_anomaly': 1.0}
+    run = simulated(SECONDS, initial__base_position=AWAY, **around, **eccentric)
+    last = identify(run, session(orbit__undeclared_eccentricity=0.02, **around))
+    assert last.status in {'estimating', 'converged'}
+    assert not last.events
+    assert nees(last, run.target_inertia) < LIMIT
+    assert within(last, run)
+    assert last.budget is not None
+    assert 'orbit shape' in last.budget.causes
+    again = simulated(SECONDS, initial__base_position=AWAY, **around, **eccentric)
+    certain = identify(again, session(**around))
+    assert certain.status == 'inconsistent' or certain.events or nees(certain, run.target_inertia) > LIMIT
+
+
 def test_no_orbit_is_none() -> None:
     run = simulated(SECONDS)
     last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))

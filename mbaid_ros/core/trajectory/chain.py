@@ -193,6 +193,7 @@ def _readings(
         time=stack.middles,
         position=_mean(_at_knots(around.base_position, inside), change),
         axes=_total(weight[..., None] * axes),
+        origin=stack.windows[0].origin,
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:

@@ -15,6 +15,7 @@ from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
 from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
+from mbaid_ros.core.unknowns.orbit_shape import Circle, orbit_shape
 from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
 from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
 from mbaid_ros.core.unknowns.thrusters import Thrusters, thrusters
@@ -42,6 +43,7 @@ class Uncertainty:
     odometry_scale : relative, of the lengths that the odometry reads
     twist_bias : rad/s, of its angular velocity
     orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
+    circle : the orbit that is declared, where it may be no circle
     """
 
     zeros: Sequence[float] = ()
@@ -63,6 +65,7 @@ class Uncertainty:
     odometry_scale: float = 0.0
     twist_bias: float = 0.0
     orbit: float = 0.0
+    circle: Circle | None = None
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -89,6 +92,7 @@ def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
         gravity(uncertainty.orbit),
+        *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())
 

@@ -7,7 +7,7 @@ budget tells its share, and its linearisation point follows it (`moved`): none o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +49,7 @@ class Reading:
     time : (B,) s, of the windows' middles
     position : (B, 3) m, mean position of the base at the nodes, from the run's origin
     axes : (B, 3, 3) weighted mean of R
+    origin : (3,) m, the run's, in the odometry frame
     stretching : (B, 3, 3) where there is an IMU: weighted mean of R diag(R^T w)
     """
 
@@ -60,6 +61,7 @@ class Reading:
     time: Array
     position: Array
     axes: Array
+    origin: Array = field(default_factory=lambda: np.zeros(3))
     stretching: Array | None = None
 
 

@@ -43,20 +43,25 @@ class Gravity(Linear):
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
         """Return the change of (P, L) a second by each of them."""
-        mass, first, inertia = whole[:, 0], whole[:, 1:4], unvec(whole[:, 4:])
-        second = 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia
-        away = origin if np.linalg.norm(origin) < _NEAR else np.zeros(3)
-        weighed = (second + first[:, :, None] * away)[:, None] @ _TRACELESS  # (B, 5, 3, 3)
-        rates = np.zeros((len(whole), 6, 5))
-        rates[:, :3] = np.swapaxes((_TRACELESS @ (first + mass[:, None] * away)[:, None, :, None])[..., 0], 1, 2)
-        for axis, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
-            rates[:, 3 + axis] = weighed[..., one, other] - weighed[..., other, one]
+        rates = rates_by(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return nothing: tables do not orbit."""
         del detector
         return np.zeros((len(self.factor), 0))
+
+
+def rates_by(gradients: Array, whole: Array, origin: Array) -> Array:
+    """Return the changes of (P, L) a second, (B, 6, k), by (k, 3, 3) or (B, k, 3, 3) gradients; as `momentum_rates`."""
+    mass, first, inertia = whole[:, 0], whole[:, 1:4], unvec(whole[:, 4:])
+    second = 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia
+    weighed = (second + first[:, :, None] * origin)[:, None] @ gradients  # (B, k, 3, 3)
+    rates = np.zeros((len(whole), 6, gradients.shape[-3]))
+    rates[:, :3] = np.swapaxes((gradients @ (first + mass[:, None] * origin)[:, None, :, None])[..., 0], 1, 2)
+    for axis, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
+        rates[:, 3 + axis] = weighed[..., one, other] - weighed[..., other, one]
+    return rates
 
 
 def gravity(rate: float) -> Gravity:

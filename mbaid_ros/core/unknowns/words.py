@@ -11,6 +11,7 @@ from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
 from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.odometry_scale import SCALE
+from mbaid_ros.core.unknowns.orbit_shape import SHAPE
 from mbaid_ros.core.unknowns.suspects import LATE, TURNING
 from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS
 
@@ -85,6 +86,7 @@ def of_suspect(cause: str, value: Array) -> str:
         'calibrate it, or raise odometry.scale_std',
         TURNING: orbit_fixed_frame(size),
         GRAVITY: f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion',
+        SHAPE: 'the orbit is no circle, or orbit.mean_motion is off: set orbit.eccentricity and orbit.true_anomaly',
         CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them, or raise '
         'time_offset.drift_std',
         LATE: f'the twist is {1e3 * float(np.sum(value)):+.3g} ms late against the pose: leave it out',

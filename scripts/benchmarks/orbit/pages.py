@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.orbit.runs import DURATIONS, FRAMES, PACES, PLACES
+from benchmarks.orbit.runs import CIRCLES, DURATIONS, FRAMES, PACES, PLACES, circle_at
 from benchmarks.orbit.simulated import STRONGER, TURN
 from benchmarks.orbit.store import stored
 from benchmarks.pages import table
@@ -42,7 +42,8 @@ Line = dict[str, Any]
 def tables(store: Path) -> str:
     """Return the tables of what a file holds."""
     lines = stored(store)
-    return '\n\n'.join((_grid(lines), _undeclared(lines), _wheels(lines), _thruster(lines))) + '\n'
+    parts = (_grid, _undeclared, _circle, _wheels, _thruster)
+    return '\n\n'.join(part(lines) for part in parts) + '\n'
 
 
 def _grid(lines: Iterable[Line]) -> str:
@@ -72,6 +73,25 @@ def _undeclared(lines: Iterable[Line]) -> str:
                     own = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame, place=place)]
                     if own:
                         rows.append((f'{seconds:.0f} s, {pace}', frame, place, *_told_of(own)))
+    return table(header, rows, words=True)
+
+
+def _circle(lines: Iterable[Line]) -> str:
+    header = ('motion', 'frame', 'where', 'runs', 'coverage', 'NEES', 'RMSE over that of a circle', 'status')
+    rows = []
+    these = [line for line in lines if line['part'] == 'circle']
+    for seconds in DURATIONS:
+        for pace in PACES:
+            for frame in FRAMES:
+                for place in PLACES:
+                    some = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame)]
+                    certain = circle_at(place, CIRCLES[0])
+                    free = {line['seed']: line for line in some if line['place'] == certain}
+                    for case in CIRCLES:
+                        where = circle_at(place, case)
+                        own = [line for line in some if line['place'] == where and line['seed'] in free]
+                        if own:
+                            rows.append((f'{seconds:.0f} s, {pace}', frame, where, *_figures(own, free)))
     return table(header, rows, words=True)
 
 

@@ -27,30 +27,35 @@ from mbaid_ros.session import Session
 
 MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
 NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
+ANOMALY = np.pi / 3.0  # rad, at the begin of an orbit that is no circle
 PLACES = {'at': np.zeros(3), 'away': np.array([12.0, -10.0, 13.0])}  # m from the frame's origin: 0 and 20
 PACES = {'fast': 8.0, 'slow': 0.25}  # times the sinusoids of config/: up to 20 to 40 deg/s, and 0.6 to 1.3
 FRAMES = ('inertial', 'lvlh', 'hill')
 NOISE = LEVELS['mid']
+# Eccentricity of an orbit that is declared without, and whether it is taken for a circle for sure.
+CIRCLES = ((0.0, True), (0.0, False), (0.001, True), (0.001, False), (0.002, False))
 DURATIONS = (60.0, 300.0)  # s: a shorter run is the begin of the longer one
 RATE = 20.0  # Hz
 
 Kept = set[tuple[Any, ...]]  # what need not be run again
 
 
-def orbit_of(frame: str) -> Orbit:
+def orbit_of(frame: str, eccentricity: float = 0.0) -> Orbit:
     """Return the orbit as seen in a frame of the odometry."""
     if frame == 'inertial':
-        return Orbit.inertial(MEAN_MOTION, NADIR, NORMAL)
-    return Orbit.turning_with(MEAN_MOTION, 'lvlh' if frame == 'lvlh' else 'hill')
+        circle = Orbit.inertial(MEAN_MOTION, NADIR, NORMAL)
+    else:
+        circle = Orbit.turning_with(MEAN_MOTION, 'lvlh' if frame == 'lvlh' else 'hill')
+    return circle.eccentric(eccentricity, ANOMALY)
 
 
 @cache
-def moved(pace: str, frame: str, place: str, seconds: float) -> Truth:
+def moved(pace: str, frame: str, place: str, seconds: float, eccentricity: float = 0.0) -> Truth:
     """Return the motion as the odometry's frame sees it; of no frame in empty space."""
     world = World(model(ROBOT).urdf, sinusoids(pace=PACES[pace]), seconds=seconds, rate=RATE)
     if not frame:
         return float_freely(world)
-    around, away = orbit_of(frame), PLACES[place]
+    around, away = orbit_of(frame, eccentricity), PLACES[place]
 
     def tide(now: float, rotation: Array, position: Array, whole: Array) -> Array:
         """Return what gravity does to the whole robot, by the integrals of x and x x^T over its mass."""
@@ -124,3 +129,27 @@ def undeclared(seed: int, kept: Kept, durations: Sequence[float] = DURATIONS) ->
                     found = estimates(moved(pace, frame, place, durations[-1]), seed, exact)
                     for seconds in durations:
                         yield {'pace': pace, 'frame': frame, 'place': place, **told(found, seconds)}
+
+
+def circle(seed: int, kept: Kept) -> Iterator[dict[str, Any]]:
+    """Yield what comes of an orbit that is a little eccentric where its mean motion alone is said."""
+    exact = {name: value for name, value in EXACT.items() if not name.startswith('orbit')}
+    for frame in FRAMES[:2]:
+        for pace in PACES:
+            for place in PLACES:
+                for eccentricity, believed in CIRCLES:
+                    where = circle_at(place, (eccentricity, believed))
+                    if ('circle', pace, frame, where, seed) not in kept:
+                        truth = moved(pace, frame, place, DURATIONS[-1], eccentricity)
+                        given = {**exact, **declared(frame)}
+                        if believed:
+                            given['orbit.undeclared_eccentricity'] = 0.0
+                        found = estimates(truth, seed, given)
+                        for seconds in DURATIONS:
+                            yield {'pace': pace, 'frame': frame, 'place': where, **told(found, seconds)}
+
+
+def circle_at(place: str, case: tuple[float, bool]) -> str:
+    """Return where a run of `circle` is, how eccentric, and whether it is taken for a circle for sure."""
+    eccentricity, believed = case
+    return f'{place}, e = {eccentricity:g}, {"taken for" if believed else "may be no"} circle'

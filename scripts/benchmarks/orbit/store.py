@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.orbit.runs import DURATIONS, Kept, grid, undeclared
+from benchmarks.orbit.runs import DURATIONS, Kept, circle, grid, undeclared
 from benchmarks.orbit.simulated import thruster, wheels
 
 Part = Callable[[int, Kept], Iterator[dict[str, Any]]]
@@ -18,6 +18,7 @@ PARTS: dict[str, Part] = {
     'minute': partial(grid, durations=DURATIONS[:1]),
     'undeclared': undeclared,
     'undeclared-minute': partial(undeclared, durations=DURATIONS[:1]),
+    'circle': circle,
     'wheels': wheels,
     'thruster': thruster,
 }
