@@ -55,7 +55,9 @@ class LastPose:
             return None
         numbers = odometry_shape(self._odometry).columns([self._odometry])[1][0]
         position, quaternion = numbers[:3], numbers[3:7]
-        if not np.all(np.isfinite(position)) or not 0.5 < np.sum(quaternion**2) < 2.0:
+        if not np.all(np.isfinite(position)) or not np.all(np.abs(quaternion) < 2.0):
+            return None
+        if not 0.5 < np.sum(quaternion**2) < 2.0:
             return None
         rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
         return Pose(rotation, position - rotation @ link.position, angles)

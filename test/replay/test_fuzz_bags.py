@@ -10,8 +10,14 @@ import pytest
 
 import fuzz_files
 from fuzzing.mcap_files import recorded, written
+from fuzzing.meanings import TYPES
 from mbaid_ros.bags import BagReader
+from mbaid_ros.bags.types import deserialize, serialize
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.run import replay_bag
 from simulated import CONFIG
 
 
@@ -41,3 +47,19 @@ def test_a_definition_that_lacks_what_its_type_has_is_told(tmp_path: Path) -> No
         pytest.raises(DataError, match=r"the bag defines geometry_msgs/msg/Twist without 'linear'"),
     ):
         list(bag.read(['/odom']))
+
+
+@pytest.mark.parametrize('size', [1e300, float('nan'), 0.0])
+def test_a_last_pose_that_is_none_is_not_told(size: float, tmp_path: Path) -> None:
+    """Whatever the last Odometry says of where the base is, it is no more than a pose that is not known."""
+    path = tmp_path / 'bag.mcap'
+    *others, (topic, data, time) = [each for each in recorded() if each[0] == 'odom']
+    last = deserialize(data, TYPES[topic])
+    last.pose.pose.orientation.x = last.pose.pose.orientation.w = size
+    joints = [each for each in recorded() if each[0] == 'joint_states']
+    messages = sorted([*others, *joints, (topic, serialize(last, TYPES[topic]), time)], key=lambda each: each[2])
+    path.write_bytes(written(messages))
+    config = build(EstimatorConfig, {'method': 'difference'})
+    run = replay_bag(str(path), config, (CONFIG / 'table1.urdf').read_text(), Inputs())
+    assert run.final.samples > 0
+    assert run.pose is None
