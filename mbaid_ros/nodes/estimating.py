@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 from collections import Counter
 from dataclasses import replace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
@@ -20,18 +18,13 @@ from std_srvs.srv import SetBool, Trigger
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.nodes.clocks import clock_problems
 from mbaid_ros.nodes.description import DescriptionInlet, check_without_robot
-from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
+from mbaid_ros.nodes.diagnostics import Diagnostics, State
 from mbaid_ros.nodes.inlet import Inlet
-from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.message_classes import tf_message
 from mbaid_ros.nodes.narrator import Narrator
-from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.planning import Planning
-from mbaid_ros.nodes.qos import qos, quiet_publisher
-from mbaid_ros.outgoing import Frames, debris_message
+from mbaid_ros.nodes.telling import Telling
 from mbaid_ros.session import Session
 
 PERIOD = 1.0  # s, of /diagnostics
@@ -55,21 +48,15 @@ class Estimating:
 
     def __init__(self, node: Node, config: EstimatorConfig, *, active: bool = True) -> None:
         self._node = node
-        self._log: Any = node.get_logger()  # type: ignore[no-untyped-call]
-        self._narrator = Narrator(self._log)
+        self._narrator = Narrator(node.get_logger())  # type: ignore[no-untyped-call]
         self._config = config
         self.active = active
         self._state = State()
-        self._restarted = 0  # how often the session had started again when that was last told
         self._report_due = False  # a report waits for the estimate of a window
         self._awaited: int | None = None  # end of the window that one waited for
-        self._calibrated = ''  # what was last told of the robot's own bodies
-        self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
         # What can be refused comes first: nothing of this is on the graph then.
         self._read_robot()
-        self._display = Display(node, with_frames=self._config.publish_tf, prefix=self._config.frame_prefix)
-        self._outlets = Outlets(node, with_debris=self._config.debris.report)
-        self._diagnostics_publisher = quiet_publisher(node, DiagnosticArray, '/diagnostics', qos(10))
+        self._telling = Telling(node, config, self._state, self._narrator)
         self._description = None if self._state.session else DescriptionInlet(node, self._on_description)
         self._inlets = {
             'joint_states': Inlet(node, JointState, 'joint_states', self._on_joint_state),
@@ -79,7 +66,7 @@ class Estimating:
         self._imu = self._inlets.get('imu') or Inlet(node, Imu, 'imu', self._on_imu)
         topic = self._description.topic if self._description else ''
         self._stored_momentum = Inlet(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
-        self._diagnostics = Diagnostics(self._inlets, self._thrust, topic)
+        diagnostics = Diagnostics(self._inlets, self._thrust, topic)
         self._services = [
             node.create_service(Trigger, '~/reset', self._on_reset),
             node.create_service(SetBool, '~/pause', self._on_pause),
@@ -91,7 +78,7 @@ class Estimating:
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=clock)
         # While something is left to do before the next window: between messages, a few milliseconds at a time.
         self._leisure: Any = node.create_timer(_AT_ONCE, self._on_leisure, clock=clock, autostart=False)
-        self._say_what_is_missing()
+        self._telling.watch(diagnostics)
 
     def _base_inlets(self, node: Node) -> dict[str, Inlet]:
         """Return the subscriptions that may locate the base, or what is needed in their place."""
@@ -131,7 +118,7 @@ class Estimating:
             kept = '; the one before stays in use' if state.session is not None else ''
             state.problem = f'robot description refused: {error}{kept}'
             self._narrator.warn_once(state.problem)
-            self._say_what_is_missing()
+            self._telling.missing()
             return
         restarted = state.session is not None
         state.session, state.problem = session, ''
@@ -145,7 +132,7 @@ class Estimating:
         session = self._open_session()
         if session is None:
             return
-        self._display.follow(session.robot.model, message)
+        self._telling.display.follow(session.robot.model, message)
         if session.add_joint_state(message):
             self._process(session)
 
@@ -188,51 +175,15 @@ class Estimating:
         except DataError as error:
             self._narrator.warn_once(str(error))
             return
-        for estimate in last_of_each_window(estimates, self._config.window):
-            if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
-                self._follow_restart(session)
-            self._state.estimate, self._state.stale = estimate, ''
-            self._narrator.estimate(estimate)
-            frames = self._frames(session)
-            self._outlets.publish(estimate, frames, session.robot.urdf)
-            self._tell_of_calibration(session)
-            alone = session.robot.debris(estimate)
-            if alone is not None:
-                capture = session.robot.captured(estimate)
-                self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
-            self._display.show(estimate, f'{frames.prefix}{frames.target_link}')
+        self._telling.estimates(session, estimates)
         if estimates:
             self._leisure.reset()  # what can wait comes after the estimates
-            gc.collect()
-        if session.restarted != self._restarted:
-            self._follow_restart(session)
         if estimates and self._report_due:
             self._report()
 
     def _on_leisure(self) -> None:
         if self._state.session is None or not self._state.session.work_off():
             self._leisure.cancel()
-
-    def _follow_restart(self, session: Session) -> None:
-        """Withdraw what was published before the stamps jumped back."""
-        self._restarted = session.restarted
-        for restart in session.restarts:
-            self._narrator.warn_once(restart)
-        self._state.estimate, self._state.stale, self._waiting = None, '', None
-        self._narrator.begin(warned=True)
-        self._outlets.clear()
-        self._display.clear()
-        self._say_what_is_missing()
-
-    def _tell_of_calibration(self, session: Session) -> None:
-        if session.robot.calibrated and session.robot.calibrated != self._calibrated:
-            self._calibrated = session.robot.calibrated
-            self._log.info(session.robot.calibrated)
-
-    @staticmethod
-    def _frames(session: Session) -> Frames:
-        robot, prefix = session.robot, session.config.frame_prefix
-        return Frames(target_link=robot.target_link, odometry=session.intake.odometry_reader.frame, prefix=prefix)
 
     def adjust(self, config: EstimatorConfig) -> None:
         """Take on what may change while it runs: convergence.*, plan.* and publish_tf.
@@ -242,7 +193,7 @@ class Estimating:
         ParameterError
             Frames are asked for, but the message package for them is not installed.
         """
-        self._display.send_frames(wanted=config.publish_tf)
+        self._telling.display.send_frames(wanted=config.publish_tf)
         self._config = replace(
             self._config, convergence=config.convergence, publish_tf=config.publish_tf, plan=config.plan
         )
@@ -260,9 +211,7 @@ class Estimating:
         self._planning.close()
         self._node.destroy_timer(self._timer)
         self._node.destroy_timer(self._leisure)
-        self._node.destroy_publisher(self._diagnostics_publisher)
-        self._outlets.close()
-        self._display.close()
+        self._telling.close()
 
     # Services
 
@@ -293,20 +242,16 @@ class Estimating:
         response.success = True
         response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
         self._narrator.event(response.message)
-        self._say_what_is_missing()
+        self._telling.missing()
         return response
 
     def _start_again(self) -> None:
         state = self._state
         if state.session is not None:
             state.session.reset()
-        state.estimate, state.stale, state.ignored, self._restarted = None, '', Counter(), 0
+        state.ignored = Counter()
         self._planning.give_up()
-        self._waiting = None
-        self._narrator.begin()
-        self._outlets.clear()
-        self._display.clear()
-        self._say_what_is_missing()
+        self._telling.anew()
 
     # Reports
 
@@ -323,53 +268,6 @@ class Estimating:
 
     def _report(self) -> None:
         self._report_due = False
-        state = self._state
         for inlet in self._every_inlet():
             inlet.refresh()
-        if state.session is not None:
-            for complaint in complaints(state.session):
-                self._narrator.warn_once(complaint)
-            if state.session.used:
-                self._narrator.joints(state.session.survey())
-        self._narrator.waiting(self._diagnostics.awaited(state))
-        self._say_what_is_missing()
-        clocks = self._clock_problems()
-        for problem in clocks:
-            self._narrator.warn_once(problem)
-        statuses = self._diagnostics.statuses(state, self._node.get_fully_qualified_name().lstrip('/'), clocks)
-        array = DiagnosticArray(status=statuses)
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(array)
-        self._tell_if_stale()
-
-    def _tell_if_stale(self) -> None:
-        """Publish the last estimate once more, as one that nothing follows, when data stop or it is paused."""
-        state = self._state
-        reason = self._diagnostics.silence(state)
-        if state.session is None or state.estimate is None or not reason or state.stale:
-            return
-        state.stale = reason
-        self._narrator.event(f'the estimate is stale: {reason}')
-        self._outlets.tell_stale(state.estimate, self._frames(state.session), [state.account, reason])
-
-    def _clock_problems(self) -> list[str]:
-        readings = {inlet.topic: inlet.timed for inlet in self._inlets.values() if inlet.timed is not None}
-        use_sim_time = bool(self._node.get_parameter('use_sim_time').value)
-        return clock_problems(self._node.get_clock().now().nanoseconds, readings, use_sim_time=use_sim_time)
-
-    def _say_what_is_missing(self) -> None:
-        """Publish, while there is no estimate, what it waits for, whenever that changes."""
-        state = self._state
-        missing = self._diagnostics.missing(state)
-        if state.estimate is not None or missing == self._waiting:
-            return
-        self._waiting = missing
-        session = state.session
-        frames = self._frames(session) if session else Frames(target_link=self._config.target_link, odometry='')
-        estimate = Estimate(
-            method=self._config.method,
-            status='waiting',
-            stamp=self._node.get_clock().now().nanoseconds,
-            warnings=missing,
-        )
-        self._outlets.publish(estimate, frames, '')
+        self._telling.report(self._inlets)

@@ -200,7 +200,10 @@ def test_an_estimate_that_nothing_follows_is_told_as_stale(graph: Graph) -> None
     graph.wait(lambda: estimates and estimates[-1].stale, 'the stale estimate')
     fresh, stale = estimates[-2:]
     assert not fresh.stale
-    assert stale.warnings[-1] == 'no messages on /joint_states, /odom for more than 2 s'
+    # Of one of the two alone, where a report fell between their last messages.
+    silent = re.fullmatch(r'no messages on (.*) for more than 2 s', stale.warnings[-1])
+    assert silent
+    assert silent[1] in {'/joint_states, /odom', '/joint_states', '/odom'}
     assert (stale.header, stale.status, stale.samples) == (fresh.header, fresh.status, fresh.samples)
     np.testing.assert_array_equal(stale.covariance, fresh.covariance)
     assert 'the estimate is stale: no messages' in node.stderr
