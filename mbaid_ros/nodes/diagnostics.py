@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
@@ -17,6 +16,7 @@ from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.nodes.inlet import Inlet
+from mbaid_ros.nodes.state import State
 from mbaid_ros.session import Session, explain, obstacles
 
 STALE_AFTER = 2.0  # s without a message
@@ -38,36 +38,6 @@ _LEVEL_OF_STATUS = {
 
 Values = list[tuple[str, object]]
 Report = tuple[bytes, str, Values]
-
-
-@dataclass
-class State:
-    """What the node knows.
-
-    Attributes
-    ----------
-    session : the run, None before the first usable robot description
-    problem : why the last robot description or the last data could not be used; empty: they could
-    estimate : the last one
-    paused : True while no samples are taken
-    stale : why the last estimate is not followed by another one; empty: it is
-    ignored : messages not handed to a session, by reason
-    """
-
-    session: Session | None = None
-    problem: str = ''
-    estimate: Estimate | None = None
-    paused: bool = False
-    stale: str = ''
-    ignored: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def account(self) -> str:
-        """How many of the samples that have come are in the estimate, in a sentence."""
-        if self.session is None or self.estimate is None:
-            return 'no sample is in an estimate'
-        told = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
-        return told if self.estimate.samples == self.session.taken else f'{told}, those of complete windows'
 
 
 class Diagnostics:

@@ -19,11 +19,12 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.description import DescriptionInlet, check_without_robot
-from mbaid_ros.nodes.diagnostics import Diagnostics, State
+from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.message_classes import tf_message
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.planning import Planning
+from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.telling import Telling
 from mbaid_ros.session import Session
 

@@ -12,12 +12,13 @@ from rclpy.node import Node
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
-from mbaid_ros.nodes.diagnostics import Diagnostics, State, complaints
+from mbaid_ros.nodes.diagnostics import Diagnostics, complaints
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.qos import qos, quiet_publisher
+from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from made_runs import budget, estimate
-from mbaid_ros.nodes.diagnostics import OK, WARN, State, _estimate
+from mbaid_ros.nodes.diagnostics import OK, WARN, _estimate
+from mbaid_ros.nodes.state import State
 
 
 def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:

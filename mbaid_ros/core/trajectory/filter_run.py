@@ -12,7 +12,8 @@ from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.errand import Errand
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.multi_start import HOPELESS, Found, MultiStart
+from mbaid_ros.core.trajectory.multi_start import Found, MultiStart
+from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
@@ -64,7 +65,7 @@ class FilterRun:
         self._layout = layout
         self._variables = variables
         self._linearised = LinearisationCache(layout, variables)
-        self._start = MultiStart(layout, variables, self._linearised, hypotheses)
+        self._start = MultiStart(Passes(layout, variables, self._linearised), hypotheses)
         self._next_pass, self._kept = pace
         self._young: list[Window] | None = []
         self._bank: Bank | None = None

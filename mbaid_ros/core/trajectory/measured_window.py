@@ -1,0 +1,173 @@
+"""What a window measures of the error chain: its mean pose, its twist, and how far both are to be believed.
+
+A window's pose measurement says that xi vanishes on average; its twist measurement compares predicted and measured
+velocities. Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, skew
+from mbaid_ros.core.trajectory.interpolation import Midpoints
+from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction
+from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.windows import Stack
+from mbaid_ros.core.unknowns.declaration import Reading
+
+
+def readings(
+    layout: Layout, stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array
+) -> tuple[Array, Array]:
+    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read."""
+    around, inside = motion
+    windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
+    twist = _at_knots(predicted.twist, inside)
+    change = stack.whitening
+    own = predicted.twist[inside]
+    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
+    linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
+    rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
+    seen = Reading(
+        twist=_mean(twist, change)[..., ANGULAR_FIRST],
+        slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rotation=_mean(rotation, change[..., None]),
+        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
+        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
+        time=stack.middles,
+        position=_mean(_at_knots(around.base_position, inside), change),
+        axes=_total(weight[..., None] * axes),
+        origin=stack.windows[0].origin,
+    )
+    gyro = around.gyro.shape[-1] > 0
+    if gyro:
+        stretching = axes * rotate_back(axes, own[..., 3:])[..., None, :]
+        seen = replace(seen, stretching=_total(weight[..., None] * stretching))
+    poses: list[Array] = [np.zeros((windows, 6, 0))]
+    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+    for unknown in layout.read:
+        nothing = np.zeros((windows, 6, len(unknown.factor)))
+        pose, turned = unknown.reading(seen) or (nothing, nothing)
+        if gyro:
+            own_part = unknown.gyro_reading(seen)
+            turned = np.concatenate((turned, nothing[:, :3] if own_part is None else own_part), axis=1)
+        poses.append(pose @ unknown.factor)
+        rates.append(turned @ unknown.factor)
+    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+
+
+def state_rows(errors: Array, readings: Array) -> Array:
+    """Return the rows of the state of a composition: the column of the constant goes, the readings come."""
+    return np.concatenate((errors[..., :-1], readings), axis=-1)
+
+
+def _at_knots(values: Array, inside: slice) -> Array:
+    """Return what is known midway, at the knots of the intervals inside; without one before or after, that midway."""
+    around = np.concatenate(
+        (values[max(inside.start - 1, 0) : inside.start or 1], values[inside.start : inside.stop + 1])
+    )
+    around = around if len(values) > inside.stop else np.concatenate((around, values[-1:]))
+    return 0.5 * (around[:-1] + around[1:])
+
+
+def _mean(knots: Array, change: Array) -> Array:
+    """Return the mean of values (m + 1, B, ...) at a window's knots and the next, with some of their change."""
+    mean = _total(knots[:-1]) / (len(knots) - 1)
+    return mean + change * (knots[-1] - knots[0]) if change.any() else mean
+
+
+def pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
+    """0 = mean of xi over the knots + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
+
+    With some of what xi changes by, where its errors are correlated: the noise is then independent of other windows'.
+
+    The twist in the readings is that at the knots themselves. Its noise is the joints', as that of xi is, and cancels
+    in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
+    by that half.
+    """
+    mean = _mean(errors, change[..., None])
+    return readings @ point - mean[..., -1], state_rows(mean, readings)
+
+
+def twist_measurement(
+    errors: Array, prediction: Prediction, middle: Midpoints, point: Point, readings: Array
+) -> tuple[Array, Array]:
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
+
+    What a gyro measures in base axes is turned by the measured pose, as the twist is.
+    """
+    weight = _weights(len(middle))[:, None, None]
+    gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
+    model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
+    model[..., 6:-1] += gain
+    model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
+    mean = _total(weight[..., None] * model)
+    measured = _total(weight * middle.base_twist[..., ANGULAR_FIRST])
+    if middle.gyro.shape[-1]:
+        mean = np.concatenate((mean, mean[:, :3]), axis=1)
+        turned = _total(weight * rotate(middle.base_rotation, middle.gyro))
+        measured = np.concatenate((measured, turned), axis=1)
+    return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
+
+
+def twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes.
+
+    That of what is read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
+    velocity, (B, 9, 9) then, has noise of its own and the other two in common with the twist.
+    """
+    count, weight = len(middle), _weights(len(middle))
+    axes = np.zeros_like(of_joints)
+    axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
+    white = count * np.sum(weight**2) / stack.samples
+    of_mean = telescoped(count, stack.windows[0].spacing) * of_joints
+    covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + of_mean
+    common = of_mean
+    if stored.shape[-1]:
+        by_readings = white * (stored @ np.swapaxes(stored, -1, -2))
+        covariance, common = covariance + by_readings, common + by_readings
+    if not middle.gyro.shape[-1]:
+        return covariance
+    whole = np.zeros((len(common), 9, 9))
+    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, common[:, :, :3], common[:, :3]
+    of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
+    whole[:, 6:, 6:] = common[:, :3, :3] + of_gyro
+    return whole
+
+
+@cache
+def telescoped(count: int, spacing: float) -> float:
+    """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
+    return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
+
+
+@cache
+def _preintegrated(count: int, spacing: float) -> float:
+    """Return the variance of a window's weighted angular velocity by white noise of unit density, 1/s.
+
+    The integral at a knot is a mean over the knot's time, so that the rate from one knot to the next is one over two of
+    them, sharpened by the neighbours': the weights of the gyro's readings are a convolution of all that.
+    """
+    fine = 20  # pieces of a knot
+    between = np.zeros(count + 4)  # of the steps from knot to knot, those of two neighbours on either side among them
+    between[2:-2] = _weights(count) / spacing
+    between[1:-1] -= np.diff(between, 2) / 24.0
+    steps = np.repeat(np.diff(np.pad(between, 1)), fine)  # of the knots' means
+    readings = np.cumsum(-steps) / fine
+    return float(np.sum(readings**2) * spacing / fine)
+
+
+def _total(values: Array) -> Array:
+    """Return the sum along the intervals, one after the other: numpy chooses another order for other layouts."""
+    return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
+
+
+@cache
+def _weights(count: int) -> Array:
+    """Return the (m,) weights of a window's twists: a parabola that vanishes at its ends."""
+    place = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    parabola = 1.0 - place**2
+    return np.asarray(parabola / np.sum(parabola))

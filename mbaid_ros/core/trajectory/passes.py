@@ -1,0 +1,184 @@
+"""Passes over windows that are all linearised at one point, each nearer to what they say: Gauss and Newton's steps."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.consistency import is_physical, project
+from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, follow
+from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point, near_part
+from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow
+from mbaid_ros.core.trajectory.windows import Stack, Window
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+MASS = BODY.start - LINEAR.start  # its place among the parameters
+
+_PASSES = 12
+# Where the innovations squared are so many times what they should be in the mean, and as many passes in a row have not
+# made them less, no further one will.
+HOPELESS, _IDLE = 10.0, 3
+_SETTLED = 0.1  # standard deviations
+_CERTAIN = 0.15  # relative standard deviation of the mass, below which a start counts
+_APART = 3.0  # standard deviations, from which two starts have come to different points
+# Chance of a start as surprising as that, from which another one is tried.
+_UNLIKELY = 0.01
+_LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
+_BODY_PLACES = np.arange(BODY.start, BODY.stop)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Windows in order, each as it is and linearised, all at one point."""
+
+    point: Point
+    windows: list[tuple[Window, WhitenedWindow]]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What repeated passes have led to.
+
+    Attributes
+    ----------
+    point : the solution of the last pass
+    passed : what that pass was over
+    track : the hypothesis that was followed in it
+    moments : of its belief
+    deviation : standard deviations of the parameters
+    settled : whether that pass moved them by next to nothing
+    held : whether its mass was held
+    """
+
+    point: Point
+    passed: Pass
+    track: Track
+    moments: Moments
+    deviation: Array
+    settled: bool
+    held: bool
+
+    @property
+    def sound(self) -> bool:
+        """Whether the result also explains the windows."""
+        belief = self.track.belief
+        return self.settled and belief.nis < chi_square.limit(_UNLIKELY, belief.measured)
+
+    @property
+    def certain(self) -> bool:
+        """Whether it has settled, on a mass far enough from zero for what is linear to be near the truth."""
+        return self.settled and bool(self.deviation[MASS] < _CERTAIN * self.point.parameters[MASS])
+
+    @property
+    def merit(self) -> tuple[bool, float]:
+        """What results are compared by: where they have not settled, the windows are not what they say they are."""
+        return not self.held, self.track.belief.log_likelihood - (0.0 if self.settled else MARGIN)
+
+    def near(self, point: Point, deviations: float) -> bool:
+        """Tell whether a point is less than some standard deviations away in all parameters."""
+        return bool(np.all(np.abs(point.parameters - self.point.parameters) <= deviations * self.deviation))
+
+    def rivals(self, other: Result) -> bool:
+        """Tell whether another result is at quite another point that explains the windows about as well."""
+        as_good = other.track.belief.log_likelihood > self.track.belief.log_likelihood - MARGIN
+        return as_good and not self.near(other.point, _APART)
+
+
+@dataclass(frozen=True)
+class Passes:
+    """Makes passes.
+
+    Attributes
+    ----------
+    layout : of the state
+    variables : of the filter
+    linearised : linearises windows
+    """
+
+    layout: Layout
+    variables: Variables
+    linearised: LinearisationCache
+
+    def repeat(
+        self, stacks: list[list[Stack]], point: Point, fresh: Track, *, held: bool = False
+    ) -> Generator[int, None, Result | None]:
+        """Pass over the windows until they move the point no more, at most a dozen times; None where none can be made.
+
+        Parameters
+        ----------
+        stacks : of the windows
+        point : to begin at
+        fresh : a hypothesis before the first window
+        held : whether its mass is held
+        """
+        result: Result | None = None
+        least, idle = np.inf, 0
+        for _ in range(_PASSES):
+            try:
+                result = yield from self._solve(stacks, point, fresh, held=held)
+            except np.linalg.LinAlgError:
+                # It has led away to a robot that cannot be: nothing follows from it.
+                return None if result is None else replace(result, point=result.passed.point, settled=False)
+            point = result.point
+            misfit = result.track.misfit / max(result.track.belief.measured, 1)
+            least, idle = min(misfit, least), 0 if misfit < least else idle + 1
+            if result.settled or (least > HOPELESS and idle >= _IDLE):
+                break
+        return result
+
+    def _solve(
+        self, stacks: list[list[Stack]], point: Point, fresh: Track, *, held: bool
+    ) -> Generator[int, None, Result]:
+        """Pass over the windows once."""
+        passed = yield from self.over(stacks, point)
+        (track,) = yield from self.follow(passed, (fresh,))
+        moments = Moments.of(track.belief, self.variables)
+        deviation = moments.deviation[self.layout.parameters]
+        state = self._real(moments)
+        step: Array = state[self.layout.parameters] - point.parameters
+        step *= near_part(point.parameters, step)
+        state[self.layout.parameters] = point.parameters + step
+        settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
+        after = self.layout.point(state, moments.deviation)
+        return Result(after, passed, track, moments, deviation, settled=settled, held=held)
+
+    def _real(self, moments: Moments) -> Array:
+        """Return the likeliest state (s,) whose body can exist; in a plane, which leaves most of it open, the mean."""
+        body = moments.mean[BODY]
+        if self.layout.plane is not None or is_physical(body):
+            return moments.mean.copy()
+        scale = unknown_scale(self.layout.kernel)[:10]
+        nearest, _ = project(body, moments.covariance(_BODY_PLACES), scale)
+        # What else is uncertain follows the body, as far as it is correlated.
+        own = moments.factor[BODY] / scale[:, None]
+        return np.asarray(moments.mean + moments.factor @ np.linalg.lstsq(own, (nearest - body) / scale)[0])
+
+    def over(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, Pass]:
+        """Linearise all windows at one point."""
+        windows: list[tuple[Window, WhitenedWindow]] = []
+        for part in stacks:
+            more = self.linearised.all_whitened(part, point)
+            yield _LINEARISED * len(more)
+            windows += more
+        return Pass(point, windows)
+
+    def fresh(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> Track:
+        """Return a hypothesis before the first window, of any mass or near one, whose jumps may take some windows."""
+        extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
+        return Track(hypothesis, Belief.prior(self.variables, extra, mass), longest=longest)
+
+    def follow(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
+        """Follow hypotheses over windows."""
+        for window, white in passed.windows:
+            bank = follow(bank, window, white, self.variables)
+            for _ in bank:
+                yield 1
+        return bank

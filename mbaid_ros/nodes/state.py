@@ -1,0 +1,39 @@
+"""What the node `estimator` knows at present."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.session import Session
+
+
+@dataclass
+class State:
+    """What the node knows.
+
+    Attributes
+    ----------
+    session : the run, None before the first usable robot description
+    problem : why the last robot description or the last data could not be used; empty: they could
+    estimate : the last one
+    paused : True while no samples are taken
+    stale : why the last estimate is not followed by another one; empty: it is
+    ignored : messages not handed to a session, by reason
+    """
+
+    session: Session | None = None
+    problem: str = ''
+    estimate: Estimate | None = None
+    paused: bool = False
+    stale: str = ''
+    ignored: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def account(self) -> str:
+        """How many of the samples that have come are in the estimate, in a sentence."""
+        if self.session is None or self.estimate is None:
+            return 'no sample is in an estimate'
+        told = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
+        return told if self.estimate.samples == self.session.taken else f'{told}, those of complete windows'
