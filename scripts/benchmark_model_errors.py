@@ -1,7 +1,7 @@
 """Monte Carlo over robots that are not their URDF: whether intervals hold, over what is attainable; an error budget.
 
-usage: benchmark_model_errors.py [--seeds N] [--others N] [--robots R ...] [--sections S ...] [--processes N]
-       [--store FOLDER] [--output FOLDER]
+usage: benchmark_model_errors.py [--seeds N] [--others N] [--steps N] [--robots R ...] [--sections S ...]
+       [--processes N] [--store FOLDER] [--output FOLDER]
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from benchmarks.model_errors.runs import budget
 from benchmarks.model_errors.variant import monte_carlo
 from benchmarks.pages import provenance
 
-_SEEDS, _OTHERS = 50, 20
+_SEEDS, _OTHERS, _STEPS = 50, 20, 20
 _WHEELS = 4
 _MASS_STD = 0.01 * flywheel.MASS
 
@@ -29,7 +29,7 @@ def main() -> int:
     arguments = _parse()
     found: Outcomes = {}
     for variant, outcome in outcomes(
-        plan(arguments.sections, arguments.robots, arguments.seeds, arguments.others),
+        plan(arguments.sections, arguments.robots, (arguments.seeds, arguments.others, arguments.steps)),
         arguments.processes,
         arguments.store,
     ):
@@ -39,7 +39,8 @@ def main() -> int:
         wheel = {std: flywheel.rows(range(_WHEELS), std) for std in (0.0, _MASS_STD)}
         example = budget(next(monte_carlo(EXAMPLE)), 0)
         # Where finished runs are kept is nobody's business.
-        command = f'scripts/{Path(__file__).name} --seeds {arguments.seeds} --others {arguments.others} --output docs'
+        counts = f'--seeds {arguments.seeds} --others {arguments.others} --steps {arguments.steps}'
+        command = f'scripts/{Path(__file__).name} {counts} --output docs'
         arguments.output.mkdir(parents=True, exist_ok=True)
         text = page(found, wheel, example, provenance(command))
         (arguments.output / 'model-errors.md').write_text(text, encoding='utf-8')
@@ -53,6 +54,9 @@ def _parse() -> argparse.Namespace:
     )
     parser.add_argument(
         '--others', type=int, metavar='N', default=_OTHERS, help=f'robots of every other row (default: {_OTHERS})'
+    )
+    parser.add_argument(
+        '--steps', type=int, metavar='N', default=_STEPS, help=f'robots of each step of the ladder (default: {_STEPS})'
     )
     parser.add_argument('--robots', nargs='+', choices=list(ROBOTS), default=[EXAMPLE, 'ets7', 'table1'])
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=SECTIONS)

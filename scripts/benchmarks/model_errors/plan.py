@@ -17,24 +17,24 @@ ALL = 'all'
 SECTIONS = ('robots', 'ladder')
 
 
-def plan(sections: Sequence[str], robots: Sequence[str], seeds: int, others: int) -> dict[Variant, int]:
+def plan(sections: Sequence[str], robots: Sequence[str], seeds: tuple[int, int, int]) -> dict[Variant, int]:
     """Return variants and how many seeds each is run with.
 
     Parameters
     ----------
     sections : of SECTIONS
     robots : names
-    seeds : of each robot with all blocks on
-    others : of everything else, at most as many
+    seeds : of each robot with all blocks on, of its other rows, and of each step of the ladder
     """
+    whole, others, steps = seeds
     wanted: dict[Variant, int] = {}
     if 'robots' in sections:
         each = [variant for robot in robots for variant in monte_carlo(robot)]
         # What matters most first.
         each.sort(key=lambda variant: variant.name != ALL)
-        wanted |= {variant: seeds if variant.name == ALL else min(others, seeds) for variant in each}
+        wanted |= {variant: whole if variant.name == ALL else others for variant in each}
     if 'ladder' in sections and EXAMPLE in robots:
-        wanted |= {variant: min(others, seeds) for _, _, variant in ladder(EXAMPLE)}
+        wanted |= {variant: steps for _, _, variant in ladder(EXAMPLE)}
     return {variant: count for variant, count in wanted.items() if count}
 
 
