@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,10 +12,12 @@ from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.replay import provenance
 from mbaid_ros.session import Survey
 
 HISTORY_LIMIT = 5_000
+Record = TypeVar('Record', Estimate, SensorLevels)
 
 
 @dataclass(frozen=True)
@@ -146,8 +148,7 @@ class History:
         """Take the next estimate."""
         self._ends_with_last = self._count % self._stride == 0
         if self._ends_with_last:
-            # Only the last one's error budget is told of: it is most of what an estimate takes.
-            self._kept.append(estimate if estimate.budget is None else replace(estimate, budget=None))
+            self._kept.append(_alone(estimate))
             if len(self._kept) > 2 * self._limit:
                 self._kept = self._kept[::2]
                 self._stride *= 2
@@ -163,3 +164,18 @@ class History:
         if self._ends_with_last and (len(kept) - 1) % step == 0:
             return tuple(thinned)
         return tuple(thinned) if self.last is None else (*thinned, self.last)
+
+
+def _alone(estimate: Estimate) -> Estimate:
+    """Return an estimate to keep: without its error budget, which is told of the last one only, and sharing no memory.
+
+    The numbers of windows that are worked on together are views of arrays of all of them: each would keep all.
+    """
+    noise = estimate.noise
+    return replace(_copied(estimate), budget=None, noise=None if noise is None else _copied(noise))
+
+
+def _copied(record: Record) -> Record:
+    """Return a dataclass with its arrays copied."""
+    copies: dict[str, Any] = {name: part.copy() for name, part in vars(record).items() if isinstance(part, np.ndarray)}
+    return replace(record, **copies)

@@ -48,3 +48,28 @@ def test_too_little_to_tell_a_rate(times: list[float]) -> None:
     topic = arrivals(times).statistics('/a', 'x', len(times), 0)
     assert math.isnan(topic.rate)
     assert topic.course == ()
+
+
+def test_of_a_long_run_the_same_is_told_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(0)
+    intervals = np.round(1e7 + 1e5 * generator.standard_normal(20_000)).astype(np.int64)
+    intervals[[70, 5_000, 19_000]] *= 50
+    times = np.cumsum(intervals)
+    whole, thinned = Arrivals(), Arrivals()
+    whole.add(times)
+    monkeypatch.setattr('mbaid_ros.replay.arrivals._KEPT', 3_000)
+    for begin in range(0, len(times), 777):
+        thinned.add(times[begin : begin + 777])
+        assert len(thinned._times) <= 3_000
+    exact, told = (each.statistics('/a', 'x', len(times), int(times[0])) for each in (whole, thinned))
+    assert told.rate == exact.rate
+    assert told.gaps == exact.gaps
+    assert len(told.gaps) == 3
+    assert len(told.course) == len(exact.course)
+    assert np.array(told.course) == pytest.approx(np.array(exact.course), rel=0.05, abs=0.5)
+
+
+def test_no_messages_at_a_time_change_nothing() -> None:
+    topic = arrivals([0.0, 1.0])
+    topic.add(np.zeros(0, dtype=np.int64))
+    assert topic.statistics('/a', 'x', 2, 0).rate == 1.0

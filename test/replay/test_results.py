@@ -33,6 +33,16 @@ def test_the_history_is_thinned_evenly_to_5000(count: int) -> None:
         assert steps[-1] <= steps[0]
 
 
+def test_what_is_kept_shares_no_memory_with_what_is_not() -> None:
+    together = np.zeros((200, 10, 10))  # of the windows that were worked on at once
+    history = History()
+    history.add(Estimate(method='difference', status='estimating', covariance=together[3], parameters=together[3, 0]))
+    history.add(estimate(1))
+    (kept, _) = history.entries()
+    assert not np.shares_memory(kept.covariance, together)
+    assert not np.shares_memory(kept.parameters, together)
+
+
 def hostile_run() -> Run:
     final = Estimate(
         method='difference',
