@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mbaid_ros.core.errors import ParameterError, listing
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 
 Until = Literal['estimating', 'converged', 'stale']
 _LAST_WORDS = 10.0  # s, for a process to end after it has been interrupted

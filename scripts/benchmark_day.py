@@ -24,7 +24,8 @@ from benchmarks.endurance import HEAD, ORDER, resident
 from benchmarks.methods import METHODS, Identification
 from benchmarks.pages import number, provenance, put_section, table
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.simulation.sensors import Sensors

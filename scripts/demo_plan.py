@@ -30,7 +30,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory as Trajectory
 from mbaid_ros.core.planning.limits import joint_limits
 from mbaid_ros.core.planning.splines import Splines
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.qos import qos

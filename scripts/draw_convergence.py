@@ -24,7 +24,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND
+from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag

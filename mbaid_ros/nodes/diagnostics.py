@@ -13,7 +13,8 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import LATE_THRUST
 from mbaid_ros.core.results.budget import MAIN_CAUSES
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.state import State

@@ -9,7 +9,8 @@ from typing import Any
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.session import Survey
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import MAIN_CAUSES, ErrorBudget
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 
 NARROWEST = 20  # columns

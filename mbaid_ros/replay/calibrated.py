@@ -16,7 +16,7 @@ from mbaid_ros.core.calibration.structure import BaseParameter
 from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges, formula, parameter
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.replay.motions import BagMotions

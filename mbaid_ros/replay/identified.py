@@ -13,7 +13,7 @@ from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.files import parse_json, read_text
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'

@@ -10,7 +10,8 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.results.budget import MAIN_CAUSES
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay.results import Run

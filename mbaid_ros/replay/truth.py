@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.files import parse_json, read_text
 
 TRUTH_FILE = 'truth.json'

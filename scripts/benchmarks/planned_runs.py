@@ -24,7 +24,8 @@ from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.planning.planner import Planner, PlanSettings
 from mbaid_ros.core.planning.search import Wanted
 from mbaid_ros.core.planning.splines import Splines
-from mbaid_ros.core.results.estimate import BAND, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model

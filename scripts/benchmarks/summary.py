@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.runs import Outcome
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
 
 

@@ -19,7 +19,7 @@ import pytest
 
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay import campaign, replay, simulate
 from mbaid_ros.replay.campaigns import command
 from mbaid_ros.replay.campaigns.folder import CampaignFolder

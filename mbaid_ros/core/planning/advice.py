@@ -12,7 +12,7 @@ from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 from mbaid_ros.core.planning.search import Wanted
 from mbaid_ros.core.planning.splines import Splines
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 
 _LENGTH = 10.0  # s, of a joint's motion there and back
 _TURN, _SLIDE = np.radians(20.0), 0.2  # rad, m, that it takes where its limits allow

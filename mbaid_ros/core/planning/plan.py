@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
 BINDING = 0.9  # part of a limit from which a motion is at it

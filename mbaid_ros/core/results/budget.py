@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 
 SENSOR_NOISE = 'sensor noise'
 MAIN_CAUSES = 'main causes of the variance'  # what `told` says

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-
-if TYPE_CHECKING:
-    from mbaid_ros.core.results.budget import ErrorBudget
-    from mbaid_ros.core.sensor_levels import SensorLevels
+from mbaid_ros.core.results.budget import ErrorBudget
+from mbaid_ros.core.sensor_levels import SensorLevels
 
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
-
-# Order of the ten published parameters: mass, centre of mass (link frame), inertia about it (link axes).
-PARAMETERS = ('mass', 'com_x', 'com_y', 'com_z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-UNITS = ('kg', 'm', 'm', 'm', *('kg m^2',) * 6)
-BAND = 1.96  # standard deviations either side that hold 95 %
 
 
 def _unknown(*shape: int) -> Array:

@@ -24,7 +24,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.consistency import are_physical, project, project_planar
-from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Status
+from mbaid_ros.core.results.estimate import Estimate, Status
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import are_doubtful, inverse_factors

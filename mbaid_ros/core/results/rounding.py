@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mbaid_ros.core.results.estimate import BAND
+from mbaid_ros.core.results.parameters import BAND
 
 _DIGITS = 2  # of a standard deviation
 _MOST_DECIMALS = 7  # written out; beyond, and for thousands that are not known, as a power of ten

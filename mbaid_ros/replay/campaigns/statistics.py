@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.campaigns.make import FAILED, Result
 from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std

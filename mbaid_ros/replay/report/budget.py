@@ -7,7 +7,8 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, percent, short
-from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay.report.markup import paragraph, table, text
 
 _OTHERS = 'all others'

@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.calibration.result import LinkResult
 from mbaid_ros.core.calibration.words import base_parameter, formula
-from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
+from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import Calibrated
 from mbaid_ros.replay.calibrated_text import HEAD, JOINTS_HEAD, headline, joint_rows, rows, told
 from mbaid_ros.replay.report.markup import STYLE, listed, number, paragraph, table, text

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND
+from mbaid_ros.core.results.parameters import BAND
 
 # Colours that a drawing is made with, and the CSS variables that take their place.
 _VARIABLES = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
 from mbaid_ros.replay.report.figures import SHOWN_UNITS

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS, UNITS, Estimate, determined
+from mbaid_ros.core.results.estimate import Estimate, determined
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS, UNITS
 from mbaid_ros.replay.report.canvas import (
     ALARM,
     FAINT,

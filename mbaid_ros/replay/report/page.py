@@ -10,7 +10,8 @@ from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.results.estimate import PARAMETERS, determined
+from mbaid_ros.core.results.estimate import determined
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.report import budget, figures, noise

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.planning.plan import Plan
-from mbaid_ros.core.results.estimate import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.replay.report.canvas import FAINT, FIRST, INK, SECOND, SERIES, THIRD, entitle, legend, new_axes, svg

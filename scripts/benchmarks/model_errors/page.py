@@ -14,7 +14,8 @@ from benchmarks.model_errors.variant import DEFECTS, STEPS, Variant, ladder
 from benchmarks.pages import number, percent, table
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import PARAMETERS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS
 
 _LEAST = 0.01  # share of a variance that is worth a column
 

@@ -16,7 +16,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import BAND, PARAMETERS, Estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.simulation.drawn import ErrorSizes
