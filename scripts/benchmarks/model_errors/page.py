@@ -165,16 +165,18 @@ _LADDER = """
 
 `{robot}`, one defect, drawn with the standard deviation at the head of the column in the unit of the row; everything
 else is exact. Default parameters. Largest error of {seeds} runs in standard deviations, coverage, status at
-the end.
+the end. Where what the windows see of a kind (the zeros of all joints, say) is further off than declared, the intervals
+allow for as much in what they do not see, and a warning names the parameter
+([trajectory.md](trajectory.md#verdict-coreverdict), eq. 8).
 """
 
 _WHEEL = """
 ## What has to be given
 
 A base of {mass:g} kg with one flywheel, which turns about its own centre and moves no mass: no motion tells how heavy
-the base is. The robot is drawn as above, so that the wheel may be a little out of balance, which tells a little. A mass
-that is given is off by as much as is said of it. How well the CoM can be known is where the odometry is mounted (2 mm),
-the inertia how well the wheel's is known (1 %).
+the base is. The robot is drawn as above: its wheel is a little out of balance, which tells the mass to some percent. A
+mass that is given is off by as much as is said of it. How well the CoM can be known is where the odometry is mounted
+(2 mm), the inertia how well the wheel's is known (1 %).
 """
 
 _BUDGET = """
