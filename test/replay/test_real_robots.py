@@ -81,6 +81,22 @@ def test_most_of_them_are() -> None:
     assert sum(path.name not in REFUSED for path in ROBOTS) >= FEWEST
 
 
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_a_robot_without_joints_determines_nothing(
+    method: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    urdf = tmp_path / 'body.urdf'
+    urdf.write_text(
+        '<robot name="body"><link name="base"><inertial><mass value="100"/>'
+        '<inertia ixx="10" ixy="0" ixz="0" iyy="20" iyz="0" izz="15"/></inertial></link></robot>'
+    )
+    bag, turning = tmp_path / 'bag', 'initial.base_angular_velocity:=[0.1, 0.2, 0.3]'
+    made = ['--model', str(urdf), '-p', 'motion.kind:=passive', '-p', turning, '--duration', '3', '--output', str(bag)]
+    assert simulate(made) == 0
+    assert replay([str(bag), '--model', str(urdf), '--method', method]) == 3
+    assert not capfd.readouterr().err
+
+
 def test_a_hand_whose_fingers_follow_each_other_is_identified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
