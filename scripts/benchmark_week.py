@@ -45,9 +45,9 @@ _SECTION = """\
 {size:.1f} GB, through what the executable `replay` calls; method `{method}`, windows of {window:g} s. {provenance}
 
 It took {spent:.0f} s of the processor. The last day took {ratio:.2f} times as long as the first one. From the first
-hour on resident memory grew by {growth:.2f} MB a day, to {peak:.0f} MB at most; the processor time of a day grew by
-{slower:.2f} % a day. Of {updates} updates {kept} estimates are kept for the JSON, {json:.1f} MB. The status at the end
-is `{status}`, the largest error {worst:.1f} standard deviations.
+hour on resident memory grew by {growth:.2f} MB a day, from the third day on by {settled:.2f}, to {peak:.0f} MB at most;
+the processor time of a day grew by {slower:.2f} % a day. Of {updates} updates {kept} estimates are kept for the JSON,
+{json:.1f} MB. The status at the end is `{status}`, the largest error {worst:.1f} standard deviations.
 
 {daily}
 """
@@ -95,9 +95,9 @@ def _replayed(bag: Path, arguments: argparse.Namespace) -> tuple[list[Mark], Run
     config = replace(config, window=arguments.window)
     begin, marks = time.process_time(), [Mark(0.0, 0.0, resident())]
 
-    def progress(done: int, _total: int) -> None:
+    def progress(done: int, total: int) -> None:
         hours = done / (2.0 * arguments.rate * 3600.0)
-        if hours >= marks[-1].hours + _EVERY:
+        if hours >= marks[-1].hours + _EVERY or (done == total and hours > marks[-1].hours):
             marks.append(Mark(hours, time.process_time() - begin, resident()))
             if int(hours) > int(marks[-2].hours):
                 print(f'{marks[-1].hours:.2f} h: {marks[-1].spent:.1f} s, {marks[-1].memory:.1f} MB', flush=True)
@@ -119,7 +119,7 @@ def _days(marks: list[Mark]) -> list[float]:
 
 
 def _section(arguments: argparse.Namespace, marks: list[Mark], run: Run, size: int, characters: int) -> str:
-    days, later = _days(marks), [mark for mark in marks if mark.hours >= 1.0]
+    days = _days(marks)
     truth = physical(kernel(arguments.robot).target.parameters)
     worst = np.max(np.abs((run.final.parameters - truth) / run.final.std))
     rows = []
@@ -136,7 +136,8 @@ def _section(arguments: argparse.Namespace, marks: list[Mark], run: Run, size: i
         provenance=provenance(),
         spent=marks[-1].spent,
         ratio=_ratio(marks),
-        growth=_HOURS * slope([mark.hours for mark in later], [mark.memory for mark in later]),
+        growth=_growth(marks, 1.0),
+        settled=_growth(marks, 2.0 * _HOURS),
         peak=max(mark.memory for mark in marks),
         slower=100.0 * slope(range(len(days)), days) / np.mean(days) if len(days) > 1 else 0.0,
         updates=round(_HOURS * 3600.0 * arguments.days / arguments.window),
@@ -146,6 +147,14 @@ def _section(arguments: argparse.Namespace, marks: list[Mark], run: Run, size: i
         worst=worst,
         daily=table(['day', 'processor, s', 'update, ms', 'memory, MB'], rows),
     )
+
+
+def _growth(marks: list[Mark], after: float) -> float:
+    """Return by how much memory grows after some hours, MB a day; NaN where there are none."""
+    later = [mark for mark in marks if mark.hours >= after]
+    if len(later) < 2:
+        return float('nan')
+    return _HOURS * slope([mark.hours for mark in later], [mark.memory for mark in later])
 
 
 def _parse() -> argparse.Namespace:
