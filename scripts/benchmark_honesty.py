@@ -103,7 +103,7 @@ def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: 
         found=_found(verdicts),
         method=method,
         sections='\n\n'.join(section for section in sections if section),
-        origin=provenance(made_by),
+        origin=provenance(command=made_by),
     )
 
 

@@ -42,7 +42,7 @@ def main() -> int:
         counts = f'--seeds {arguments.seeds} --others {arguments.others} --steps {arguments.steps}'
         command = f'scripts/{Path(__file__).name} {counts} --output docs'
         arguments.output.mkdir(parents=True, exist_ok=True)
-        text = page(found, wheel, example, provenance(command))
+        text = page(found, wheel, example, provenance(command=command))
         (arguments.output / 'model-errors.md').write_text(text, encoding='utf-8')
     return 0
 
