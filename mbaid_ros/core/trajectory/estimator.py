@@ -27,7 +27,7 @@ from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
-from mbaid_ros.core.trajectory.undeclared import undeclared_orbit
+from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
@@ -208,8 +208,7 @@ class TrajectoryEstimator:
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        if (orbit := undeclared_orbit(moments, self._runs.layout)) is not None:
-            judgement = judgement.with_cause(orbit)
+        judgement = with_undeclared_orbit(judgement, moments, self._runs.layout, now.time)
         layout, variables = self._runs.layout, self._runs.variables
         sizes = PriorSizes.of(moments, layout)
         added = sizes.added(moments, layout, moments.factor_of(variables.spread[_ORDER]))

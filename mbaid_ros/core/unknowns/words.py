@@ -28,6 +28,10 @@ _DECLARED = {
     'origin': ("the joints' origins", 'known_joints.origin_std'),
     'axis': ("the joints' axes", 'known_joints.axis_std'),
     'mount': ('position and orientation of the odometry mount', 'odometry_mount.position_std, .orientation_std'),
+    SHAPE: (
+        'eccentricity and mean motion of the orbit',
+        'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
+    ),
 }
 
 
