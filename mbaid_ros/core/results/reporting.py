@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, skew
-from mbaid_ros.core.results.consistency import are_physical, project, project_planar
+from mbaid_ros.core.results.consistency import IMPOSSIBLE, are_physical, project, project_planar
 from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
@@ -31,7 +31,7 @@ from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
 # Standard deviations of an estimate from the nearest real body: from which that is told, and from which it is none.
-_LARGE_CORRECTION, _IMPOSSIBLE = 3.0, 5.0
+_LARGE_CORRECTION = 3.0
 _ENOUGH = 50  # redundant equations, before the residual is judged
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
@@ -190,7 +190,7 @@ class Reporting:
     ) -> Status:
         if not identifiable.any():
             return 'not_identifiable'
-        if correction > _IMPOSSIBLE or (residual > self.largest_residual and redundancy > _ENOUGH):
+        if correction > IMPOSSIBLE or (residual > self.largest_residual and redundancy > _ENOUGH):
             return 'inconsistent'
         return 'converged' if settled else 'estimating'
 

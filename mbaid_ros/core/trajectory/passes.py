@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical, project
+from mbaid_ros.core.results.consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, follow
 from mbaid_ros.core.trajectory.belief import Belief, Moments
@@ -55,6 +55,7 @@ class Result:
     moments : of its belief
     deviation : standard deviations of the parameters
     settled : whether that pass moved them by next to nothing
+    possible : whether its body is near enough to one that can exist
     held : whether its mass was held
     """
 
@@ -64,18 +65,20 @@ class Result:
     moments: Moments
     deviation: Array
     settled: bool
+    possible: bool
     held: bool
 
     @property
     def sound(self) -> bool:
         """Whether the result also explains the windows."""
         belief = self.track.belief
-        return self.settled and belief.nis < chi_square.limit(_UNLIKELY, belief.measured)
+        return self.settled and self.possible and belief.nis < chi_square.limit(_UNLIKELY, belief.measured)
 
     @property
     def certain(self) -> bool:
-        """Whether it has settled, on a mass far enough from zero for what is linear to be near the truth."""
-        return self.settled and bool(self.deviation[MASS] < _CERTAIN * self.point.parameters[MASS])
+        """Whether it has settled on a real body, its mass far enough from zero for what is linear to be near."""
+        known = bool(self.deviation[MASS] < _CERTAIN * self.point.parameters[MASS])
+        return self.settled and self.possible and known
 
     @property
     def merit(self) -> tuple[bool, float]:
@@ -142,24 +145,30 @@ class Passes:
         (track,) = yield from self.follow(passed, (fresh,))
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
-        state = self._real(moments)
+        state, correction = self._real(moments)
         step: Array = state[self.layout.parameters] - point.parameters
+        settled = bool(np.all(np.abs(step) < _SETTLED * deviation))  # a step that is cut short has settled nothing
         step *= near_part(point.parameters, step)
         state[self.layout.parameters] = point.parameters + step
-        settled = bool(np.all(np.abs(step) < _SETTLED * deviation))
         after = self.layout.point(state, moments.deviation)
-        return Result(after, passed, track, moments, deviation, settled=settled, held=held)
+        return Result(
+            after, passed, track, moments, deviation, settled=settled, possible=correction < IMPOSSIBLE, held=held
+        )
 
-    def _real(self, moments: Moments) -> Array:
-        """Return the likeliest state (s,) whose body can exist; in a plane, which leaves most of it open, the mean."""
+    def _real(self, moments: Moments) -> tuple[Array, float]:
+        """Return the likeliest state (s,) whose body can exist, and how many standard deviations away that is.
+
+        In a plane, which leaves most of a body open, the mean.
+        """
         body = moments.mean[BODY]
         if self.layout.plane is not None or is_physical(body):
-            return moments.mean.copy()
+            return moments.mean.copy(), 0.0
         scale = unknown_scale(self.layout.kernel)[:10]
-        nearest, _ = project(body, moments.covariance(_BODY_PLACES), scale)
+        nearest, distance = project(body, moments.covariance(_BODY_PLACES), scale)
         # What else is uncertain follows the body, as far as it is correlated.
         own = moments.factor[BODY] / scale[:, None]
-        return np.asarray(moments.mean + moments.factor @ np.linalg.lstsq(own, (nearest - body) / scale)[0])
+        state = moments.mean + moments.factor @ np.linalg.lstsq(own, (nearest - body) / scale)[0]
+        return np.asarray(state), distance
 
     def over(self, stacks: list[list[Stack]], point: Point) -> Generator[int, None, Pass]:
         """Linearise all windows at one point."""
