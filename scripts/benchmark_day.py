@@ -14,12 +14,11 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.data import DURATION, LEVELS, ROBOTS, endless_motion, kernel, momentum_of, sensed
-from benchmarks.driver import parser_of
+from benchmarks.data import DURATION, LEVELS, endless_motion, kernel, momentum_of, sensed
+from benchmarks.driver import add_example_arguments, parser_of
 from benchmarks.endurance import HEAD, ORDER, resident
 from benchmarks.methods import METHODS, Identification
 from benchmarks.pages import number, provenance, put_section, table
@@ -188,10 +187,7 @@ def _section(arguments: argparse.Namespace, hours: list[Hour], truth: Array) -> 
 def _parse() -> argparse.Namespace:
     parser = parser_of(__doc__)
     parser.add_argument('--hours', type=int, metavar='N', default=24)
-    parser.add_argument('--robot', choices=list(ROBOTS), default='servicer7')
-    parser.add_argument('--level', choices=list(LEVELS), default='mid', help='encoder noise')
-    parser.add_argument('--method', choices=list(METHODS), default='difference')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write endurance.md there')
+    add_example_arguments(parser, METHODS, 'difference')
     return parser.parse_args()
 
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data import CONFIG, LEVELS, ROBOTS, kernel
-from benchmarks.driver import parser_of
+from benchmarks.data import CONFIG, LEVELS, kernel
+from benchmarks.driver import add_example_arguments, parser_of
 from benchmarks.endurance import HEAD, LIVE, ORDER, slope
 from benchmarks.live_hours import RATE, WINDOW, Hours, watched
 from benchmarks.methods import METHODS
@@ -146,10 +146,7 @@ def _parse() -> argparse.Namespace:
     parser = parser_of(__doc__)
     parser.add_argument('--minutes', type=float, metavar='N', default=25.0, help='on the wall (default: %(default)s)')
     parser.add_argument('--factor', type=float, metavar='N', default=0.0, help='how fast (default: is found)')
-    parser.add_argument('--robot', choices=list(ROBOTS), default='servicer7')
-    parser.add_argument('--level', choices=list(LEVELS), default='mid', help='encoder noise')
-    parser.add_argument('--method', choices=list(METHODS), default='trajectory')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write endurance.md there')
+    add_example_arguments(parser, METHODS, 'trajectory')
     return parser.parse_args()
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data import CONFIG, LEVELS, ROBOTS, kernel
-from benchmarks.driver import parser_of
+from benchmarks.data import CONFIG, kernel
+from benchmarks.driver import add_example_arguments, parser_of
 from benchmarks.endurance import HEAD, ORDER, WEEK, resident, slope
 from benchmarks.long_bag import make_long_bag
 from benchmarks.methods import METHODS
@@ -161,12 +161,9 @@ def _parse() -> argparse.Namespace:
     parser = parser_of(__doc__)
     parser.add_argument('--days', type=float, metavar='N', default=7.0)
     parser.add_argument('--rate', type=float, metavar='HZ', default=10.0, help='of joints and odometry')
-    parser.add_argument('--robot', choices=list(ROBOTS), default='servicer7')
-    parser.add_argument('--level', choices=list(LEVELS), default='mid', help='encoder noise')
-    parser.add_argument('--method', choices=list(METHODS), default='trajectory')
+    add_example_arguments(parser, METHODS, 'trajectory')
     parser.add_argument('--window', type=float, metavar='S', default=1.0)
     parser.add_argument('--bag', type=Path, metavar='FOLDER', help='where the bag is, or is made and left')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write endurance.md there')
     return parser.parse_args()
 
 

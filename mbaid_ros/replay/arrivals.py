@@ -29,9 +29,8 @@ class Arrivals:
         self._count = 0
         self._stride = 1  # messages from one whose time is kept to the next one
         self._times, self._intervals = array('q'), array('q')  # ns; since the message before
-        self._longest: Stamps = np.zeros(
-            (0, 3), dtype=np.int64
-        )  # interval and its begin, ns, number of the message after it
+        # Interval and its begin, ns, number of the message after it.
+        self._longest: Stamps = np.zeros((0, 3), dtype=np.int64)
 
     def add(self, times: Stamps) -> None:
         """Take the times of messages, (N,) ns."""

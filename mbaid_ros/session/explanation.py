@@ -64,9 +64,9 @@ def obstacles(session: Session) -> list[str]:
     found = [session.problem] if session.problem else []
     if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
-    if IMU in session.arrivals.newest and session.received[JOINTS] and not session.received[IMU]:
+    if IMU in session.inbox.newest and session.received[JOINTS] and not session.received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
-    joints, base = (session.arrivals.newest[name] for name in (JOINTS, ODOMETRY))
+    joints, base = (session.inbox.newest[name] for name in (JOINTS, ODOMETRY))
     if joints is not None and base is not None and abs(joints - base) > _APART:
         ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
         found.append(

@@ -22,8 +22,8 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
-from mbaid_ros.session.arrivals import Arrivals
 from mbaid_ros.session.base_source import BaseSource
+from mbaid_ros.session.inbox import Inbox
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
@@ -58,7 +58,7 @@ class Session:
     base_source : what of the messages that may locate the base does
     intake : what the run reads its messages with
     thrust : what commanded thrust has brought since the run began
-    arrivals : what has come and waits to be worked through
+    inbox : what has come and waits to be worked through
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         self._gyro = self.config.imu.noise_density > 0.0
-        self.arrivals = Arrivals((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
+        self.inbox = Inbox((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
@@ -115,7 +115,7 @@ class Session:
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
         if self._gyro:
             messages[IMU] = imu
-        taken = self.arrivals.take_at_once(messages)
+        taken = self.inbox.take_at_once(messages)
         if taken and not self._gyro and imu:
             self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
         return taken
@@ -124,7 +124,7 @@ class Session:
         """Take a WrenchStamped of what is commanded, from its stamp on."""
         frame, stamp, wrench = wrench_of(message)
         frame = frame.removeprefix(self.config.frame_prefix)
-        newest = self.arrivals.latest
+        newest = self.inbox.latest
         if self.thrust.changes(frame, stamp, wrench, newest):
             # What came before it is worked through without it, however the calls are spread.
             self._ready += self._work()
@@ -178,13 +178,13 @@ class Session:
     @property
     def closing(self) -> int | None:
         """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
-        end, newest = self._identifier.end_of_window, self.arrivals.newest[JOINTS]
+        end, newest = self._identifier.end_of_window, self.inbox.newest[JOINTS]
         return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
 
     @property
     def problem(self) -> str:
         """Why it takes no more messages until `reset`; empty while it does."""
-        return self.arrivals.problem
+        return self.inbox.problem
 
     @property
     def used(self) -> int:
@@ -199,7 +199,7 @@ class Session:
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by cause."""
-        return self._earlier + self._dropped_now() + self.arrivals.dropped + self.base_source.dropped
+        return self._earlier + self._dropped_now() + self.inbox.dropped + self.base_source.dropped
 
     def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
         """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
@@ -224,7 +224,7 @@ class Session:
                 'pre_capture'
             )
         self._ready += self._work()
-        newest = self.arrivals.latest
+        newest = self.inbox.latest
         if newest is None or not self._identifier.used:
             raise DataError('there are no samples yet; accepted: a capture after the first')
         time, before = (newest - self._identifier.origin) * 1e-9, capture.time
@@ -270,25 +270,25 @@ class Session:
 
     def _add(self, name: str, message: Any) -> bool:
         stamp = stamp_of(message)
-        jumped = self.arrivals.take(name, stamp, message)
+        jumped = self.inbox.take(name, stamp, message)
         if jumped is None:
             return bool(self.problem) or self._is_time(name, stamp)
         if jumped:
             self._ready += self._work()
             self._start_again(jumped)
-        self.arrivals.settle(name, message)
+        self.inbox.settle(name, message)
         return True
 
     def _is_time(self, name: str, stamp: int) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
-        waiting, intake = self.arrivals.waiting, self.intake
+        waiting, intake = self.inbox.waiting, self.intake
         if sum(waiting.values()) >= PART:
             return True
         end = self._identifier.end_of_window
         both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
         if end is None or (both and self._pace.is_due(stamp, end)):
             return both
-        return stamp >= end and intake.completes(end, name, self.arrivals.newest)
+        return stamp >= end and intake.completes(end, name, self.inbox.newest)
 
     def _start_again(self, reason: str) -> None:
         """Give up what has been learnt, and go on with what comes."""
@@ -299,7 +299,7 @@ class Session:
         self._begin()
 
     def _work(self) -> list[Estimate]:
-        messages = self.arrivals.take_all()
+        messages = self.inbox.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.intake.odometry_reader.frame

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from benchmarks.data import LEVELS, ROBOTS
 from benchmarks.store import Outcome, Work, completed
 
 
@@ -34,6 +35,22 @@ def add_run_arguments(parser: argparse.ArgumentParser, seeds: object, default: i
     add('--seeds', type=int, metavar='N', default=default, help=f'runs of each case (default: {seeds})')
     add('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
     add('--store', type=Path, metavar='FOLDER', help='keep finished runs there, and go on from them')
+
+
+def add_example_arguments(parser: argparse.ArgumentParser, methods: Collection[str], method: str) -> None:
+    """Add the robot, the quality of its encoders and the method of one long run, and where its page goes.
+
+    Parameters
+    ----------
+    parser : of a script
+    methods : names
+    method : that is the default
+    """
+    add = parser.add_argument
+    add('--robot', choices=list(ROBOTS), default='servicer7')
+    add('--level', choices=list(LEVELS), default='mid', help='encoder noise')
+    add('--method', choices=list(methods), default=method)
+    add('--output', type=Path, metavar='FOLDER', help='write endurance.md there')
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
-# Standard deviations of an estimate from the nearest real body: from which that is told, and from which it is none.
+# Standard deviations of an estimate from the nearest real body, from which that is told.
 _LARGE_CORRECTION = 3.0
 _ENOUGH = 50  # redundant equations, before the residual is judged
 # Indices of I_ii and I_jj for each of the six elements of inertia.

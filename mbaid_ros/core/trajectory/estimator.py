@@ -208,11 +208,10 @@ class TrajectoryEstimator:
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        judgement = with_undeclared_orbit(judgement, moments, self._runs.layout, now.time)
-        layout, variables = self._runs.layout, self._runs.variables
+        layout = self._runs.layout
+        judgement = with_undeclared_orbit(judgement, moments, layout, now.time)
         sizes = PriorSizes.of(moments, layout)
-        added = sizes.added(moments, layout, moments.factor_of(variables.spread[_ORDER]))
-        covariance = (moments.covariance(_ORDER) + added) * judgement.widening
+        covariance = (moments.covariance(_ORDER) + sizes.added(moments, layout, _ORDER)) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,

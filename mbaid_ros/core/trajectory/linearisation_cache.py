@@ -10,6 +10,7 @@ from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
+LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _MOST = 128  # windows linearised at once
 _FEWEST = 8  # where as many are known to come: the others cost little more than the first
 

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, follow
 from mbaid_ros.core.trajectory.belief import Belief, Moments
-from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
@@ -31,7 +31,6 @@ _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start 
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
-_LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _BODY_PLACES = np.arange(BODY.start, BODY.stop)
 
 
@@ -175,7 +174,7 @@ class Passes:
         windows: list[tuple[Window, WhitenedWindow]] = []
         for part in stacks:
             more = self.linearised.all_whitened(part, point)
-            yield _LINEARISED * len(more)
+            yield LINEARISED * len(more)
             windows += more
         return Pass(point, windows)
 

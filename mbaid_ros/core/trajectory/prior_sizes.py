@@ -15,6 +15,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.core.verdict.widening import likely_size
@@ -47,16 +48,11 @@ class PriorSizes:
             each[own] = found[kind][0]
         return PriorSizes(found, each)
 
-    def added(self, moments: Moments, layout: Layout, own: Array) -> Array:
-        """Return by how much the covariance of m numbers grows, (m, m).
-
-        Parameters
-        ----------
-        own : (m, v) a covariance factor of the numbers, as of `Moments.factor_of`
-        """
+    def added(self, moments: Moments, layout: Layout, rows: Integers) -> Array:
+        """Return by how much the covariance of m numbers of the state grows, (m, m)."""
         if not np.any(self.each > 1.0):
-            return np.zeros((len(own), len(own)))
-        parts = moments.contributions(own, layout)
+            return np.zeros((len(rows), len(rows)))
+        parts = moments.contributions(moments.factor_of(moments.variables.spread[rows]), layout)
         return np.asarray(parts.T @ ((self.each**2 - 1.0)[:, None] * parts))
 
     @property

@@ -13,7 +13,7 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import Track, follow
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.grasp import target_changed
-from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, LinearisationCache
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
@@ -24,7 +24,6 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.widening import gain
 
 _PART = 10  # windows whose linearisation counts as one piece of work
-_LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
 SLIPPING = 2  # windows that a slip may take
@@ -64,7 +63,7 @@ class WidePass:
         passed: Windows = []
         for begin in range(0, len(windows), _PART):
             passed += cache.all_whitened(stacked(windows[begin : begin + _PART]), at)
-            yield _LINEARISED * _PART
+            yield LINEARISED * _PART
         return passed
 
     def passed(

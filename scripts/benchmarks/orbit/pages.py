@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from benchmarks.orbit.runs import CIRCLES, DURATIONS, FRAMES, PACES, PLACES, cir
 from benchmarks.orbit.simulated import STRONGER, TURN
 from benchmarks.orbit.store import stored
 from benchmarks.pages import table
+from mbaid_ros.core.results.parameters import BAND
 
 _CLAIMED = ('converged', 'estimating')
-_BAND = 1.96
 _WRONG = float(chi2.isf(1e-3, 10))  # NEES that one run in a thousand exceeds
 _ORBIT = 'set orbit.mean_motion'
 _WHEELS = 'wheels'
@@ -49,16 +50,14 @@ def tables(store: Path) -> str:
 def _grid(lines: Iterable[Line]) -> str:
     header = ('motion', 'frame', 'where', 'runs', 'coverage', 'NEES', 'RMSE over that in no orbit', 'status')
     rows = []
-    for seconds in DURATIONS:
-        for pace in PACES:
-            these = [line for line in lines if _is(line, part='grid', seconds=seconds, pace=pace)]
-            free = {line['seed']: line for line in these if not line['frame']}
-            every = (('', 'at'), *((frame, place) for frame in FRAMES for place in PLACES))
-            for frame, place in every:
-                own = [line for line in these if _is(line, frame=frame, place=place) and line['seed'] in free]
-                if own:
-                    where = (frame or 'no orbit', place if frame else '-')
-                    rows.append((f'{seconds:.0f} s, {pace}', *where, *_figures(own, free)))
+    for seconds, pace in product(DURATIONS, PACES):
+        these = [line for line in lines if _is(line, part='grid', seconds=seconds, pace=pace)]
+        free = {line['seed']: line for line in these if not line['frame']}
+        for frame, place in (('', 'at'), *product(FRAMES, PLACES)):
+            own = [line for line in these if _is(line, frame=frame, place=place) and line['seed'] in free]
+            if own:
+                where = (frame or 'no orbit', place if frame else '-')
+                rows.append((f'{seconds:.0f} s, {pace}', *where, *_figures(own, free)))
     return table(header, rows, words=True)
 
 
@@ -66,13 +65,10 @@ def _undeclared(lines: Iterable[Line]) -> str:
     header = ('motion', 'frame', 'where', 'runs', 'status', 'coverage of those that claim one', 'wrong', 'named first')
     rows = []
     these = [line for line in lines if line['part'] == 'undeclared']
-    for seconds in DURATIONS:
-        for pace in PACES:
-            for frame in FRAMES:
-                for place in PLACES:
-                    own = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame, place=place)]
-                    if own:
-                        rows.append((f'{seconds:.0f} s, {pace}', frame, place, *_told_of(own)))
+    for seconds, pace, frame, place in product(DURATIONS, PACES, FRAMES, PLACES):
+        own = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame, place=place)]
+        if own:
+            rows.append((f'{seconds:.0f} s, {pace}', frame, place, *_told_of(own)))
     return table(header, rows, words=True)
 
 
@@ -80,18 +76,13 @@ def _circle(lines: Iterable[Line]) -> str:
     header = ('motion', 'frame', 'where', 'runs', 'coverage', 'NEES', 'RMSE over that of a circle', 'status')
     rows = []
     these = [line for line in lines if line['part'] == 'circle']
-    for seconds in DURATIONS:
-        for pace in PACES:
-            for frame in FRAMES:
-                for place in PLACES:
-                    some = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame)]
-                    certain = circle_at(place, CIRCLES[0])
-                    free = {line['seed']: line for line in some if line['place'] == certain}
-                    for case in CIRCLES:
-                        where = circle_at(place, case)
-                        own = [line for line in some if line['place'] == where and line['seed'] in free]
-                        if own:
-                            rows.append((f'{seconds:.0f} s, {pace}', frame, where, *_figures(own, free)))
+    for seconds, pace, frame, place in product(DURATIONS, PACES, FRAMES, PLACES):
+        some = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame)]
+        free = {line['seed']: line for line in some if line['place'] == circle_at(place, CIRCLES[0])}
+        for where in (circle_at(place, case) for case in CIRCLES):
+            own = [line for line in some if line['place'] == where and line['seed'] in free]
+            if own:
+                rows.append((f'{seconds:.0f} s, {pace}', frame, where, *_figures(own, free)))
     return table(header, rows, words=True)
 
 
@@ -168,7 +159,7 @@ def _mean(lines: list[Line], value: Callable[[Line], float]) -> float:
 
 
 def _covered(lines: list[Line]) -> float:
-    within = [np.abs(line['error']) < _BAND * np.array(line['std']) for line in lines if line['error'] is not None]
+    within = [np.abs(line['error']) < BAND * np.array(line['std']) for line in lines if line['error'] is not None]
     return 100.0 * float(np.mean(within)) if within else float('nan')
 
 

@@ -14,7 +14,7 @@ from mbaid_ros.messages import stamps_of
 STOPPED = 'after the stop by a jump of the stamps'
 
 
-class Arrivals:
+class Inbox:
     """Collects the messages of all topics, each in the order of arrival.
 
     Parameters
