@@ -18,6 +18,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.state import State
+from mbaid_ros.nodes.terminal import ESTIMATE, NEXT
 from mbaid_ros.session import Session, explain, obstacles
 
 STALE_AFTER = 2.0  # s without a message
@@ -74,7 +75,7 @@ class Diagnostics:
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples(state)
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
-        reports['estimate'] = _estimate(state)
+        reports[ESTIMATE] = _estimate(state)
         hardware = state.session.robot.model.name if state.session else ''
         return [
             DiagnosticStatus(
@@ -260,6 +261,7 @@ def _estimate(state: State) -> Report:
         ('residual', f'{estimate.residual:.3g}'),
         ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
         *_parameters(estimate),
+        (NEXT, state.advice),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),

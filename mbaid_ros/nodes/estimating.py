@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
+from mbaid_ros.nodes.advising import Advising
 from mbaid_ros.nodes.description import DescriptionInlet, check_without_robot
 from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.inlet import Inlet
@@ -74,6 +75,7 @@ class Estimating:
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
         self._planning = Planning(node, lambda: self._state.session, self._narrator.event)
+        self._advising = Advising(self._state, self._narrator.advice)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=clock)
@@ -185,6 +187,7 @@ class Estimating:
     def _on_leisure(self) -> None:
         if self._state.session is None or not self._state.session.work_off():
             self._leisure.cancel()
+            self._advising.look()
 
     def adjust(self, config: EstimatorConfig) -> None:
         """Take on what may change while it runs: convergence.*, plan.* and publish_tf.

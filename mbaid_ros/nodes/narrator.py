@@ -12,6 +12,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.nodes.terminal import NEXT
 from mbaid_ros.session import Survey
 
 PATIENCE = 5.0  # s without what is needed, after which it is said what that is
@@ -40,6 +41,7 @@ class Narrator:
         self._told_of_waiting = False
         self._status = ''
         self._told_of_joints = False
+        self._advised: set[str] = {''}
 
     def robot(self, survey: Survey, method: str) -> None:
         """Tell what the robot description was taken for."""
@@ -87,6 +89,13 @@ class Narrator:
         if key not in self._warned:
             self._warned.add(key)
             self._log.warning(text)
+
+    def advice(self, text: str) -> None:
+        """Tell what motion would help most, once for each joint and parameter."""
+        key = _NUMBER.sub('#', text)
+        if key not in self._advised:
+            self._advised.add(key)
+            self._log.info(one_line(f'{NEXT}: {text}'))
 
     def event(self, text: str) -> None:
         """Tell what somebody has asked for: a reset, a pause, a capture."""

@@ -20,6 +20,7 @@ class State:
     estimate : the last one
     paused : True while no samples are taken
     stale : why the last estimate is not followed by another one; empty: it is
+    advice : what motion would help most, in words; empty: none is needed or known
     ignored : messages not handed to a session, by reason
     """
 
@@ -28,6 +29,7 @@ class State:
     estimate: Estimate | None = None
     paused: bool = False
     stale: str = ''
+    advice: str = ''
     ignored: Counter[str] = field(default_factory=Counter)
 
     @property

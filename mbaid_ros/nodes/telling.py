@@ -84,7 +84,7 @@ class Telling:
         ----------
         warned : whether the log has said so
         """
-        self._state.estimate, self._state.stale, self._waiting = None, '', None
+        self._state.estimate, self._state.stale, self._state.advice, self._waiting = None, '', '', None
         self._narrator.begin(warned=warned)
         self._outlets.clear()
         self.display.clear()

@@ -16,11 +16,12 @@ from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 
 NARROWEST = 20  # columns
+ESTIMATE, NEXT = 'estimate', 'next'  # a status of /diagnostics, and its key of what motion would help most
 _DECADES = 3.0  # an empty bar is a relative standard deviation of 100 %, a full one 0.1 %
 _COLUMNS_WITHOUT_BAR = 36
 
 
-def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN}') -> list[str]:
+def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN}', advice: str = '') -> list[str]:
     """Return an estimate as lines of at most `width` columns.
 
     Parameters
@@ -29,6 +30,7 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
     topic : where it came from
     width : columns of the terminal
     sign : plus-minus, as the terminal can show it
+    advice : what motion would help most
     """
     values, stds = numbers(message)
     lines = [
@@ -45,12 +47,14 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
         lines.append(f'residual {message.residual:.2f} (1 is as expected)')
     if mostly := budget(message):
         lines += textwrap.wrap(f'{MAIN_CAUSES}: {mostly}', max(width, NARROWEST), subsequent_indent='  ')
+    if advice:
+        lines += textwrap.wrap(f'{NEXT}: {one_line(advice)}', max(width, NARROWEST), subsequent_indent='  ')
     for warning in message.warnings:
         lines += textwrap.wrap(f'! {one_line(warning)}', max(width, NARROWEST), subsequent_indent='  ')
     return [line[:width].rstrip() for line in lines]
 
 
-def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}') -> str:
+def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}', advice: str = '') -> str:
     """Return an estimate as one line."""
     values, stds = numbers(message)
     parts = [f'{_span(message):.1f} s', _status(message)]
@@ -60,6 +64,8 @@ def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}') -> str:
             parts.append(f'{name} {shown}{f" {sign}{band}" if band else ""} {unit}')
     if mostly := budget(message):
         parts.append(f'{MAIN_CAUSES}: {mostly}')
+    if advice:
+        parts.append(f'{NEXT}: {advice}')
     if message.warnings:
         parts.append('! ' + '; '.join(message.warnings))
     return one_line(', '.join(parts))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from time import monotonic
 from typing import TextIO
 
+from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -21,7 +22,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.nodes.arguments import watch_arguments
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
-from mbaid_ros.nodes.terminal import drawn, line, screen
+from mbaid_ros.nodes.terminal import ESTIMATE, NEXT, drawn, line, screen
 
 NAME = 'watch'
 TYPE = 'mbaid_msgs/msg/InertiaEstimate'
@@ -36,7 +37,7 @@ class WatchNode(Node):
     Parameters
     ----------
     wanted : name of an estimator or of its topic; empty for the first one that is found
-    show : called with the message and the topic
+    show : called with the message, the topic, and what motion would help most, in words
     hint : called with what a user should know about the graph
     context : rclpy's, its own one where not given
     """
@@ -44,7 +45,7 @@ class WatchNode(Node):
     def __init__(
         self,
         wanted: str,
-        show: Callable[[InertiaEstimate, str], None],
+        show: Callable[[InertiaEstimate, str, str], None],
         hint: Callable[[str], None],
         context: Context | None = None,
     ) -> None:
@@ -56,6 +57,7 @@ class WatchNode(Node):
         self._hinted = False
         self._subscription: Subscription | None = None
         self.seen = 0
+        self._advice = ''
         self.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
@@ -73,9 +75,17 @@ class WatchNode(Node):
 
         def take(message: InertiaEstimate) -> None:
             self.seen += 1
-            self._show(message, topic)
+            self._show(message, topic, self._advice)
+
+        status = f'{topic.rpartition("/")[0].lstrip("/")}: {ESTIMATE}'
+
+        def advise(array: DiagnosticArray) -> None:
+            for each in array.status:
+                if each.name == status:
+                    self._advice = next((pair.value for pair in each.values if pair.key == NEXT), '')
 
         self._subscription = self.create_subscription(InertiaEstimate, topic, take, qos(100, latched=True))
+        self.create_subscription(DiagnosticArray, '/diagnostics', advise, qos(10))
 
     def _fits(self, topic: str) -> bool:
         absolute = '/' + self._wanted.strip('/')
@@ -109,12 +119,12 @@ class Screen:
         self._sign = sign_for(stream)
         self._begun = False
 
-    def __call__(self, message: InertiaEstimate, topic: str) -> None:
+    def __call__(self, message: InertiaEstimate, topic: str, advice: str = '') -> None:
         """Show a message."""
         size = shutil.get_terminal_size((80, 24))
         begin = '' if self._begun else '\x1b[2J'
         self._begun = True
-        self._stream.write(begin + drawn(screen(message, topic, size.columns, self._sign), size.lines))
+        self._stream.write(begin + drawn(screen(message, topic, size.columns, self._sign, advice), size.lines))
         self._stream.flush()
 
 
@@ -130,10 +140,10 @@ class Lines:
         self._stream = stream
         self._sign = sign_for(stream)
 
-    def __call__(self, message: InertiaEstimate, _topic: str) -> None:
+    def __call__(self, message: InertiaEstimate, _topic: str, advice: str = '') -> None:
         """Write a message."""
         encoding = self._stream.encoding or 'ascii'
-        text = line(message, self._sign).encode(encoding, 'backslashreplace').decode(encoding)
+        text = line(message, self._sign, advice).encode(encoding, 'backslashreplace').decode(encoding)
         self._stream.write(text + '\n')
         self._stream.flush()
 

@@ -15,6 +15,7 @@ from mbaid_ros.core.planning.planner import Planner, PlanSettings
 from mbaid_ros.core.planning.search import Criterion
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.session import UNSOLVABLE
 
 
 def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
@@ -31,13 +32,12 @@ def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
 def advice(config: EstimatorConfig, knowledge: Knowledge) -> str:
     """Return which joint, moved by itself, would tell most of what is least known, in words.
 
-    Empty where all is known as well as is wanted, and where no motion can be planned: the description has no limits.
+    Empty where all is known as well as is wanted, and where no motion can be planned, as without limits.
     """
     try:
-        planner = make_planner(config, knowledge)
-    except ParameterError:
+        return make_planner(config, knowledge).advice()
+    except (ParameterError, *UNSOLVABLE):
         return ''
-    return planner.advice()
 
 
 def plan_settings(config: EstimatorConfig) -> PlanSettings:

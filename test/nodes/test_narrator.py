@@ -85,3 +85,10 @@ def test_the_terminal_of_a_node(graph: Graph) -> None:
     assert '[INFO]' in node.stderr
     assert "robot 'table1': 'base_link' floats" in node.stderr
     assert 'waiting for /joint_states (sensor_msgs/msg/JointState)' in node.stderr
+
+
+def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
+    narrator = Narrator(log)
+    for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
+        narrator.advice(text)
+    assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -42,6 +43,8 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     assert not refused.success
     assert 'no solution to plan from yet' in refused.message
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    watch = graph.start('watch')
     motions = graph.collect('/estimator/motion', JointTrajectory)
     states = graph.collect('/joint_states', JointState, qos(10_000))
     given = {
@@ -52,6 +55,9 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     graph.start('simulator', '--ros-args', *words(given))
     graph.wait(lambda: estimates and estimates[-1].span.sec >= 7, 'an estimate after the first motion')
     before = estimates[-1]
+    graph.wait(lambda: 'next: of single joints ' in estimator.stderr, 'in the log what would help')
+    graph.wait(lambda: "key='next', value='of single joints " in str(diagnostics), 'the same in the diagnostics')
+    graph.wait(lambda: ', next: of single joints ' in watch.stdout, 'the same in the terminal')
     answer = call(graph)
     assert answer.success, answer.message
     assert 'the motion comes on ~/motion' in answer.message

@@ -95,6 +95,12 @@ def test_hostile_names_are_text() -> None:
     assert drawn(screen(hostile, HOSTILE, 80), 50).replace('\x1b[H', '').replace('\x1b[K', '').count('\x1b') == 1
 
 
+def test_what_would_help_most_is_told() -> None:
+    advice = 'of single joints joint7 tells most of ixx'
+    assert screen(message(warnings=('one',)), '/estimate', 80, advice=advice)[-2:] == [f'next: {advice}', '! one']
+    assert line(message(warnings=('one',)), advice=advice).endswith(f', next: {advice}, ! one')
+
+
 def test_a_screen_is_cut_to_the_height_and_has_no_colour() -> None:
     text = drawn([f'line {number}' for number in range(50)], 10)
     assert text.count('\n') == 9
@@ -153,7 +159,7 @@ def test_two_estimators_are_listed_and_a_captured_body_is_none(graph: Graph) -> 
         publisher.publish(message(link=publisher.topic_name))
     shown: list[str] = []
     hints: list[str] = []
-    watch = WatchNode('', lambda _message, topic: shown.append(topic), hints.append, context=graph.node.context)
+    watch = WatchNode('', lambda _, topic, *__: shown.append(topic), hints.append, context=graph.node.context)
     graph.add(watch)
     graph.wait(lambda: shown, 'an estimate')
     assert shown == ['/a/estimate']
@@ -170,7 +176,7 @@ def test_it_says_why_there_is_nothing_to_show(
     if wanted:
         graph.node.create_publisher(InertiaEstimate, '/a/estimate', LATCHED)
     hints: list[str] = []
-    graph.add(WatchNode(wanted, lambda _message, _topic: None, hints.append, context=graph.node.context))
+    graph.add(WatchNode(wanted, lambda *_: None, hints.append, context=graph.node.context))
     graph.wait(lambda: hints, 'a hint')
     assert hints[0].startswith(hint)
 

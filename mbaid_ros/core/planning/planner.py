@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.planning.advice import beyond_motion, single_joint
 from mbaid_ros.core.planning.collisions import Collisions
+from mbaid_ros.core.planning.floating import Floating
 from mbaid_ros.core.planning.information import Grid, Information
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.core.planning.motions import Motions
@@ -100,10 +102,16 @@ class Planner:
         self.motions = Motions(
             knowledge, self.information, Splines(settings.waypoints, length), limits, settings.waypoints
         )
-        self._collisions = Collisions(model, settings.clearance, knowledge.end.joint_position)
-        seed = settings.seed
-        draws = knowledge.drawn(_MORE_DRAWS, seed)
-        self._draws = [self.motions.as_if(point) for point in draws]
+
+    @cached_property
+    def _collisions(self) -> Collisions:
+        knowledge = self.motions.knowledge
+        return Collisions(knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position)
+
+    @cached_property
+    def _draws(self) -> list[Floating]:
+        points = self.motions.knowledge.drawn(_MORE_DRAWS, self._settings.seed)
+        return [self.motions.as_if(point) for point in points]
 
     @property
     def ratio(self) -> float:
@@ -121,6 +129,8 @@ class Planner:
         ------
         ParameterError
             What is wanted has been reached already, or no motion at all is allowed.
+        ModelError
+            A collision shape cannot be read.
         """
         settings = self._settings
         if not settings.duration and self.ratio <= 1.0:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.plan import Plan
@@ -18,7 +20,9 @@ from mbaid_ros.core.simulation.run import Truth, total_momentum
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.session.methods import make_reporting
-from planned import FASTEST, Begun, angle, begun, follow
+from mbaid_ros.session.planning import advice
+from observed import MID, estimator, kernel, observe, windows
+from planned import FASTEST, START, Begun, angle, begun, first_motion, follow
 from simulated import state
 
 EVERY = np.full(10, 0.01)
@@ -136,3 +140,18 @@ def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
         r'of single joints joint\d tells most of \w+: [\d.]+ deg there and back in 10 s bring it from', single
     )
     assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from link:base_link: better', beyond)
+
+
+def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
+    unknown = kernel('servicer7')
+    truth = follow(unknown, state(START, np.zeros(7), (0.002, -0.001, 0.003)), first_motion('servicer7', 8.0), 8.0)
+    seen = windows(observe(truth, MID, 1)[:-1])
+    asked, left = (estimator(unknown, MID, method='trajectory') for _ in range(2))
+    told = []
+    for window in seen:
+        (estimate,), (same,) = asked.update([window], 0), left.update([window], 0)
+        assert np.array_equal(estimate.parameters, same.parameters, equal_nan=True)
+        assert np.array_equal(estimate.covariance, same.covariance, equal_nan=True)
+        known = knowledge_of(asked)
+        told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
+    assert told[-1].startswith('of single joints joint')
