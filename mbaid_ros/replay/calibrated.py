@@ -19,6 +19,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.replay.motions import BagMotions
 from mbaid_ros.replay.result_json import shaped_thruster
 from mbaid_ros.session import Survey, survey
@@ -30,6 +31,14 @@ _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 _LOOSE_SCALE = 0.01
 _UNLIKELY = 4.0
 _LARGE_CORRECTION = 3.0
+# By kind of what is further off than its prior says, where that is declared.
+_DECLARED = {
+    'link': 'prior.mass_relative_std, .com_std, .inertia_relative_std',
+    'zero': 'prior.zero_std',
+    'origin': 'prior.origin_std',
+    'axis': 'prior.axis_std',
+    'mount': 'prior.mount_position_std, .mount_orientation_std',
+}
 _PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
 
 
@@ -75,7 +84,8 @@ class Calibrated:
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one line each."""
         told = [warning for motion in self.motions for warning in motion.warnings]
-        return tuple(dict.fromkeys((*self.survey.warnings, *_about_motion(self), *_about_values(self), *told)))
+        about = (*_about_motion(self), *_about_values(self), *_about_priors(self))
+        return tuple(dict.fromkeys((*self.survey.warnings, *about, *told)))
 
 
 def why_not(result: Calibrated) -> str:
@@ -111,6 +121,10 @@ def _sizes(link: LinkResult, length: float) -> Array:
     com = gyration if link.cad[0] > 0.0 else max(length, gyration)
     moments = np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND]))
     return np.concatenate((np.abs(link.parameters[:1]), np.full(3, com), moments))
+
+
+def _about_priors(result: Calibrated) -> list[str]:
+    return [of_size(kind, size, _DECLARED) for kind, size in result.calibration.further_off]
 
 
 def _about_motion(result: Calibrated) -> list[str]:

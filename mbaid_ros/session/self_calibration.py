@@ -19,8 +19,12 @@ from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.session.known import KnownRobot
 from mbaid_ros.session.uncertainty import declared_uncertainty
+
+# Where the priors of bodies are declared; of the others, where those of any run are.
+_DECLARED = {'link': 'calibration.mass_relative_std, .com_std, .inertia_relative_std'}
 
 
 def self_calibration(
@@ -121,8 +125,9 @@ def _priors(config: SelfCalibrationConfig, links: Sequence[Link]) -> tuple[LinkP
 
 def _told(found: Calibration) -> str:
     bodies = sum(not std.empty for std in found.prior.stds)
+    further_off = ''.join('; ' + of_size(kind, size, _DECLARED) for kind, size in found.further_off)
     return (
         f'{bodies} bodies calibrated from the {found.span:.3g} s before the capture: '
         f'they say more than the URDF of {found.determined} combinations, total mass known to '
-        f'{100.0 * found.scale.relative_std:.2g} %, residual {found.residual:.2f}'
+        f'{100.0 * found.scale.relative_std:.2g} %, residual {found.residual:.2f}{further_off}'
     )

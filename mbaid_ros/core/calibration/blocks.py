@@ -6,7 +6,7 @@ filter sees combinations of them (in a plane, fewer than there are); the rest st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
@@ -40,7 +41,8 @@ class Normals:
     prior : of the links, the target link first
     joints : number n
     unknowns : all there are, as the catalogue has them: the other links first
-    belief : of ten numbers for the target link, then of the unknowns'
+    belief : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as there
+        are numbers, are what no window sees
     """
 
     prior: Prior
@@ -72,9 +74,22 @@ class Normals:
         combined = block_diag(body @ self.prior.roots[0], *seen)
         back = np.linalg.pinv(combined, rcond=1e-12)
         before = np.concatenate((body @ self.prior.mean[:10], np.zeros(len(combined) - len(body))))
-        rest = np.eye(combined.shape[1]) - back @ combined
-        factor = np.concatenate((rest, back @ passed.factor), axis=1) if detector.planar else back @ passed.factor
+        rest = np.eye(combined.shape[1]) - back @ combined if detector.planar else np.zeros((combined.shape[1],) * 2)
+        factor = np.concatenate((rest, back @ passed.factor), axis=1)
         return Normals(self.prior, self.joints, self.unknowns, Carried(back @ (passed.mean - before), factor))
+
+    @cached_property
+    def sizes(self) -> PriorSizes:
+        """How many times as far off as declared the numbers look, kind by kind."""
+        causes = [f'link:{self.prior.links[0].name}'] * 10
+        causes += [cause for unknown in self.unknowns for cause in unknown.causes]
+        return PriorSizes.of(self.belief.mean, self.belief.factor, causes)
+
+    def as_far_off(self) -> Normals:
+        """Return what is known where they may be so (docs/trajectory.md, eq. 8); what no window sees stays."""
+        mean, factor = self.belief.mean, self.belief.factor
+        seen = factor[:, len(mean) :]
+        return replace(self, belief=Carried(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1)))
 
     @cached_property
     def carried(self) -> Carried:

@@ -74,7 +74,8 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel.storage, (runs, detectors), settings)
     belief = settled.passed.belief
-    values, covariance = normals.blocks()
+    told = normals.as_far_off()
+    values, covariance = told.blocks()
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
@@ -83,14 +84,15 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         prior=prior,
         values=values,
         block_covariance=covariance,
-        thrusters=normals.thrusters(),
-        carried=normals.carried,
+        thrusters=told.thrusters(),
+        carried=told.carried,
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
         mechanism=mechanism,
         structure=structure(mechanism),
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
+        further_off=normals.sizes.sure,
         scale=_scale(values[:size], covariance[:size, :size], prior, gained),
         residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
         settled=settled.stays,

@@ -92,6 +92,7 @@ class Calibration:
     structure : what momentum can tell at all
     gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
         the largest first
+    further_off : (kind of thing, times as far off as its prior says) of what surely is; covariances allow for it
     scale : how well the common factor is known
     residual : root mean square of the normalised innovations: 1 is as the noise says
     settled : whether the passes have come to a point that stays
@@ -111,6 +112,7 @@ class Calibration:
     mechanism: Mechanism
     structure: Structure
     gains: Array
+    further_off: tuple[tuple[str, float], ...]
     scale: Scale
     residual: float
     settled: bool

@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
+from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations
@@ -153,6 +154,15 @@ class Moments:
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
+    def as_far_off(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
+        """Return the same where the unknowns may be so many times as far off as declared."""
+        part = self.factor_of(self.variables.spread[rows])
+        covariance = np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
+        if sizes.as_declared:
+            return covariance
+        more = sizes.beside(self.contributions(part, layout))
+        return np.asarray(covariance + more @ more.T)
+
     def with_variables(self, own: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
         return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
@@ -161,6 +171,10 @@ class Moments:
         """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and a covariance factor."""
         whitening = layout.known.whitening
         return whitening @ (self.mean[BODY.stop :] - layout.known.mean), whitening @ self.factor[BODY.stop :]
+
+    def sizes(self, layout: Layout) -> PriorSizes:
+        """Return how many times as far off as declared the unknowns look."""
+        return PriorSizes.of(*self.unknowns(layout), layout.cause_of)
 
     def contributions(self, own: Array, layout: Layout) -> Array:
         """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.

@@ -23,7 +23,6 @@ from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.events import forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
-from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
@@ -31,6 +30,7 @@ from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
+from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.core.verdict.judgement import Judgement, judge
 
 # (body, momentum) of the state.
@@ -118,7 +118,7 @@ class TrajectoryEstimator:
         moments = run.moments()
         at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
         brought = self._brought(last, moments.mean)
-        return knowledge(self._runs.layout, self._runs.variables, run.best.hypothesis, moments, at_end.after(brought))
+        return knowledge(self._runs.layout, run.best.hypothesis, moments, at_end.after(brought))
 
     @property
     def settled(self) -> bool:
@@ -210,8 +210,8 @@ class TrajectoryEstimator:
             judgement = replace(judgement, causes=causes)
         layout = self._runs.layout
         judgement = with_undeclared_orbit(judgement, moments, layout, now.time)
-        sizes = PriorSizes.of(moments, layout)
-        covariance = (moments.covariance(_ORDER) + sizes.added(moments, layout, _ORDER)) * judgement.widening
+        sizes = moments.sizes(layout)
+        covariance = moments.as_far_off(sizes, layout, _ORDER) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
             covariance=covariance,
@@ -233,7 +233,7 @@ class TrajectoryEstimator:
             found,
             self._delay(moments),
             budget,
-            sizes.told,
+            tuple(of_size(*each) for each in sizes.sure),
         )
 
     def _delay(self, moments: Moments) -> tuple[float, float]:

@@ -153,9 +153,11 @@ class Knowledge:
         return points
 
 
-def knowledge(layout: Layout, variables: Variables, hypothesis: Hypothesis, moments: Moments, end: End) -> Knowledge:
-    """Return what a run has come to know, of the moments of its state."""
+def knowledge(layout: Layout, hypothesis: Hypothesis, moments: Moments, end: End) -> Knowledge:
+    """Return what a run has come to know, of the moments of its state, intervals as wide as they are published."""
+    variables = moments.variables
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    factor = np.concatenate((moments.factor, outside), axis=1)[FIRST:]
+    more = moments.sizes(layout).beside(moments.contributions(moments.factor, layout))
+    factor = np.concatenate((moments.factor, outside, more), axis=1)[FIRST:]
     triangle = np.asarray(np.linalg.qr(factor.T, mode='r'))
     return Knowledge(layout, variables, hypothesis, moments.mean, triangle, end)

@@ -8,16 +8,12 @@ The estimate stays what it is: of its errors, the part that comes from the kind 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.belief import Moments
-from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.trajectory.state import Layout
-from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.core.verdict.widening import likely_size
 
 _SURE = 0.9  # chance, from which it is told
@@ -37,25 +33,38 @@ class PriorSizes:
     each: Array
 
     @staticmethod
-    def of(moments: Moments, layout: Layout) -> PriorSizes:
-        """Return what a run says of them."""
-        values, factor = moments.unknowns(layout)
-        kinds = np.array([cause.partition(':')[0] for cause in layout.causes])
+    def of(values: Array, factor: Array, causes: Sequence[str]) -> PriorSizes:
+        """Return what data say of them.
+
+        Parameters
+        ----------
+        values, factor : (e,), (e, w) the numbers, of unit variance about zero beforehand, and a factor of their
+            covariance
+        causes : what each of them belongs to, 'zero:joint1'
+        """
+        kind_of = np.array([cause.partition(':')[0] for cause in causes])
         found, each = {}, np.ones(len(values))
-        for kind in dict.fromkeys(kinds.tolist()):
-            own = np.flatnonzero(layout.belongs[:, kinds == kind].any(axis=1))
+        for kind in dict.fromkeys(kind_of.tolist()):
+            own = np.flatnonzero(kind_of == kind)
             found[kind] = likely_size(values[own], factor[own] @ factor[own].T)
             each[own] = found[kind][0]
         return PriorSizes(found, each)
 
-    def added(self, moments: Moments, layout: Layout, rows: Integers) -> Array:
-        """Return by how much the covariance of m numbers of the state grows, (m, m)."""
-        if not np.any(self.each > 1.0):
-            return np.zeros((len(rows), len(rows)))
-        parts = moments.contributions(moments.factor_of(moments.variables.spread[rows]), layout)
-        return np.asarray(parts.T @ ((self.each**2 - 1.0)[:, None] * parts))
+    @property
+    def as_declared(self) -> bool:
+        """Whether nothing is further off."""
+        return not np.any(self.each > 1.0)
+
+    def beside(self, contributions: Array) -> Array:
+        """Return what a covariance's factor grows by, (m, n): columns, of what each number contributes, (e, m).
+
+        An estimate errs by that for each number of unit variance; where they are s times as far off, its variance has
+        s^2 - 1 times the square beside what it had (docs/trajectory.md, eq. 8).
+        """
+        larger = self.each > 1.0
+        return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """What is surely further off than declared, a line each."""
-        return tuple(of_size(kind, size) for kind, (size, chance) in self.kinds.items() if chance > _SURE)
+    def sure(self) -> tuple[tuple[str, float], ...]:
+        """The kinds that are surely further off than declared, and how many times as far."""
+        return tuple((kind, size) for kind, (size, chance) in self.kinds.items() if chance > _SURE)

@@ -119,14 +119,18 @@ class Layout:
     @cached_property
     def causes(self) -> tuple[str, ...]:
         """What the unknowns belong to in the error budget, c names."""
-        return tuple(dict.fromkeys(cause for unknown in self.unknowns for cause in unknown.causes))
+        return tuple(dict.fromkeys(self.cause_of))
+
+    @cached_property
+    def cause_of(self) -> tuple[str, ...]:
+        """Which of them each of their e independent numbers does."""
+        return tuple(cause for unknown in self.unknowns for cause in unknown.causes)
 
     @cached_property
     def belongs(self) -> Array:
-        """Which of them each number does, (e, c) of zeros and ones."""
-        labels = [cause for unknown in self.unknowns for cause in unknown.causes]
-        return np.array([[float(label == cause) for cause in self.causes] for label in labels]).reshape(
-            len(labels), len(self.causes)
+        """The same as (e, c) of zeros and ones."""
+        return np.array([[float(own == cause) for cause in self.causes] for own in self.cause_of]).reshape(
+            len(self.cause_of), len(self.causes)
         )
 
     def extended(self, more: Sequence[Unknown]) -> Layout:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
@@ -54,9 +56,10 @@ def of_line(frequency: float) -> str:
     return f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
 
 
-def of_size(kind: str, size: float) -> str:
-    """Return that all of a kind is so many times as far off as declared."""
+def of_size(kind: str, size: float, declared: Mapping[str, str] | None = None) -> str:
+    """Return that all of a kind is so many times as far off as declared, by kind in other parameters than a run's."""
     what, parameter = _DECLARED.get(kind, (kind, 'its standard deviation'))
+    parameter = (declared or {}).get(kind, parameter)
     return f'{what} look {size:.1f} times as far off as declared: intervals allow for that; raise {parameter}'
 
 
