@@ -41,8 +41,8 @@ class Normals:
     prior : of the links, the target link first
     joints : number n
     unknowns : all there are, as the catalogue has them: the other links first
-    belief : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as there
-        are numbers, are what no window sees
+    belief : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as
+        there are numbers, are what no window sees
     """
 
     prior: Prior
