@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.limits import joint_limits
+from mbaid_ros.core.planning.planner import Planner, PlanSettings
 from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -18,6 +20,7 @@ from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.steered import Followed
 from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.session.methods import make_reporting
 from observed import MID, estimator, kernel, observe, windows
 from simulated import robot, state
 
@@ -78,6 +81,12 @@ def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -
     samples = observe(truth, MID, 1)[:-1]
     method.update(windows(samples), 0)
     return Begun(unknown, method, last_state(truth), samples[-1:])
+
+
+def planner(robot: Begun, **settings: object) -> Planner:
+    """Return what plans motions of a robot to 1 %, quickly."""
+    given = {'relative': np.full(10, 0.01), 'joint_velocity': FASTEST, 'effort': 24, **settings}
+    return Planner(robot.knowledge, make_reporting(EstimatorConfig(), robot.kernel), PlanSettings(**given))  # type: ignore[arg-type]
 
 
 def first_motion(name: str, seconds: float) -> JointTrajectory:

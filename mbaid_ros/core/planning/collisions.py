@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.configuration import configurations
 from mbaid_ros.core.robot.model import RobotModel, parse
 from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import read_description
@@ -44,9 +44,7 @@ class Collisions:
         self._shapes = _read(self._robot, text)
         self._names = model.joint_names
         self._data = self._robot.createData()
-        joints = list(self._robot.joints)[2:]
-        self._places = np.array([joint.idx_q for joint in joints], dtype=int)
-        self._turning = np.array(model.continuous, dtype=bool)
+        self._model = model
         self._clearance = clearance
         self._pair_up(model)
         notes = [f'collision meshes of {listing(meshes)} are left out: primitives alone are compared'] if meshes else []
@@ -108,12 +106,7 @@ class Collisions:
         self._geometry = pinocchio.GeometryData(self._shapes)
 
     def _place(self, position: Array) -> None:
-        configuration = np.zeros(self._robot.nq)
-        configuration[6] = 1.0
-        configuration[self._places] = position
-        turning = self._places[self._turning]
-        configuration[turning] = np.cos(position[self._turning])
-        configuration[turning + 1] = np.sin(position[self._turning])
+        configuration = configurations(self._model, self._robot, position)
         pinocchio.updateGeometryPlacements(self._robot, self._data, self._shapes, self._geometry, configuration)
 
 

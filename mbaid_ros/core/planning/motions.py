@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, rotate_back
+from mbaid_ros.core.planning.efforts import Efforts
 from mbaid_ros.core.planning.floating import BaseMotion, Floating, as_they_may_be
 from mbaid_ros.core.planning.information import Grid, Information
 from mbaid_ros.core.planning.limits import BaseLimits, JointLimits
@@ -16,9 +17,11 @@ from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.core.trajectory.state import Point
 
+_PARTS = (slice(0, 3), slice(3, 6))  # of a twist
 WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
 _APART, _MANY = 6.0, 12  # s, of waypoints in a motion that has more than the fewest, and how many it may have
 _STEPS = 60  # of the base's motion, where nothing but that is asked for
+_SPARSE = 2  # of these from one at which torques are asked for to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,7 @@ class Motions:
     information : what they add to it
     splines : their form
     limits : of the joints
+    efforts : of the joints of the robot as it is known best
     fewest : waypoints, however short they are
     """
 
@@ -38,6 +42,7 @@ class Motions:
     information: Information
     splines: Splines
     limits: JointLimits
+    efforts: Efforts
     fewest: int
 
     def lasting(self, duration: float) -> Motions:
@@ -81,6 +86,21 @@ class Motions:
         rate = np.tensordot(self.splines.basis(times, 1), waypoints, axes=(1, 1))
         return moved.positions(position), moved.rates(rate)
 
+    def effort(self, waypoints: Array, course: tuple[Array, BaseMotion] | None = None) -> Array:
+        """Return which part of their effort limits the joints use at most, (B, k), of motions (B, K, k).
+
+        Parameters
+        ----------
+        waypoints : (B, K, k)
+        course : what `course` returns of them first
+        """
+        times, base = course or self.course(waypoints)[:2]
+        position, rate = self.joints(waypoints, times)
+        bend = np.tensordot(self.splines.basis(times, 2), waypoints, axes=(1, 1))
+        moved = self.knowledge.layout.kernel.model.transmission
+        twist = np.concatenate([rotate_back(base.rotation, base.twist[..., part]) for part in _PARTS], axis=-1)
+        return self.efforts.use(position, rate, moved.rates(bend), twist)
+
     def relative(self, waypoints: Array, grid: Grid, every: int = 0) -> Array:
         """Return relative standard deviations of the ten parameters after motions, as `Information.after` does."""
         position, rate = self.joints(waypoints, grid.half_steps)
@@ -115,16 +135,24 @@ class Motions:
         return times[::2], base, base.away_from(coasting)
 
     def gentle(self, waypoints: Array, most: BaseLimits) -> Array:
-        """Return motions made as much smaller as the base's limits ask for; what they then do is close to these.
+        """Return motions made as much smaller as the limits of base and efforts ask for; they are then close to these.
 
-        A base that is moved by the sum of what the joints do is moved in proportion to that, nearly.
+        A base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
         """
-        limits = most.array
-        if not np.isfinite(limits).any():
+        if not (np.isfinite(most.array).any() or self.efforts.limited):
             return waypoints
         for margin in (0.98, 0.95):
-            use = (self.excursions(waypoints) / limits).max(axis=1)
+            use = self._use(waypoints, most)
             waypoints = waypoints * np.where(use > 1.0, margin / np.maximum(use, 1.0), 1.0)[:, None, None]
             if np.all(use <= 1.0):
                 break
         return waypoints
+
+    def _use(self, waypoints: Array, most: BaseLimits) -> Array:
+        """Return which part of the limits of base and efforts motions use at most, (B,)."""
+        times, base, away = self.course(waypoints)
+        use = (away.max(axis=0) / most.array).max(axis=1)
+        if self.efforts.limited:
+            sparse = slice(None, None, _SPARSE)
+            use = np.maximum(use, self.effort(waypoints, (times[sparse], base[sparse])).max(axis=1))
+        return np.asarray(use)

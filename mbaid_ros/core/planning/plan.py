@@ -17,6 +17,7 @@ LIMITS = (
     'the position limits of the joints',
     'the velocity limits of the joints',
     'plan.joint_acceleration',
+    'the effort limits of the joints',
     'plan.base_rotation',
     'plan.base_translation',
     'plan.base_rate',
@@ -65,7 +66,7 @@ class Plan:
     course : relative standard deviations on the way, (W, 10)
     base : how far the base is moved from where it would coast, (T, 3): rad, m, rad/s
     bounds, base_limits : of that; (3,), infinite where there is none
-    use : (3, k) what the joints use of position, velocity and acceleration limits; 1 is all
+    use : (4, k) what the joints use of position, velocity, acceleration and effort limits; 1 is all
     binding : names of the limits that it is at
     shortest : whether the shortest was looked for that reaches what is wanted
     longest : s, that was looked for

@@ -12,6 +12,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.planning.advice import beyond_motion, single_joint
 from mbaid_ros.core.planning.collisions import Collisions
+from mbaid_ros.core.planning.efforts import Efforts
 from mbaid_ros.core.planning.floating import Floating
 from mbaid_ros.core.planning.information import Grid, Information
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
@@ -100,7 +101,12 @@ class Planner:
         )
         length = settings.duration or min(_FIRST, settings.longest)
         self.motions = Motions(
-            knowledge, self.information, Splines(settings.waypoints, length), limits, settings.waypoints
+            knowledge=knowledge,
+            information=self.information,
+            splines=Splines(settings.waypoints, length),
+            limits=limits,
+            efforts=_efforts(knowledge),
+            fewest=settings.waypoints,
         )
 
     @cached_property
@@ -202,9 +208,10 @@ class Planner:
         return BaseLimits(*(limits * part).tolist())
 
     def _sure(self, candidate: Candidate) -> Candidate:
-        """Return a motion made as much smaller as keeps the base within its limits however the robot is."""
+        """Return a motion made as much smaller as efforts ask for, and the base's limits however the robot is."""
         for _ in range(4):
             use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
+            use = max(use, float(candidate.motions.effort(candidate.waypoints[None]).max()))
             if use <= 1.0:
                 break
             candidate = self._again(candidate, candidate.waypoints * 0.98 / use)
@@ -248,7 +255,12 @@ class Planner:
         )
         times, _, away = motions.course(candidate.waypoints[None])
         bounds = self._bounds(candidate, _MORE_DRAWS)
-        use = motions.splines.use(candidate.waypoints, motions.start, motions.limits)[:, moved]
+        use = np.concatenate(
+            (
+                motions.splines.use(candidate.waypoints, motions.start, motions.limits),
+                motions.effort(candidate.waypoints[None]),
+            )
+        )[:, moved]
         # What the search was held to: a motion that is at that is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
         return Plan(
@@ -272,3 +284,9 @@ class Planner:
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,
         )
+
+
+def _efforts(knowledge: Knowledge) -> Efforts:
+    """Return the efforts of the robot as it is known best."""
+    point, model = knowledge.point, knowledge.layout.kernel.model
+    return Efforts(model, point.side.kernel.with_target(point.parameters[6:16]))

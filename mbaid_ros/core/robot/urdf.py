@@ -33,11 +33,12 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Limit:
-    """How far (rad or m) and how fast (rad/s or m/s) a joint may go; infinite where nothing is said."""
+    """How far (rad or m), how fast (rad/s or m/s) and how hard (N m or N) a joint may go; infinite where not said."""
 
     lower: float = -math.inf
     upper: float = math.inf
     velocity: float = math.inf
+    effort: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -217,14 +218,15 @@ def _check_placement(joint: ET.Element, what: str, kind: str) -> None:
 
 
 def _limit(joint: ET.Element, what: str, kind: str) -> Limit:
-    """Return a joint's limits; where lower is not below upper, or velocity not above 0, they are not meant."""
+    """Return a joint's limits; where lower is not below upper, or others not above 0, they are not meant."""
     limit = joint.find('limit')
     if kind in {'revolute', 'prismatic'}:
         for key in ('effort', 'velocity'):
             number(what, limit, key)
     elif limit is None:
         return Limit()
-    velocity = number_or(0.0, what, limit, 'velocity')
-    lower, upper = (number_or(0.0, what, limit, key) for key in ('lower', 'upper'))
-    speed = velocity if velocity > 0.0 else math.inf
-    return Limit(lower, upper, speed) if kind != 'continuous' and lower < upper else Limit(velocity=speed)
+    lower, upper, *most = (number_or(0.0, what, limit, key) for key in ('lower', 'upper', 'velocity', 'effort'))
+    velocity, effort = (each if each > 0.0 else math.inf for each in most)
+    if kind == 'continuous' or lower >= upper:
+        lower, upper = -math.inf, math.inf
+    return Limit(lower, upper, velocity, effort)

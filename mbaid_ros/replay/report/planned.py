@@ -54,7 +54,7 @@ def html(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str]) ->
         figure(_course(plan), 'Predicted standard deviations, relative to what is wanted: the motion has done at 1.'),
         '<h2>What the joints do</h2>',
         figure(_joints(plan), 'Away from where they begin; the points are those of the trajectory.'),
-        table(('', 'of its range', 'of its velocity', 'of its acceleration'), _use(plan)),
+        table(('', 'of its range', 'of its velocity', 'of its acceleration', 'of its effort'), _use(plan)),
         figure(
             _poses(plan, model, start), 'The arm at equal times, in base axes: blue at the begin, green at the end.'
         ),
@@ -89,7 +89,7 @@ def _told(plan: Plan) -> list[tuple[str, ...]]:
 def _use(plan: Plan) -> list[tuple[str, ...]]:
     rows = zip(plan.trajectory.joints, *plan.use, strict=True)
     moved = [(name, *(f'{100.0 * part:.0f} %' for part in parts)) for name, *parts in rows]
-    return [*moved, *((name, 'not moved', '', '') for name in plan.stuck)]
+    return [*moved, *((name, 'not moved', '', '', '') for name in plan.stuck)]
 
 
 def _excursions(plan: Plan) -> list[tuple[str, ...]]:

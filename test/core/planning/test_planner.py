@@ -14,7 +14,6 @@ from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.plan import Plan
-from mbaid_ros.core.planning.planner import Planner, PlanSettings
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.simulation.run import Truth, total_momentum
 from mbaid_ros.core.trajectory.state import BODY
@@ -22,16 +21,8 @@ from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import advice
 from observed import MID, estimator, kernel, observe, windows
-from planned import FASTEST, START, Begun, angle, begun, first_motion, follow
+from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
 from simulated import state
-
-EVERY = np.full(10, 0.01)
-
-
-def planner(servicer: Begun, **settings: object) -> Planner:
-    given = {'relative': EVERY, 'joint_velocity': FASTEST, 'effort': 24, **settings}
-    reporting = make_reporting(EstimatorConfig(), servicer.kernel)
-    return Planner(servicer.knowledge, reporting, PlanSettings(**given))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope='module')
