@@ -24,6 +24,7 @@ NAME_CHARACTERS = 500
 LENGTH = 1e6  # m, each coordinate of an origin; rad, each of its angles
 QUANTITY = 1e15  # kg, kg m^2: a mass, or an element of an inertia; any number that is a parameter
 SHAPES_DRAWN = 300
+MESH_BYTES = 20_000_000  # the file of a collision mesh
 
 # Bags.
 FOLDER_FILES = 10_000  # files of one bag

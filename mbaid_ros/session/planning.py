@@ -14,6 +14,7 @@ from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.planner import Planner, PlanSettings
 from mbaid_ros.core.planning.search import Criterion
 from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.session.meshes import mesh_points
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.session import UNSOLVABLE
 
@@ -26,7 +27,7 @@ def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
     ParameterError
         The parameters contradict each other or the robot.
     """
-    return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config))
+    return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config), mesh_points)
 
 
 def advice(config: EstimatorConfig, knowledge: Knowledge) -> str:

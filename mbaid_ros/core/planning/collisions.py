@@ -1,10 +1,14 @@
-"""Whether the robot touches itself: the collision shapes of its URDF, by pinocchio and coal."""
+"""Whether the robot touches itself: the collision shapes of its URDF, meshes as their hulls, by pinocchio and coal."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from xml.etree import ElementTree as ET
 
+import coal
+import numpy as np
 import pinocchio
+from scipy.spatial import ConvexHull
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
@@ -12,8 +16,16 @@ from mbaid_ros.core.robot.configuration import configurations
 from mbaid_ros.core.robot.model import RobotModel, parse
 from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import read_description
+from mbaid_ros.core.robot.urdf_numbers import triple
+
+ReadMesh = Callable[[str], Array]
 
 _DENSE = 60  # instants of a motion at which distances are asked for
+
+
+def no_mesh(name: str) -> Array:
+    """Refuse a mesh, where no files are read."""
+    raise ModelError(f"the file of mesh '{name}' is not looked for")
 
 
 class Collisions:
@@ -27,6 +39,7 @@ class Collisions:
     model : RobotModel
     clearance : m, that shapes keep from each other
     start : (n,) joint positions where motions begin
+    mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
 
     Attributes
     ----------
@@ -35,19 +48,19 @@ class Collisions:
     Raises
     ------
     ModelError
-        A shape cannot be read.
+        A shape that is no mesh cannot be read.
     """
 
-    def __init__(self, model: RobotModel, clearance: float, start: Array) -> None:
+    def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
         text, meshes = _without_meshes(read_description(model.urdf, model.base_link).text)
         self._robot = parse(model.urdf, model.base_link)
         self._shapes = _read(self._robot, text)
+        notes = self._add(meshes, mesh)
         self._names = model.joint_names
         self._data = self._robot.createData()
         self._model = model
         self._clearance = clearance
         self._pair_up(model)
-        notes = [f'collision meshes of {listing(meshes)} are left out: primitives alone are compared'] if meshes else []
         self.shapes = len(self._shapes.geometryObjects)
         self._geometry = pinocchio.GeometryData(self._shapes)
         touching = self._near(start)
@@ -69,6 +82,25 @@ class Collisions:
     def instants(self) -> int:
         """How many instants of a motion to ask for."""
         return _DENSE
+
+    def _add(self, meshes: list[tuple[str, ET.Element]], read: ReadMesh) -> list[str]:
+        """Add the hulls of meshes by link, and return in a line which cannot be read, and why the first cannot."""
+        reason = ''
+        left_out: list[str] = []
+        for number, (link, shape) in enumerate(meshes):
+            try:
+                hull = _hull(shape, read)
+            except ModelError as error:
+                left_out, reason = [*left_out, link], reason or str(error)
+                continue
+            frame = self._robot.getFrameId(link)
+            joint, place = self._robot.frames[frame].parentJoint, self._robot.frames[frame].placement
+            name = f'{link}_mesh{number}'
+            self._shapes.addGeometryObject(
+                pinocchio.GeometryObject(name, joint, frame, place * _placement(shape), hull)
+            )
+        names = listing(list(dict.fromkeys(left_out)))
+        return [f'collision meshes of {names} are left out: {reason}'] if left_out else []
 
     def _pair_up(self, model: RobotModel) -> None:
         shapes = self._shapes.geometryObjects
@@ -137,13 +169,42 @@ def _link(shape: str) -> str:
     return shape.rpartition('_')[0]
 
 
-def _without_meshes(text: str) -> tuple[str, list[str]]:
-    """Return a robot description without the collision shapes that are meshes, and the links that had some."""
+def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:
+    """Return a robot description without the collision shapes that are meshes, and these with their links."""
     robot = ET.fromstring(text)
-    links = []
+    meshes = []
     for link in robot.iter('link'):
         for shape in link.findall('collision'):
             if shape.find('geometry/mesh') is not None:
                 link.remove(shape)
-                links.append(link.get('name', ''))
-    return ET.tostring(robot, encoding='unicode'), list(dict.fromkeys(links))
+                meshes.append((link.get('name', ''), shape))
+    return ET.tostring(robot, encoding='unicode'), meshes
+
+
+def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
+    """Return the convex hull of a mesh.
+
+    Raises
+    ------
+    ModelError
+        The mesh cannot be read, or has no volume.
+    """
+    element = shape.find('geometry/mesh')
+    assert element is not None, 'a shape without a mesh is none of these'
+    name = element.get('filename', '')
+    corners = read(name) * triple('a collision mesh has the', element, 'scale', '1 1 1')
+    try:
+        outer = corners[ConvexHull(corners).vertices]
+    except (ValueError, RuntimeError) as error:  # coal would end the process
+        raise ModelError(f"mesh '{name}' has no hull: it is flat, or has no vertices") from error
+    points = coal.StdVec_Vec3s()
+    points.extend(list(outer))
+    return coal.ConvexBase.convexHull(points, False, 'Qt')  # noqa: FBT003 - without its triangles
+
+
+def _placement(shape: ET.Element) -> pinocchio.SE3:
+    """Return where a shape is in its link's frame."""
+    xyz, rpy = (
+        np.array(triple('a collision shape has the origin', shape.find('origin'), key)) for key in ('xyz', 'rpy')
+    )
+    return pinocchio.SE3(pinocchio.rpy.rpyToMatrix(*rpy), xyz)

@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.planning.advice import beyond_motion, single_joint
-from mbaid_ros.core.planning.collisions import Collisions
+from mbaid_ros.core.planning.collisions import Collisions, ReadMesh, no_mesh
 from mbaid_ros.core.planning.efforts import Efforts
 from mbaid_ros.core.planning.floating import Floating
 from mbaid_ros.core.planning.information import Grid, Information
@@ -76,6 +76,7 @@ class Planner:
     knowledge : what the run has come to know
     reporting : what standard deviations are relative to
     settings : PlanSettings
+    mesh : what reads collision meshes, as `Collisions` has it
 
     Attributes
     ----------
@@ -87,8 +88,10 @@ class Planner:
         The parameters contradict each other or the robot.
     """
 
-    def __init__(self, knowledge: Knowledge, reporting: Reporting, settings: PlanSettings) -> None:
-        self._settings = settings
+    def __init__(
+        self, knowledge: Knowledge, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
+    ) -> None:
+        self._settings, self._mesh = settings, mesh
         self.information = Information(knowledge, reporting)
         self._wanted = Wanted(settings.relative, self.information.asked, settings.criterion)
         model = knowledge.layout.kernel.model
@@ -112,7 +115,9 @@ class Planner:
     @cached_property
     def _collisions(self) -> Collisions:
         knowledge = self.motions.knowledge
-        return Collisions(knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position)
+        return Collisions(
+            knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position, self._mesh
+        )
 
     @cached_property
     def _draws(self) -> list[Floating]:
