@@ -13,7 +13,8 @@ import numpy as np
 
 from benchmarks.driver import add_run_arguments, driving, parser_of
 from benchmarks.pages import machine, number, table
-from benchmarks.planned_runs import LENGTHS, SINUSOIDS, TURN, WANTED, Case, Outcomes, run
+from benchmarks.planned_runs import DRAWS, LONGER, LONGER_SEEDS, TURN, WANTED, Case, Outcomes, run
+from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
 HEADER = (
@@ -22,9 +23,11 @@ HEADER = (
     'planned',
     f'best of {SINUSOIDS}',
     'planned / best',
+    f'{LONGER} compared',
     'reached / promised',
     'in 95 %',
     'turned, most',
+    'turned, drawn',
     'search',
 )
 PAGE = 'planning.md'
@@ -40,11 +43,14 @@ there a motion is planned that brings every parameter to {wanted:g} %, with the 
 **planned**: its length, median. **best of {sinusoids}**: the shortest time in which one of {sinusoids} random
 sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow) is predicted
 to reach the same, a dash where in half of the states none does so in {longest:g} s. **planned / best**: median of the
-ratios, and their range; 0 where no sinusoid reaches it. Then the planned motion is made by the simulated robot, with
-noise, and the run goes on. **reached / promised**: standard deviations of the estimator over the predicted ones,
-median and range over parameters and states. **in 95 %**: errors within the estimator's intervals. **turned, most**:
-the furthest that a base was truly turned from where it would have been with the joints at rest, and how many were
-further than the limit. **search**: median time of one core.
+ratios, and their range; 0 where no sinusoid reaches it. **{longer} compared**: the median where a search compares so
+many motions, of the first {few} states of two robots; in brackets that of the usual search for the same states. Then
+the planned motion is made by the simulated robot, with noise, and the run goes on. **reached / promised**: standard
+deviations of the estimator over the predicted ones, median and range over parameters and states. **in 95 %**: errors
+within the estimator's intervals. **turned, most**: the furthest that a base was truly turned from where it would have
+been with the joints at rest, and how many were further than the limit. **turned, drawn**: the same of {draws} robots
+for each state, their body and momentum drawn from what the run knows where the motion begins. **search**: median time
+of one core.
 
 """
 
@@ -68,7 +74,14 @@ def main() -> int:
     if arguments.output is not None:
         said = f' --seeds {arguments.seeds}' + (f" --rows '{arguments.rows}'" if arguments.rows else '')
         head = HEAD.format(
-            arguments=said, machine=machine(), wanted=100.0 * WANTED, sinusoids=SINUSOIDS, longest=LENGTHS[-1]
+            arguments=said,
+            machine=machine(),
+            wanted=100.0 * WANTED,
+            sinusoids=SINUSOIDS,
+            longest=LENGTHS[-1],
+            longer=LONGER,
+            few=LONGER_SEEDS,
+            draws=DRAWS,
         )
         (arguments.output / PAGE).write_text(f'{head}{table(HEADER, rows)}\n', encoding='utf-8')
     return 0
@@ -89,11 +102,28 @@ def _row(name: str, found: Outcomes, *, limited: bool) -> list[str]:
         f'{number(float(np.nanmedian(found.planned)), 1)} s' + _missing(found),
         f'{number(float(np.median(found.sinusoids)), 1)} s',
         f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
+        _longer(found),
         f'{np.median(reached):.2f} ({reached.min():.2f} to {reached.max():.2f})',
         f'{int(found.inside.sum())} of {found.inside.size}',
         f'{np.degrees(found.turned.max()):.2f} deg{beyond}',
+        _strayed(found, limited=limited),
         f'{np.median(found.searched):.1f} s',
     ]
+
+
+def _longer(found: Outcomes) -> str:
+    """Return the median of what a longer search comes to, and of the usual one's for the same states."""
+    made = np.isfinite(found.longer) & np.isfinite(found.planned) & np.isfinite(found.sinusoids)
+    if not made.any():
+        return '-'
+    longer, usual = (float(np.median((each / found.sinusoids)[made])) for each in (found.longer, found.planned))
+    return f'{longer:.2f} ({usual:.2f})'
+
+
+def _strayed(found: Outcomes, *, limited: bool) -> str:
+    strayed = found.strayed[np.isfinite(found.strayed)]
+    beyond = f', {int(np.sum(strayed > TURN))} of {len(strayed)} beyond' if limited else ''
+    return f'{np.degrees(strayed.max()):.2f} deg{beyond}'
 
 
 def _missing(found: Outcomes) -> str:
