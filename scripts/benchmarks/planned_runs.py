@@ -43,12 +43,12 @@ from mbaid_ros.session.methods import make_reporting
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 NOISE = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
-RATE, STEP = 100.0, 0.05  # Hz; s, of the integrator
+RATE, SEEN, STEP = 100.0, 10.0, 0.05  # Hz, of the sensors, and of what is looked at alone; s, of the integrator
 WANTED = 0.01
 TURN = np.radians(2.0)  # rad, that the base may be turned by the motion
 FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
 SPIN = 0.002  # rad/s, standard deviation of the base's rates
-LONGER, LONGER_SEEDS = 5000, 5  # motions that a longer search compares, and the first of the states that it is made for
+LONGER, LONGER_SEEDS = 5000, 4  # motions that a longer search compares, and the first of the states that it is made for
 DRAWS = 5  # robots as they may be as well, that make each planned motion
 
 
@@ -177,9 +177,9 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
     return splines.trajectory(drawn, state.joint_position, kernel.model.joint_names)
 
 
-def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
+def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float, rate: float = RATE) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
-    return Simulation(model, motion, state, STEP).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+    return Simulation(model, motion, state, STEP).advance(np.arange(round(seconds * rate) + 1) / rate)
 
 
 def _last(truth: Truth) -> State:
@@ -202,11 +202,11 @@ def _seen(truth: Truth, seed: int) -> Samples:
     return sampled(truth, Sensors(NOISE, seed), NOISE)
 
 
-def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> float:
+def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float, rate: float = RATE) -> float:
     """Return by how much the motion has turned the base from where it would be with the joints at rest, rad."""
     nothing = np.zeros((0, 0))
     stay = JointTrajectory(model.joint_names, np.zeros(1), begin.joint_position[None], nothing, nothing)
-    rest = _follow(model, begin, stay, seconds)
+    rest = _follow(model, begin, stay, seconds, rate)
     rotation, coasting = (rotation_from_quaternion(each.base_orientation[: len(rest)]) for each in (moved, rest))
     cosine = (np.trace(rotation @ np.swapaxes(coasting, 1, 2), axis1=1, axis2=2) - 1.0) / 2.0
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
@@ -227,7 +227,8 @@ def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
             robot = load_model(replace_inertial(model.urdf, target.name, body), model.base_link)
             state = replace(begin, velocity=velocity)
             seconds = plan.trajectory.duration
-            turned[place] = _turned(robot, state, _follow(robot, state, plan.trajectory, seconds), seconds)
+            moved = _follow(robot, state, plan.trajectory, seconds, SEEN)
+            turned[place] = _turned(robot, state, moved, seconds, SEEN)
         except ModelError:
             continue  # no body is like that
     return turned
