@@ -187,6 +187,11 @@ def no_twist(message: Any) -> None:
     message.twist = SimpleNamespace(twist=twist, covariance=np.zeros(36))
 
 
+def no_covariance(message: Any) -> None:
+    message.pose = SimpleNamespace(pose=message.pose.pose, covariance=np.zeros(36))
+    message.twist = SimpleNamespace(twist=message.twist.twist, covariance=np.zeros(36))
+
+
 def permuted_and_extra(message: Any) -> None:
     """Turn the joints round, between joints of another device."""
     message.name = ['gripper_left', *message.name[::-1], 'gripper_right']

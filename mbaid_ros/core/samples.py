@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.stacked import Stacked
 
 Stamps = npt.NDArray[np.int64]
@@ -167,6 +167,8 @@ class BaseStream(Stacked):
     rotation : (N, 3, 3) base link to odometry axes
     linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in odometry axes
     pose_covariance, twist_covariance : (N, 6, 6) as in Samples
+    declared : (N, 4) whether the message says how noisy position, orientation, linear and angular velocity are; all of
+        it where not given
     """
 
     stamp: Stamps
@@ -176,6 +178,12 @@ class BaseStream(Stacked):
     angular_velocity: Array
     pose_covariance: Array
     twist_covariance: Array
+    declared: Flags = field(default_factory=lambda: np.ones((0, 4), dtype=bool))
+
+    def __post_init__(self) -> None:
+        """Take messages for complete where nothing else is said."""
+        if len(self.declared) != len(self.stamp):
+            object.__setattr__(self, 'declared', np.ones((len(self.stamp), 4), dtype=bool))
 
 
 @dataclass(frozen=True)

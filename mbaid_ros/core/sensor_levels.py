@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.geometry import Array, Flags
 
 CHANNELS = (
     'joint_position',
@@ -28,15 +29,15 @@ class SensorLevels:
 
     Attributes
     ----------
-    declared, found : (6,) of CHANNELS, SI; NaN where not found
+    declared, found : (6,) of CHANNELS, SI; NaN where nobody has declared anything, where it is not found
     correlation_time : s, over which the errors of the base's poses are taken to be correlated; 0 for independent ones
-    used : whether what was found is used, and not what was declared
+    used : (6,) whether what was found is used, and not what was declared
     """
 
     declared: Array
     found: Array
     correlation_time: float
-    used: bool
+    used: Flags
 
     @property
     def warning(self) -> str:
@@ -45,7 +46,7 @@ class SensorLevels:
         Their noise is in the coefficients of the equations. What it adds there on average is taken off.
         """
         declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
-        if self.used or not declared > _FAR_TOO_LARGE * found:
+        if self.used[0] or not declared > _FAR_TOO_LARGE * found:
             return ''
         return (
             f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.found[0]:.2g}: estimates may '
@@ -55,14 +56,26 @@ class SensorLevels:
     def told(self) -> list[str]:
         """Return in words what a user should know: of each sensor that is not as declared, a line."""
         lines = []
-        for name, unit, declared, found in zip(CHANNELS, UNITS, self.declared, self.found, strict=True):
+        each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
+        for name, unit, declared, found, used in each:
             ratio = found / declared
             if np.isnan(ratio) or 1.0 / _WRONG < ratio < _WRONG:
                 continue
             wrong = f'{ratio:.2g} times too small' if ratio > 1.0 else f'{1.0 / ratio:.2g} times too large'
-            use = '; what was found is used' if self.used else ''
+            use = '; what was found is used' if used else ''
             value = f'your noise value, {declared:.2g} {unit}, is {wrong}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
+        if undeclared := self._undeclared():
+            lines.append(f'nobody has declared that of {listing(undeclared)}; what was found is used')
         if self.correlation_time > 0.0:
             lines.append(f'the errors of the base pose are taken to be correlated over {self.correlation_time:.2g} s')
         return lines
+
+    def _undeclared(self) -> list[str]:
+        """Return what was found of sensors of which nobody has declared anything."""
+        each = zip(CHANNELS, UNITS, self.declared, self.found, strict=True)
+        return [
+            f'{name.replace("_", " ")} ({found:.2g} {unit})'
+            for name, unit, declared, found in each
+            if np.isnan(declared) and not np.isnan(found)
+        ]

@@ -72,11 +72,13 @@ class OdometryReader:
         good = self._usable(numbers, dropped)
         if not np.any(good):
             return None, +dropped
-        pose = self._covariances(pose, self._pose_default)
-        twist = self._covariances(twist, self._twist_default)
+        pose, of_pose = self._covariances(pose, self._pose_default)
+        twist, of_twist = self._covariances(twist, self._twist_default)
+        declared = np.concatenate((of_pose, of_twist), axis=1)
         if not np.all(good):
             stamp, numbers, pose, twist = stamp[good], numbers[good], pose[good], twist[good]
-        return _of_base(self._stream(stamp, numbers, pose, twist), frames, good), +dropped
+            declared = declared[good]
+        return _of_base(self._stream(stamp, numbers, pose, twist, declared), frames, good), +dropped
 
     def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
         """Return the messages of frames on the base, by their shapes; the others are counted."""
@@ -118,7 +120,7 @@ class OdometryReader:
         dropped[NOT_REAL] += int(np.sum(finite & unit & ~real))
         return np.asarray(finite & unit & real)
 
-    def _stream(self, stamp: npt.NDArray[np.int64], numbers: Array, pose: Array, twist: Array) -> BaseStream:
+    def _stream(self, stamp: Stamps, numbers: Array, pose: Array, twist: Array, declared: Flags) -> BaseStream:
         rotation = rotation_from_quaternion(numbers[:, 3:7])
         linear, angular = numbers[:, 7:10], numbers[:, 10:13]
         with np.errstate(invalid='ignore'):
@@ -132,27 +134,29 @@ class OdometryReader:
             twist = both @ twist @ np.swapaxes(both, -1, -2)
         else:
             linear, angular = rotate(rotation, linear), rotate(rotation, angular)
-        return BaseStream(stamp, numbers[:, :3], rotation, linear, angular, pose, twist)
+        return BaseStream(stamp, numbers[:, :3], rotation, linear, angular, pose, twist, declared)
 
-    def _covariances(self, rows: Array, default: Array) -> Array:
-        """Return (N, 6, 6) covariances: the messages' (N, 36), or the default where they are not set or not usable."""
+    def _covariances(self, rows: Array, default: Array) -> tuple[Array, Flags]:
+        """Return (N, 6, 6) covariances, and of which blocks they are the messages', (N, 2).
+
+        They are the messages' (N, 36), or the default where they are not set or not usable.
+        """
         # Publishers mostly repeat one covariance: check each distinct one once.
         if np.all(rows == rows[0]):
-            used, replaced = _checked(rows[0].tobytes(), default.tobytes())
-            self.default_covariances += len(rows) * replaced
-            return np.repeat(used[None], len(rows), axis=0)
-        distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
+            distinct, which = rows[:1], np.zeros(len(rows), dtype=np.intp)
+        else:
+            distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
+            which = inverse.ravel()
         checked = [_checked(row.tobytes(), default.tobytes()) for row in distinct]
-        self.default_covariances += int(np.sum(np.array([replaced for _, replaced in checked])[inverse.ravel()]))
-        return np.array([used for used, _ in checked])[inverse.ravel()]
+        declared = np.array([own for _, own in checked])[which]
+        self.default_covariances += int(np.sum(~np.all(declared, axis=1)))
+        return np.array([used for used, _ in checked])[which], declared
 
 
 @lru_cache(maxsize=64)
-def _checked(given: bytes, default: bytes) -> tuple[Array, bool]:
-    """Return the (6, 6) covariance to use where one is given, and whether that is another one."""
-    matrix = np.frombuffer(given).reshape(6, 6)
-    used = usable_covariance(matrix, np.frombuffer(default).reshape(6, 6))
-    return used, not np.array_equal(used, matrix)
+def _checked(given: bytes, default: bytes) -> tuple[Array, tuple[bool, bool]]:
+    """Return the (6, 6) covariance to use where one is given, and of which of its two blocks it is that."""
+    return usable_covariance(np.frombuffer(given).reshape(6, 6), np.frombuffer(default).reshape(6, 6))
 
 
 class _Group(NamedTuple):

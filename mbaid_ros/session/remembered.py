@@ -84,7 +84,7 @@ def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: Mo
     end = End(sensing, float(numbers['time']), *joints_then, rotation, position, origin, brought, normal)
     mass = float(np.sum(known.kernel.known[:, 0]))
     constant = config.disturbance.constant
-    bank = hypotheses(mass, config.noise.base_position, constant, adapt=True)  # type: ignore[arg-type]
+    bank = hypotheses(mass, config.noise.declared.base_position, constant, adapt=True)  # type: ignore[arg-type]
     hypothesis = next((each for each in bank if each.name == numbers['hypothesis']), bank[0])
     mean = np.concatenate((np.zeros(FIRST), _array(numbers['mean'], size)))
     triangle = np.zeros((size, size))

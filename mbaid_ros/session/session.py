@@ -256,7 +256,12 @@ class Session:
             config.maximum_gap,
             config.twist_frame,
             self.thrust,
-            FoundNoise(config.noise.declared, described.model.joints, estimate=config.noise.estimate),
+            FoundNoise(
+                config.noise.declared,
+                described.model.joints,
+                config.noise.undeclared,
+                estimate=config.noise.estimate,
+            ),
             falling=falling_frame(config.orbit, model),
             gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if self._gyro else None,
         )

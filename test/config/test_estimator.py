@@ -8,6 +8,8 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import build, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.sensor_levels import CHANNELS
 
 
 def test_every_default_is_accepted() -> None:
@@ -34,8 +36,14 @@ def test_methods(method: str) -> None:
 
 @pytest.mark.parametrize(
     'name',
-    ['window', 'maximum_gap', 'noise.joint_position', 'noise.base_angular_velocity', 'paper.forgetting_factor'],
+    ['window', 'maximum_gap', 'paper.forgetting_factor'],
 )
 def test_zero_is_refused_where_something_divides_by_it(name: str) -> None:
     with pytest.raises(ParameterError, match=f"'{name}' is 0.0"):
         build(EstimatorConfig, {name: 0.0})
+
+
+def test_noise_that_nobody_declares_is_what_sensors_have_and_known_for_undeclared() -> None:
+    noise = build(EstimatorConfig, {'noise.base_position': 3e-3}).noise
+    assert [name for name, open_ in zip(CHANNELS, noise.undeclared, strict=True) if not open_] == ['base_position']
+    assert noise.declared == SensorNoise(1e-4, 1e-3, 3e-3, 1e-4, 1e-3, 1e-4)

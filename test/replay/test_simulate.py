@@ -139,6 +139,7 @@ CAPTURE = {
     'capture.angular_velocity': '[0.02, -0.03, 0.015]',
 }
 NOISE = {'joint_position': 1e-4, 'joint_velocity': 1e-3, 'base_position': 1e-3, 'base_orientation': 1e-4}
+TWIST_NOISE = {'base_linear_velocity': 1e-3, 'base_angular_velocity': 1e-4}
 SERVICER = ['--params', str(CONFIG / 'servicer7_simulator.yaml'), '--duration', '20']
 
 
@@ -158,8 +159,8 @@ def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], values: dict[str
 def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf, parameters, bag = tmp_path / 'free.urdf', tmp_path / 'estimator.yaml', tmp_path / 'bag'
     urdf.write_text(free_urdf(), encoding='utf-8')
-    noise = {**NOISE, 'base_linear_velocity': 1e-3, 'base_angular_velocity': 1e-4}
-    options = assigned({**CAPTURE, **{f'noise.{name}': str(value) for name, value in noise.items()}})
+    noise = {f'noise.{name}': str(value) for name, value in {**NOISE, **TWIST_NOISE}.items()}
+    options = assigned({**CAPTURE, **noise})
     assert main(['--model', str(urdf), *SERVICER, *options, '--output', str(bag)]) == 0
     truth = json.loads((bag / 'truth.json').read_text())
     assert truth['mass'] == pytest.approx(162.0)
@@ -202,7 +203,7 @@ THRUST = {'thrust.time': '4.0', 'thrust.duration': '1.3', 'thrust.force': '[1.5,
 
 def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model = ['--model', str(CONFIG / 'servicer7.urdf')]
-    noise = {f'noise.{name}': str(value) for name, value in NOISE.items()}
+    noise = {f'noise.{name}': str(value) for name, value in {**NOISE, **TWIST_NOISE}.items()}
     events = {}
     for told in ('true', 'false'):
         bag = tmp_path / told
@@ -214,7 +215,8 @@ def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFi
                 assert reader.topics['/thrust'].count == 14  # ten a second, and the end
         assert json.loads((bag / 'truth.json').read_text())['momentum'] is None
         capsys.readouterr()
-        assert replay([str(bag), *model, '--json', '-']) == 0
+        # A second of thrust that nobody tells of, among twelve, may leave the body open: that is told as well.
+        assert replay([str(bag), *model, '--json', '-']) in ({0} if told == 'true' else {0, 3, 4})
         events[told] = json.loads(capsys.readouterr().out)['events']
     assert events['true'] == []
     assert events['false'] != []

@@ -178,6 +178,23 @@ def test_noise_that_is_declared_wrong_makes_no_difference_where_it_is_found(fact
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
 
 
+def test_noise_that_nobody_declares_is_found() -> None:
+    silent = changed(ODOMETRY, defects.no_covariance)(clean())
+    last = estimates(ROBOT, silent)[0][-1]
+    assert last.status == undisturbed().status
+    assert last.noise is not None
+    assert last.noise.used.all()
+    assert np.isnan(last.noise.declared).all()
+    assert last.noise.found == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
+    assert last.noise.told()[-1].startswith('nobody has declared that of joint position (')
+    assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
+    # Of one sensor it is declared, five times too large: that one counts as declared.
+    declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3})[0][-1]
+    assert declared.noise is not None
+    assert declared.noise.used.tolist() == [True, True, False, True, True, True]
+    assert declared.std[1:4].mean() > 1.1 * last.std[1:4].mean()
+
+
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:
     text = (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8')
     # Roll 0, pitch 0, yaw 90 degrees.

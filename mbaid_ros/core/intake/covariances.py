@@ -9,19 +9,21 @@ from mbaid_ros.core.geometry import Array
 _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
-def usable_covariance(given: Array, default: Array) -> Array:
-    """Return a (6, 6) covariance that can weight data, from one that may be unset.
+def usable_covariance(given: Array, default: Array) -> tuple[Array, tuple[bool, bool]]:
+    """Return a (6, 6) covariance that can weight data, from one that may be unset, and which blocks are as given.
 
     A block (linear or angular) that is not finite, symmetric, of a real size and positive definite is replaced by the
     default's, and the correlation between the two is then left out.
     """
     if _is_covariance(given):
-        return given
+        return given, (True, True)
     used = default.copy()
-    for block in (slice(0, 3), slice(3, 6)):
-        if _is_covariance(given[block, block]):
+    blocks = slice(0, 3), slice(3, 6)
+    linear, angular = (_is_covariance(given[block, block]) for block in blocks)
+    for block, good in zip(blocks, (linear, angular), strict=True):
+        if good:
             used[block, block] = given[block, block]
-    return used
+    return used, (linear, angular)
 
 
 def _is_covariance(matrix: Array) -> bool:

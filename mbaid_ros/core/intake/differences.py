@@ -21,6 +21,7 @@ BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORD
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
 _PARTS, _LOWEST, _OCTAVES = 8, -40, 80  # of an octave; the first octave of squares, and how many
 _BINS = _PARTS * _OCTAVES
+_SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps tells nothing
 _PLACE = np.arange(_BINS)
 _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)  # in the middle of each bin
 # A larger square counts as that: outliers, and where a motion begins. The mean of what is left of unit normal ones.
@@ -107,7 +108,7 @@ class Differences:
         mantissa, exponent = np.frexp(np.where(np.isfinite(square), square, 0.0))
         octave = exponent - 1 - _LOWEST
         place = np.clip(octave * _PARTS + np.floor((2.0 * mantissa - 1.0) * _PARTS).astype(np.int64), 0, _BINS - 1)
-        known = np.isfinite(square)
+        known = np.isfinite(square) & (square > _SAME)
         when = np.repeat(stamp[:, -1:], square.shape[1], axis=1)
         return when[known], row * _BINS + place[known]
 

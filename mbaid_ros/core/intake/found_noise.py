@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.intake.noise_levels import NoiseLevels
-from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.sensor_levels import TYPICAL, SensorLevels
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
+from mbaid_ros.core.sensor_levels import CHANNELS, TYPICAL, SensorLevels
 
 # Below a thirtieth of what sensors have a model is off by more than by noise.
 _LEAST = 1.0 / 30.0
+_NEVER = np.iinfo(np.int64).max
 
 
 class FoundNoise:
@@ -22,17 +23,26 @@ class FoundNoise:
     ----------
     noise : as declared; what it has of the base counts where messages have no covariance
     joints : number
-    estimate : whether what is found is used, and not what is declared
+    undeclared : (6,) of which CHANNELS nobody has declared anything: what is found of them is used until a message
+        declares it; none where not given
+    estimate : whether what is found is used of all, and not what is declared
     """
 
-    def __init__(self, noise: SensorNoise, joints: int, *, estimate: bool = False) -> None:
+    def __init__(
+        self, noise: SensorNoise, joints: int, undeclared: Flags | None = None, *, estimate: bool = False
+    ) -> None:
         self._noise = noise
         self._estimate = estimate
-        self._levels = NoiseLevels(noise, joints, free=estimate)
+        self._undeclared = np.zeros(len(CHANNELS), dtype=bool) if undeclared is None else undeclared
+        self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
+        self._levels = NoiseLevels(noise, joints)
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Take readings as they arrived, in the order of their stamps, without repeated poses and outliers."""
         self._levels.take(joints, base)
+        if base is not None and len(base.stamp):
+            first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
+            self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
 
     def applied(self, window: Samples, origin: int) -> tuple[Samples, SensorLevels]:
         """Return a window with its noise, and what is known of that by then.
@@ -42,10 +52,13 @@ class FoundNoise:
         window : the next one
         origin : ns, stamp at time 0
         """
-        levels = self._levels.until(origin + round(float(window.time[-1]) * 1e9), float(np.median(window.apart)))
+        end = origin + round(float(window.time[-1]) * 1e9)
+        undeclared = self._undeclared & (self._declared_from > end)
+        used = undeclared | self._estimate
+        levels = self._levels.until(end, float(np.median(window.apart)), free=bool(used[2:4].all()))
         declared = self._declared(window)
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
-        factor = np.where(np.isnan(found) | (not self._estimate), 1.0, found / declared)
+        factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
         time = self._noise.base_correlation_time or levels.correlation_time
         noise = np.array([*(factor[:2] * declared[:2]), time])
         return replace(
@@ -53,7 +66,7 @@ class FoundNoise:
             pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
             twist_covariance=_scaled(window.twist_covariance, factor[4:], np.ones(len(window))),
             noise=np.repeat(noise[None], len(window), axis=0),
-        ), SensorLevels(declared, found, time, self._estimate)
+        ), SensorLevels(np.where(undeclared, np.nan, declared), found, time, used)
 
     def _declared(self, window: Samples) -> Array:
         """Return the (6,) standard deviations of single readings that are declared of a window."""

@@ -47,16 +47,15 @@ class NoiseLevels:
     ----------
     noise : of the joints, as declared; that of the base is in its readings
     joints : number
-    free : whether levels are found; else those of poses are as declared, and only how they are correlated is found
     """
 
-    def __init__(self, noise: SensorNoise, joints: int, *, free: bool) -> None:
+    def __init__(self, noise: SensorNoise, joints: int) -> None:
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
-        self._free, self._time = free, noise.base_correlation_time
+        self._time = noise.base_correlation_time
         self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), ((1,), (1,)))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
         self._base = Differences(columns, (_STRIDES, _STRIDES, (1,), (1,)))
-        self._counted = 0
+        self._counted, self._free = 0, False
         self._levels = Levels(np.full(len(CHANNELS), np.nan), 0.0)
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
@@ -72,23 +71,24 @@ class NoiseLevels:
             ]
             self._base.take(base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
 
-    def until(self, stamp: int, spacing: float) -> Levels:
+    def until(self, stamp: int, spacing: float, *, free: bool) -> Levels:
         """Return what the readings until a stamp say, no earlier than that of the call before.
 
         Parameters
         ----------
         stamp : ns
         spacing : s, between poses
+        free : whether levels of poses are found; else they are as declared, and only how they are correlated is found
         """
         self._joints.count(stamp)
         self._base.count(stamp)
         total = int(self._joints.counts.sum() + self._base.counts.sum())
-        if total > _ANEW * self._counted:
-            self._counted = total
-            self._levels = self._found(spacing)
+        if total > _ANEW * self._counted or free is not self._free:
+            self._counted, self._free = total, free
+            self._levels = self._found(spacing, free=free)
         return self._levels
 
-    def _found(self, spacing: float) -> Levels:
+    def _found(self, spacing: float, *, free: bool) -> Levels:
         """Return the levels that the counts come to."""
         joints, base = variances(self._joints.counts), variances(self._base.counts)
         counts = np.concatenate((self._joints.counts, self._base.counts)).sum(axis=1)
@@ -96,7 +96,7 @@ class NoiseLevels:
         poses, told = base[: 2 * count].reshape(2, count), counts[2 : 2 + 2 * count].reshape(2, count)
         variance = np.concatenate((joints, poses[:, 0], base[2 * count :]))
         enough = np.concatenate((counts[:2], told[:, 0], counts[2 + 2 * count :])) >= _FEWEST
-        time, noise = _correlated(poses, told, spacing, self._time, free=self._free)
+        time, noise = _correlated(poses, told, spacing, self._time, free=free)
         variance[2:4] = noise
         return Levels(np.sqrt(np.where(enough, variance, np.nan)), time)
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.consistency import IMPOSSIBLE, are_physical, project, project_planar
 from mbaid_ros.core.results.estimate import Estimate, Status
@@ -32,7 +33,7 @@ from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
 # Standard deviations of an estimate from the nearest real body, from which that is told.
 _LARGE_CORRECTION = 3.0
-_ENOUGH = 50  # redundant equations, before the residual is judged
+_BY_CHANCE = 1e-6  # that so few equations leave as large a residual
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
 _SECOND = np.array([4, 7, 9, 7, 9, 9])
@@ -190,9 +191,15 @@ class Reporting:
     ) -> Status:
         if not identifiable.any():
             return 'not_identifiable'
-        if correction > IMPOSSIBLE or (residual > self.largest_residual and redundancy > _ENOUGH):
+        if correction > IMPOSSIBLE or self._contradicted(residual, redundancy):
             return 'inconsistent'
         return 'converged' if settled else 'estimating'
+
+    def _contradicted(self, residual: float, redundancy: int) -> bool:
+        """Tell whether residuals are too large, and not because there are few of them."""
+        if redundancy <= 0 or residual <= self.largest_residual:
+            return False
+        return residual**2 * redundancy > chi_square.limit(_BY_CHANCE, redundancy)
 
     def _warnings(self, identifiable: Flags, residual: float, correction: float, solution: Solution) -> tuple[str, ...]:
         warnings = []

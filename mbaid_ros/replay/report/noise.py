@@ -13,7 +13,7 @@ def section(levels: SensorLevels | None) -> str:
     if levels is None:
         return ''
     rows = [
-        (name.replace('_', ' '), f'{declared:.2g}', '' if math.isnan(found) else f'{found:.2g}', unit)
+        (name.replace('_', ' '), *('' if math.isnan(each) else f'{each:.2g}' for each in (declared, found)), unit)
         for name, declared, found, unit in zip(CHANNELS, levels.declared, levels.found, UNITS, strict=True)
     ]
     return '<h3>Noise of a reading</h3>' + table(('sensor', 'declared', 'found', 'unit'), rows) + listed(levels.told())

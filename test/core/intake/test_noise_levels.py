@@ -53,9 +53,9 @@ def streams(
 
 
 def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
-    levels = NoiseLevels(MID, joints.position.shape[1], free=free)
+    levels = NoiseLevels(MID, joints.position.shape[1])
     levels.take(joints, base)
-    return levels.until(ALL, spacing)
+    return levels.until(ALL, spacing, free=free)
 
 
 @pytest.mark.parametrize(('rate', 'jitter'), [(100.0, 0.0), (100.0, 0.8), (10.0, 0.3)])
@@ -76,7 +76,7 @@ def test_single_readings_far_off_make_little_of_a_difference() -> None:
 
 def test_what_is_found_does_not_depend_on_the_calls() -> None:
     joints, base = streams(4.0, 100.0, jitter=0.5)
-    at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1], free=True) for _ in range(2))
+    at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1]) for _ in range(2))
     at_once.take(joints, base)
     begin = 0
     for end in (*range(7, 400, 13), 400):
@@ -84,7 +84,7 @@ def test_what_is_found_does_not_depend_on_the_calls() -> None:
         begin = end
         if end >= 50:
             seen = int(joints.stamp[end - 1])
-            one, other = at_once.until(seen, 0.01), bit_by_bit.until(seen, 0.01)
+            one, other = at_once.until(seen, 0.01, free=True), bit_by_bit.until(seen, 0.01, free=True)
             np.testing.assert_array_equal(one.factor, other.factor)
 
 
@@ -144,11 +144,41 @@ def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> 
 
 def test_sensors_without_noise_are_not_taken_for_exact() -> None:
     joints, base = streams(4.0, 100.0)
-    base.position[:], joints.position[:] = 1.0, 0.5
+    joints.position[:] = 0.5 + (1e-3 * TRUE[0]) * np.random.default_rng(0).normal(size=joints.position.shape)
     noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
     noise.take(joints, base)
     changed, _ = noise.applied(window(joints, base), BEGIN)
     assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
+
+
+def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
+    joints, base = streams(20.0, 100.0)
+    step = 2.0 * np.pi / 2**12
+    moving = np.arange(len(joints.stamp)) >= 1500  # a quarter of the time
+    swing = 0.1 * np.sin(np.arange(len(joints.stamp)) * 0.01)[:, None] * moving[:, None]
+    joints.position[:] = step * np.round((0.5 + swing) / step)
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
+    noise.take(joints, base)
+    at_rest, _ = noise.applied(window(joints[:200], base[:200]), BEGIN)
+    assert MID.found_in(at_rest).joint_position == MID.joint_position
+    later, _ = noise.applied(window(joints, base), BEGIN)
+    # Of slow motion rather too much: what shows are the differences that hold a step.
+    assert 0.7 < MID.found_in(later).joint_position / (step / np.sqrt(12.0)) < 2.0
+
+
+def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
+    joints, base = streams(20.0, 100.0)
+    undeclared = np.array([True, False, True, True, True, False])
+    says = np.zeros((len(base.stamp), 4), dtype=bool)
+    says[1000:, :2] = True
+    noise = FoundNoise(MID, joints.position.shape[1], undeclared)
+    noise.take(joints, replace(base, declared=says))
+    first, later = (noise.applied(window(joints[:last], base[:last]), BEGIN)[1] for last in (900, len(base.stamp)))
+    assert first.used.tolist() == undeclared.tolist()
+    assert np.isnan(first.declared).tolist() == undeclared.tolist()
+    assert later.used.tolist() == [True, False, False, False, True, False]
+    assert later.declared[2:4] == pytest.approx(DECLARED[2:4])
+    assert first.told()[-1].startswith('nobody has declared that of joint position (0.0002')
 
 
 def test_declared_noise_stands_until_readings_tell() -> None:

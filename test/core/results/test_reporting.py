@@ -88,7 +88,10 @@ def test_sizes() -> None:
         (0.08, 2.1, 600, 'inconsistent'),
         (0.6, 2.1, 600, 'not_identifiable'),
         (0.08, 1.9, 600, 'estimating'),
-        (0.08, 2.1, 40, 'estimating'),  # too few to judge by
+        (0.08, 2.1, 40, 'inconsistent'),
+        (0.08, 2.1, 8, 'estimating'),  # too few to judge by
+        (0.08, 5.0, 8, 'inconsistent'),
+        (0.08, 5.0, 0, 'estimating'),
     ],
 )
 def test_the_rules_of_the_status(relative: float, residual: float, redundancy: int, status: str) -> None:
