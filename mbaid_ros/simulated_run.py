@@ -151,10 +151,14 @@ class SimulatedRun:
         """
         if not isinstance(self._motion, Steered):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
-        # The integrator is a step ahead of what has been read, and interpolates between its steps.
-        begin = self._read + 2.0 * self.config.step
+        begin = self._read + 2.0 * self.config.step  # the integrator is a step ahead, and interpolates
         self._motion.follow(trajectory, self.model, begin)
         return begin
+
+    def come_to_rest(self, seconds: float) -> None:
+        """Let joints that are driven come to rest within some seconds, from just after what has been read."""
+        if isinstance(self._motion, Steered):
+            self._motion.come_to_rest(self.model, self._read + 2.0 * self.config.step, seconds)
 
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.

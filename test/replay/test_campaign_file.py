@@ -8,6 +8,7 @@ import pytest
 
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import load_campaign
+from mbaid_ros.core.errors import ParameterError
 from simulated import CONFIG
 
 
@@ -76,6 +77,8 @@ def test_every_seed_has_a_robot_of_its_own_or_all_have_those_named(tmp_path: Pat
             'noise: {base', 'estimator: {target_link: link3}\nnoise: {base',
             "noise=low: 'target_link' is 'link4' for the simulator and 'link3' for the estimator",
         ),
+        ('seeds: 4', 'then: idle', "'then' is 'idle'; accepted: planned, sinusoids, one_by_one, trapezoids"),
+        ('seeds: 4', 'then: planned', "'then' is 'planned' with motion.kind 'passive'"),
         ('table1.urdf', 'absent.urdf', 'absent.urdf'),
         ('table1_estimator.yaml', 'absent.yaml', "absent.yaml': No such file"),
     ],
@@ -93,3 +96,18 @@ def test_what_cannot_be_used_is_one_line(
 def test_the_campaign_that_ships_is_accepted() -> None:
     plan = load_campaign(CONFIG / 'table1_campaign.yaml')
     assert len(list(plan.runs())) == 20
+
+
+def test_the_motion_that_follows_is_a_choice_like_any_other() -> None:
+    plan = load_campaign(CONFIG / 'servicer7_motions_campaign.yaml')
+    assert [case.then for case in plan.cases] == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
+    assert len(list(plan.runs())) == 16
+
+
+def test_the_motion_that_follows_has_a_length_and_one_origin(tmp_path: Path) -> None:
+    text = (CONFIG / 'servicer7_motions_campaign.yaml').read_text().replace('model: ', f'model: {CONFIG}/')
+    with pytest.raises(ParameterError, match=r"'plan\.duration' is 0; accepted: the length of that motion"):
+        load_campaign(written(tmp_path, text.replace('duration: 20.0', 'duration: 0.0')))
+    twice = text + '  other: {again: {then: planned}}\n'
+    with pytest.raises(ParameterError, match="'then' is set by the groups 'motion' and 'other'"):
+        load_campaign(written(tmp_path, twice))

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, rotate_back
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.efforts import Efforts
 from mbaid_ros.core.planning.floating import BaseMotion, Floating, as_they_may_be
 from mbaid_ros.core.planning.information import Grid, Information
@@ -20,6 +21,7 @@ from mbaid_ros.core.trajectory.state import Point
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
 WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
 _APART, _MANY = 6.0, 12  # s, of waypoints in a motion that has more than the fewest, and how many it may have
+_FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 60  # of the base's motion, where nothing but that is asked for
 _SPARSE = 2  # of these from one at which torques are asked for to the next
 
@@ -110,6 +112,23 @@ class Motions:
     def excursions(self, waypoints: Array, floating: Floating | None = None) -> Array:
         """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
         return np.asarray(self.course(waypoints, floating)[2].max(axis=0))
+
+    def trajectory(self, waypoints: Array) -> JointTrajectory:
+        """Return one motion (K, k), of the joints that may be moved."""
+        moved = np.flatnonzero(self.limits.moved)
+        names = self.knowledge.layout.kernel.model.independent_joints
+        return self.splines.trajectory(waypoints[:, moved], self.start[moved], tuple(names[each] for each in moved))
+
+    def excursion_along(self, trajectory: JointTrajectory, floating: Floating) -> Array:
+        """Return how far a trajectory from the start on moves the base of a robot at most, (3,): rad, m, rad/s."""
+        step = trajectory.duration / _FINE
+        model = self.knowledge.layout.kernel.model
+        position, rate = np.tile(self.start, (2 * _FINE + 1, 1)), np.zeros((2 * _FINE + 1, len(self.start)))
+        places = [model.independent_joints.index(name) for name in trajectory.joints]
+        position[:, places], rate[:, places], _ = trajectory.at(np.arange(2 * _FINE + 1) * 0.5 * step)
+        joints = model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
+        coasting = floating.coasting(joints[0][0, 0], _FINE + 1, step)
+        return np.asarray(floating.moved(*joints, step).away_from(coasting).max(axis=(0, 1)))
 
     def excursions_of(self, robots: Sequence[Floating], waypoints: Array) -> Array:
         """Return how far one motion (K, k) moves the bases of R robots at most, (R, 3): rad, m, rad/s."""

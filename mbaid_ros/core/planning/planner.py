@@ -255,9 +255,6 @@ class Planner:
         model = motions.knowledge.layout.kernel.model
         names = model.independent_joints
         moved = np.flatnonzero(motions.limits.moved)
-        trajectory = motions.splines.trajectory(
-            candidate.waypoints[:, moved], motions.start[moved], tuple(names[place] for place in moved)
-        )
         times, _, away = motions.course(candidate.waypoints[None])
         bounds = self._bounds(candidate, _MORE_DRAWS)
         use = np.concatenate(
@@ -269,7 +266,7 @@ class Planner:
         # What the search was held to: a motion that is at that is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
         return Plan(
-            trajectory=trajectory,
+            trajectory=motions.trajectory(candidate.waypoints),
             target=motions.knowledge.layout.kernel.target.name,
             before=self.information.relative,
             wanted=settings.relative,

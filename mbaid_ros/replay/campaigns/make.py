@@ -9,11 +9,14 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.campaign import CampaignRun, Case
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.campaigns.monte_carlo import nees
+from mbaid_ros.replay.campaigns.then import REST, STOP, Then, motion_of
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 from mbaid_ros.session import Session
+from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.simulated_run import SimulatedRun
 
 FAILED = 'failed'
@@ -69,7 +72,10 @@ def _head(run: CampaignRun) -> Result:
 
 def _result(run: CampaignRun, urdf: str) -> Result:
     simulated, session = prepare(run.case, urdf)
-    final = _identify(simulated, session) or Estimate(run.case.estimator.method, 'waiting')
+    reader = _Reader(simulated, session)
+    reader.read(simulated.config.duration)
+    then = _follow(run.case, reader) if run.case.then else None
+    final = reader.last or Estimate(run.case.estimator.method, 'waiting')
     truth = simulated.target_inertia
     error = (final.parameters - truth) / final.std
     return {
@@ -83,23 +89,56 @@ def _result(run: CampaignRun, urdf: str) -> Result:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': list(final.warnings),
+        **({} if then is None else {'then': then.told(final, _sizes(session, final))}),
     }
 
 
-def _identify(simulated: SimulatedRun, session: Session) -> Estimate | None:
-    """Return the last estimate of a run, None if there is none."""
-    last = None
-    duration = simulated.config.duration
-    take = {
-        'joint_states': session.add_joint_state,
-        'odom': session.add_odometry,
-        'thrust': session.add_thrust,
-        'stored_momentum': session.add_stored_momentum,
-        'imu': session.add_imu,
-    }
-    for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
-        for timed in simulated.read(float(end)):
-            take[timed.topic](timed.message)
-        estimates = session.process()
-        last = estimates[-1] if estimates else last
-    return last
+class _Reader:
+    """Hands what the robot's sensors say to the session.
+
+    Parameters
+    ----------
+    simulated : the robot
+    session : Session
+
+    Attributes
+    ----------
+    last : the last estimate, None before the first
+    """
+
+    def __init__(self, simulated: SimulatedRun, session: Session) -> None:
+        self.simulated, self.session = simulated, session
+        self.last: Estimate | None = None
+        self._until = 0.0
+        self._take = {
+            'joint_states': session.add_joint_state,
+            'odom': session.add_odometry,
+            'thrust': session.add_thrust,
+            'stored_momentum': session.add_stored_momentum,
+            'imu': session.add_imu,
+        }
+
+    def read(self, seconds: float) -> None:
+        """Go on for some seconds."""
+        begin, self._until = self._until, self._until + seconds
+        for end in np.minimum(begin + np.arange(1, np.ceil(seconds / _CHUNK) + 1) * _CHUNK, self._until):
+            for timed in self.simulated.read(float(end)):
+                self._take[timed.topic](timed.message)
+            estimates = self.session.process()
+            self.last = estimates[-1] if estimates else self.last
+
+
+def _follow(case: Case, reader: _Reader) -> Then:
+    """Let the motion that follows be made, from where the joints have come to rest."""
+    simulated, session = reader.simulated, reader.session
+    simulated.come_to_rest(STOP)
+    reader.read(STOP + REST)
+    then = motion_of(case.then, session, simulated, case.simulator.motion.seed)
+    simulated.follow(then.trajectory)
+    reader.read(then.trajectory.duration + REST)
+    return then
+
+
+def _sizes(session: Session, final: Estimate) -> Array:
+    """Return what standard deviations are relative to, (10,)."""
+    return make_reporting(session.config, session.robot.kernel).sizes(final.parameters[None])[0]

@@ -13,6 +13,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.campaigns.make import FAILED, Result
 from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
+from mbaid_ros.replay.campaigns.then import ThenStatistics
 from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
 
 _REASONS = 5  # failed runs that the text names
@@ -33,6 +34,7 @@ class CaseStatistics:
     determined : (10,) share of the runs in which the parameter was determined
     nees : mean over the runs of the squared error in the metric of the covariance, a parameter: 1 is expected
     nees_band : that 95 % of such means lie in if the covariance is right
+    then : medians of what the motions that follow come to; None where none does
     """
 
     name: str
@@ -44,6 +46,7 @@ class CaseStatistics:
     determined: Array
     nees: float
     nees_band: tuple[float, float]
+    then: ThenStatistics | None = None
 
 
 def statistics(results: Sequence[Result]) -> list[CaseStatistics]:
@@ -70,6 +73,7 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
         determined=mean(np.isfinite(estimate) * 1.0),
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         nees_band=nees_band(int(np.sum(np.isfinite(estimate) & np.isfinite(std)))),
+        then=ThenStatistics.of([result['then'] for result in made if 'then' in result]),
     )
 
 
@@ -100,6 +104,7 @@ def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[
                 'determined': shaped(numbers(case.determined)),
                 'nees': number(case.nees),
                 'nees_band_95': [number(limit) for limit in case.nees_band],
+                **({} if case.then is None else {'then': case.then.as_json()}),
             }
             for case in cases
         ],
@@ -119,6 +124,8 @@ def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
         if np.isfinite(case.nees):
             low, high = case.nees_band
             rows.append(f'  NEES a parameter {case.nees:.3g}; {low:.3g} to {high:.3g} if the covariance is right')
+        if case.then is not None:
+            rows.append(f'  {case.then}')
     failed = _failed(results)
     rows += ['', f'{len(results)} runs, {len(failed)} of them failed, {_inconsistent(results)} inconsistent']
     rows += [f'  run {result["run"]}: {result["reason"]}' for result in failed[:_REASONS]]
