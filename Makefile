@@ -25,7 +25,8 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
-	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
+	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %;"
+	@echo "             tells the time beside that of random sinusoids within the same limits"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"

@@ -2,7 +2,8 @@
 
 usage: demo_plan.py [--speed R] [--output FOLDER]    (`make demo-plan` runs it with everything set up)
 
-Simulator and estimator run as processes of their own. Joints go at 1 deg/s, the base may be turned by 2 deg. Exit code:
+Simulator and estimator run as processes of their own. Joints go at 1 deg/s, the base may be turned by 2 deg. In the end
+it is told how long random sinusoids within the same limits would take from where the first motion ends. Exit code:
 0 if every standard deviation comes below 1 % and every error is within four of them, else 1.
 """
 
@@ -21,19 +22,29 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS, best_of_sinusoids
 from demo import CONFIG, ROOT, Processes, Spectator, running  # first: it chooses the graph
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory as Trajectory
 from mbaid_ros.core.planning.limits import joint_limits
+from mbaid_ros.core.planning.search import Wanted
 from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.qos import qos
+from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.session.planning import make_planner, plan_settings
+from mbaid_ros.simulated_run import SimulatedRun
 
 WANTED = 0.01
 SPEED = float(np.radians(1.0))  # rad/s
@@ -129,20 +140,42 @@ class Loop(Spectator):
         return float(np.abs(np.array(self.states[-1].position) - end).max()) if self.states else np.inf
 
 
-def loop(processes: Processes, folder: Path, speed: float) -> tuple[Any, Any]:
-    """Identify, plan, move, and return the last estimate and the truth."""
+def simulated(folder: Path) -> dict[str, object]:
+    """Return the parameters of the simulated robot's first motion and sensors."""
+    motion = {'motion.kind': 'trajectory', 'motion.trajectory_file': str(folder / 'first.yaml')}
+    return {**motion, **{f'noise.{channel}': value for channel, value in NOISE.items()}}
+
+
+def time_of_sinusoids(folder: Path) -> float:
+    """Return the shortest time, s, that one of the random sinusoids takes from the end of the first motion.
+
+    Simulator and estimator are the same, without a graph. Infinite where none of them reaches what is wanted.
+    """
+    urdf = read_robot_description(ROBOT)
+    robot = SimulatedRun(build(SimulatorConfig, simulated(folder)), urdf, BAG_TYPES)
+    values = load_parameter_file(CONFIG / 'servicer7_estimator.yaml', 'estimator')
+    plan = {f'plan.{name}': value for name, value in PLAN.items()} | {'plan.relative_std': [WANTED]}
+    session = Session(build(EstimatorConfig, values | plan | {'robot_description_file': ''}), urdf)
+    take = {'joint_states': session.add_joint_state, 'odom': session.add_odometry}
+    for timed in robot.read(FIRST + 0.5):
+        take[timed.topic](timed.message)
+    session.process()
+    known = session.knowledge()
+    if known is None:
+        raise DataError('there is no solution after the first motion')
+    planner = make_planner(session.config, known)
+    settings = plan_settings(session.config)
+    wanted = Wanted(settings.relative, planner.information.asked)
+    return best_of_sinusoids(planner.motions, wanted, settings.base, np.random.default_rng(0))
+
+
+def loop(processes: Processes, folder: Path, speed: float) -> tuple[Any, Any, float]:
+    """Identify, plan, move, and return the last estimate, the truth, and how long planned motions took, s."""
     (folder / 'first.yaml').write_text(as_yaml(first_motion()), encoding='utf-8')
     plan = [word for name, value in PLAN.items() for word in ('-p', f'plan.{name}:={value}')]
     processes.start('estimator', '--ros-args', '--params-file', CONFIG / 'servicer7_estimator.yaml', *plan)
     spectator = Loop(processes)
-    given = {
-        'robot_description_file': ROBOT,
-        'real_time_factor': speed,
-        'wait_for_subscribers': 1,
-        'motion.kind': 'trajectory',
-        'motion.trajectory_file': folder / 'first.yaml',
-        **{f'noise.{channel}': value for channel, value in NOISE.items()},
-    }
+    given = {'robot_description_file': ROBOT, 'real_time_factor': speed, 'wait_for_subscribers': 1, **simulated(folder)}
     words = [word for name, value in given.items() for word in ('-p', f'{name}:={value}')]
     processes.start('simulator', '--ros-args', *words)
     spectator.wait(lambda: spectator.time >= FIRST + 0.5, 'an estimate after the first motion', PATIENCE)
@@ -157,7 +190,7 @@ def loop(processes: Processes, folder: Path, speed: float) -> tuple[Any, Any]:
         _tell_plan(motion)
         spectator.move(motion)
         moved += motion.duration
-    return spectator.estimates[-1], spectator.truths[-1].inertia
+    return spectator.estimates[-1], spectator.truths[-1].inertia, moved - FIRST
 
 
 def _tell(seconds: float, moved: float, estimate: Any) -> None:
@@ -201,7 +234,7 @@ def main(argv: list[str]) -> int:
     try:
         with running(arguments.output) as processes:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            estimate, truth = loop(processes, arguments.output, arguments.speed)
+            estimate, truth, moved = loop(processes, arguments.output, arguments.speed)
             processes.stop('simulator')
             processes.stop('estimator')
             try_shutdown()
@@ -212,6 +245,11 @@ def main(argv: list[str]) -> int:
         print(f'demo failed: {one_line(wrong)}', file=sys.stderr)
         return 1
     print(f'\nEvery parameter is known to {100.0 * WANTED:g} % ({time.monotonic() - begin:.0f} s in all).')
+    best = time_of_sinusoids(arguments.output)
+    one = f'the best of {SINUSOIDS} would take {best:.0f} s'
+    none = f'none of {SINUSOIDS} would do so in {LENGTHS[-1]:g} s'
+    told = one if np.isfinite(best) else none
+    print(f'Planned motions took {moved:.0f} s; of random sinusoids within the same limits {told}.')
     return 0
 
 
