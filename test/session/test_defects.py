@@ -23,7 +23,7 @@ from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME
+from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME, stamp_of
 from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
 from simulated import CONFIG, robot
 
@@ -165,6 +165,14 @@ def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) ->
     assert last.noise is not None
     assert last.noise.correlation_time == pytest.approx(constant, rel=0.15)
     assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.told()[-1]
+
+
+@pytest.mark.parametrize(('delay', 'how'), [(0.2, '200 ms late'), (-0.32, '300 ms early')])
+def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
+    messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
+    last = estimates(ROBOT, sorted(messages, key=lambda each: (stamp_of(each.message), each.topic)))[0][-1]
+    assert last.status in {'inconsistent', 'not_identifiable'}
+    assert f'the joints are stamped some {how}' in last.causes[0][0]
 
 
 @pytest.mark.parametrize('factor', [0.2, 5.0])

@@ -1,4 +1,4 @@
-"""Robots that differ from the described one in more than a little: joints or units mistaken.
+"""Robots that differ from the described one in more than a little: joints, stamps or units mistaken.
 
 None of these is near enough to be found from where the run is. Momentum is linear in body and momentum, so windows are
 fitted by least squares under each of them: that tells the likeliest, and where to linearise these.
@@ -21,6 +21,7 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 _MOST_PAIRS = 12  # joints, of which all pairs are tried
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
+_DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
 
@@ -33,20 +34,20 @@ class Misreading:
     text : in words
     order, sign : (n,) the joints' positions are sign times those of the joints in this order
     change : (n + 1, 10) that is added to the known bodies
+    delay : s, by which the joints are stamped late
     """
 
     text: str
     order: Integers
     sign: Array
     change: Array
+    delay: float = 0.0
 
     def windows(self, windows: Sequence[Window]) -> list[Window]:
         """Return windows as that robot has them."""
         return [
-            replace(
-                each, knots=replace(each.knots, joint_position=self.sign * each.knots.joint_position[:, self.order])
-            )
-            for each in windows
+            replace(each, knots=replace(each.knots, joint_position=self.sign * positions[:, self.order]))
+            for each, positions in zip(windows, _stamped(windows, self.delay), strict=True)
         ]
 
 
@@ -63,6 +64,10 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
         yield Misreading(text, swapped, sign, same)
+    for delay in _DELAYS.tolist():
+        how = f'{1e3 * abs(delay):.0f} ms {"late" if delay > 0.0 else "early"}'
+        text = f'the joints are stamped some {how} against the poses: mend the stamps, or raise time_offset.prior_std'
+        yield Misreading(text, order, sign, same, delay)
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
     heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}  # of what is fixed
     for link in heaviest.values():
@@ -80,6 +85,27 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         yield Misreading(
             f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?', order, sign, change
         )
+
+
+def _stamped(windows: Sequence[Window], delay: float) -> list[Array]:
+    """Return the joint positions (J, n) at the knots of windows if they are stamped late by a delay, s."""
+    positions = [each.knots.joint_position for each in windows]
+    if delay == 0.0:
+        return positions
+    times = [each.start + each.spacing * (np.arange(len(each.knots)) - each.inside.start) for each in windows]
+    # Windows share knots with their neighbours.
+    every, place = np.unique(np.round(np.concatenate(times), 6), return_index=True)
+    values = np.concatenate(positions)[place]
+    known = np.isfinite(values).all(axis=1)
+    every, values = every[known], values[known]
+    # Before the first and after the last of them the joints go on as they went.
+    ends = np.array([[0, 1], [-1, -2]])
+    rates = np.diff(values[ends], axis=1)[:, 0] / np.diff(every[ends], axis=1)
+    beyond = np.array([every[0] - abs(delay), every[-1] + abs(delay)])
+    further = values[[0, -1]] + rates * (beyond - every[[0, -1]])[:, None]
+    every = np.concatenate((beyond[:1], every, beyond[1:]))
+    values = np.concatenate((further[:1], values, further[1:]))
+    return [np.column_stack([np.interp(own + delay, every, joint) for joint in values.T]) for own in times]
 
 
 @dataclass(frozen=True)
