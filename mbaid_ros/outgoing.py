@@ -13,6 +13,7 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.simulation.imu import ImuReadings
 from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings
 
 if TYPE_CHECKING:
@@ -226,16 +227,18 @@ class SensorMessages:
         vector, header = self._of('Vector3', momentum, 'xyz'), self._header(stamp, self._model.base_link)
         return self._types.find('geometry_msgs/msg/Vector3Stamped')(header=header, vector=vector)
 
-    def imu(self, angular_velocity: Array, stamp: int) -> Any:
-        """Return an angular velocity (3,) in the base link's axes as a sensor_msgs/Imu stamped in ns."""
+    def imu(self, readings: ImuReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as a sensor_msgs/Imu stamped in ns."""
         find, absent = self._types.find, np.zeros(9)
         absent[0] = -1.0  # REP 145: not measured
         none = self._of('Vector3', np.zeros(3), 'xyz')
+        told = readings.orientation.shape[1] > 0
+        orientation = readings.orientation[index] if told else np.array([0.0, 0.0, 0.0, 1.0])
         return find('sensor_msgs/msg/Imu')(
-            header=self._header(stamp, self._model.base_link),
-            orientation=self._of('Quaternion', np.array([0.0, 0.0, 0.0, 1.0]), 'xyzw'),
-            orientation_covariance=absent,
-            angular_velocity=self._of('Vector3', angular_velocity, 'xyz'),
+            header=self._header(stamp, readings.link or self._model.base_link),
+            orientation=self._of('Quaternion', orientation, 'xyzw'),
+            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if told else absent,
+            angular_velocity=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=none,
             linear_acceleration_covariance=absent,

@@ -110,7 +110,7 @@ class SimulatedRun:
             self.brought = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
-        imu = make_imu(config)
+        imu = make_imu(config, self.robot)
         self._read = 0.0  # s, until which it has been
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
 
@@ -193,8 +193,7 @@ class SimulatedRun:
         if imu is not None:
             delay, reading = self.config.imu.delay, self._messages.imu
             messages += [
-                TimedMessage(t, 'imu', reading(rate, self.stamp(t + delay)))
-                for t, rate in zip(imu.time.tolist(), imu.angular_velocity, strict=True)
+                TimedMessage(t, 'imu', reading(imu, i, self.stamp(t + delay))) for i, t in enumerate(imu.time.tolist())
             ]
         return sorted(messages, key=lambda message: message.time)
 
@@ -261,13 +260,20 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
     return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
 
 
-def make_imu(config: SimulatorConfig) -> Imu | None:
-    """Return the IMU on the base, None where there is none."""
+def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
+    """Return the IMU on a link, None where there is none.
+
+    Raises
+    ------
+    ModelError
+        There is no such link.
+    """
     own = config.imu
     if own.rate == 0.0:
         return None
+    errors = ImuErrors(own.noise_density, own.bias, own.bias_walk, own.scale, own.orientation_noise)
     # Its noise is none of the other sensors'.
-    return Imu(own.rate, ImuErrors(own.noise_density, own.bias, own.bias_walk, own.scale), config.seed + 1_000_003)
+    return Imu(own.rate, errors, config.seed + 1_000_003, *((robot, robot.link(own.link)) if own.link else ()))
 
 
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:

@@ -2,7 +2,8 @@
 
     python scripts/benchmark_imu.py [--seeds 8] [--duration 60] [--robot servicer7]
 
-And a gyro without any poses: a robot of config/, and a thrown body with a flywheel, calibrated from half a second.
+And an IMU without any poses, its gyro alone or with an orientation: robots of config/; and a thrown body with a
+flywheel, calibrated from half a second.
 
 Target: with poses that say as much a second (ten times as few, each with a tenth of the variance), a gyro in the place
 of the twist costs no more than 1.3 times the standard deviation. 95 % intervals hold the truth in at least 88 % of all
@@ -13,6 +14,7 @@ half a per cent.
 from __future__ import annotations
 
 import argparse
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -91,18 +93,25 @@ def thrown(seed: int, folder: Path) -> tuple[Array, Array]:
 def without_poses(seeds: int) -> int:
     """Print what a gyro alone tells, and return how many targets are missed."""
     CONDITIONS['gyro alone'] = (GYRO, ALONE, False)
-    print(f'\n| gyro alone, {seeds} seeds | standard deviation, median and largest | 95 % | without |')
+    CONDITIONS['orientation of 1 mrad and gyro'] = (
+        {**GYRO, 'imu.orientation_noise': 1e-3},
+        {**ALONE, 'imu.orientation': True},
+        False,
+    )
+    print(f'\n| no poses, {seeds} seeds | standard deviation, median and largest | 95 % | without |')
     print('|---|---|---|---|')
     missed = 0
-    for robot, duration in (('ets7', 20.0), ('servicer7', 40.0)):
-        runs = [identified(robot, duration, seed, 'gyro alone') for seed in range(seeds)]
+    robots = (('ets7', 20.0), ('servicer7', 40.0))
+    for condition, (robot, duration) in product(('gyro alone', 'orientation of 1 mrad and gyro'), robots):
+        runs = [identified(robot, duration, seed, condition) for seed in range(seeds)]
         sound = [run for run in runs if run[2] in {'estimating', 'converged'}]
         errors, stds, truths = (np.array([run[place] for run in sound]) for place in (0, 1, 3))
         relative = np.median(stds / np.abs(truths), axis=0)
         known = np.isfinite(errors)
         covered = float(np.mean(np.abs(errors / stds)[known] < 1.96))
         mass = f'mass {1e2 * relative[0]:.2g} %, of all {1e2 * np.median(relative):.2g}, {1e2 * relative.max():.2g} %'
-        print(f'| {robot}, {duration:g} s | {mass} | {1e2 * covered:.0f} % | {len(runs) - len(sound)} |', flush=True)
+        what = f'{condition}: {robot}, {duration:g} s'
+        print(f'| {what} | {mass} | {1e2 * covered:.0f} % | {len(runs) - len(sound)} |', flush=True)
         missed += covered < COVERED
     results = []
     for seed in range(3 * seeds):

@@ -14,12 +14,15 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_simulation
 from observed import MID
 from simulated import CONFIG, robot
 from streams import urdf
@@ -43,11 +46,23 @@ Spoil = Callable[[float, Any], Any]
 
 
 @cache
-def messages(name: str, seconds: float, seed: int) -> tuple[TimedMessage, ...]:
-    """Return what the sensors of a robot say: an IMU at 200 Hz, poses without a twist at 10 Hz."""
+def messages(
+    name: str, seconds: float, seed: int, orientation: float = 0.0, link: str = ''
+) -> tuple[TimedMessage, ...]:
+    """Return what the sensors of a robot say: an IMU at 200 Hz, poses without a twist at 10 Hz.
+
+    Parameters
+    ----------
+    name : of the robot
+    seconds : of the run
+    seed : of the noise
+    orientation : rad, noise of the orientation that the IMU tells; 0 is that it tells none
+    link : that the IMU is on; empty is the base link
+    """
     values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
     noise = {f'noise.{channel}': value for channel, value in vars(MID).items() if channel != 'base_correlation_time'}
-    config = build(SimulatorConfig, {**values, **noise, **IMU, 'seed': seed, 'odometry_rate': 10.0})
+    own = {**IMU, 'imu.orientation_noise': orientation, 'imu.link': link}
+    config = build(SimulatorConfig, {**values, **noise, **own, 'seed': seed, 'odometry_rate': 10.0})
     made = SimulatedRun(config, urdf(name), BAG_TYPES)
     made.start = 1_700_000_000_000_000_000
     said = made.read(seconds - 0.001)
@@ -78,6 +93,17 @@ def taken(
         if place % at_once == at_once - 1:
             found += session.process()
     return session, [*found, *session.process()]
+
+
+def angular_momentum(name: str) -> Array:
+    """Return the true angular momentum of a robot's run about its centre of mass, odometry axes, kg m^2/s."""
+    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
+    truth = make_simulation(build(SimulatorConfig, values), robot(name)).advance(np.zeros(1))
+    momentum = total_momentum(robot(name), truth)[0]
+    placed = Kinematics(robot(name)).configure(rotation_from_quaternion(truth.base_orientation), truth.joint_position)
+    bodies = express(robot(name).body_parameters(), placed.rotation, placed.position)[0]
+    centre = truth.base_position[0] + bodies[:, 1:4].sum(axis=0) / bodies[:, 0].sum()
+    return np.asarray(momentum[3:] - np.cross(centre, momentum[:3]))
 
 
 def normalised(estimate: Estimate, name: str) -> Array:

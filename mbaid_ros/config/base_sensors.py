@@ -40,6 +40,11 @@ class ImuConfig:
         description='Nothing locates the base: the gyro alone tells how it turns, about the common centre of mass. '
         'Method trajectory; odom and pose are not used, and linear momentum and heading are not known.',
     )
+    orientation: bool = parameter(
+        default=False,
+        description='With alone: its messages tell the orientation, too, as a star tracker does; used where its '
+        'covariance is not -1 (REP 145). Nobody then integrates the gyro, and heading is known.',
+    )
     bias_std: float = parameter(
         0.01, 'Standard deviation of the bias about each axis at the begin.', unit='rad/s', minimum=0.0
     )

@@ -176,7 +176,7 @@ class SimulatedNoiseConfig:
 
 @dataclass(frozen=True)
 class SimulatedImuConfig:
-    """An IMU on the base link, in its axes."""
+    """An IMU on a link, in its axes."""
 
     rate: float = parameter(0.0, 'Imu messages a second; 0 is no IMU.', unit='Hz', minimum=0.0, maximum=1e4)
     noise_density: float = parameter(
@@ -188,6 +188,14 @@ class SimulatedImuConfig:
     )
     scale: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'By what part each axis reads too much.', lengths=(3,))
     delay: float = parameter(0.0, 'How late its messages are stamped.', unit='s')
+    orientation_noise: float = parameter(
+        0.0,
+        'It tells its orientation, too, as a star tracker does: standard deviation of each reading; 0 is that it tells '
+        'none (covariance -1, REP 145).',
+        unit='rad',
+        minimum=0.0,
+    )
+    link: str = parameter('', 'Link that it is on; empty means the base link.')
 
 
 @dataclass(frozen=True)

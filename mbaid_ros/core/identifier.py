@@ -34,6 +34,9 @@ TWIST_DERIVED = (
 )
 POSES_ALONE = 'no twist of the base: the poses alone are used'
 GYRO_ALONE = 'nothing locates the base: the angular velocity of the IMU alone is used, about the common centre of mass'
+ORIENTATION_AND_GYRO = (
+    'nothing locates the base: orientation and angular velocity of the IMU are used, about the common centre of mass'
+)
 POSES_AND_GYRO = 'no twist of the base: the poses and the angular velocity of the IMU are used'
 WITHOUT_GYRO = 'the angular velocity of the IMU is not used: method trajectory uses it'
 
@@ -203,9 +206,7 @@ class Identifier:
         joints, base = window.missing_rates
         if not self._estimator.needs_rates:
             if base:
-                gyro = window.gyro.shape[1] > 0 and bool(np.isfinite(window.gyro).all())
-                located = bool(np.isfinite(window.pose_covariance[0, 0, 0]))
-                self._notes.setdefault((POSES_AND_GYRO if gyro else POSES_ALONE) if located else GYRO_ALONE, start)
+                self._notes.setdefault(_what_tells(window), start)
             return window
         if window.gyro.shape[1]:
             self._notes.setdefault(WITHOUT_GYRO, start)
@@ -233,3 +234,11 @@ class Identifier:
             estimate = replace(estimate, status='inconsistent', causes=((told, gain), *estimate.causes))
             notes.append(told)
         return replace(estimate, warnings=(*estimate.warnings, *notes))
+
+
+def _what_tells(window: Samples) -> str:
+    """Return what a window without the base's twist is told of its motion by."""
+    located, oriented = np.isfinite(np.diagonal(window.pose_covariance[0])[[0, 3]]).tolist()
+    if not located:
+        return ORIENTATION_AND_GYRO if oriented else GYRO_ALONE
+    return POSES_AND_GYRO if window.gyro.shape[1] and bool(np.isfinite(window.gyro).all()) else POSES_ALONE

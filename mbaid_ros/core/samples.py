@@ -194,7 +194,21 @@ class ImuStream(Stacked):
     ----------
     stamp : (N,) int64 ns
     angular_velocity : (N, 3) rad/s, base axes
+    rotation : (N, 3, 3) base link to world axes; NaN where it is not told, also where not given
+    rotation_covariance : (N, 3, 3) rad^2, world axes
+    declared : (N,) whether the message says how noisy the orientation is
     """
 
     stamp: Stamps
     angular_velocity: Array
+    rotation: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    rotation_covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    declared: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        """Take no orientation as told where nothing is said."""
+        for name in ('rotation', 'rotation_covariance'):
+            if len(getattr(self, name)) != len(self.stamp):
+                object.__setattr__(self, name, np.full((len(self.stamp), 3, 3), np.nan))
+        if len(self.declared) != len(self.stamp):
+            object.__setattr__(self, 'declared', np.zeros(len(self.stamp), dtype=bool))

@@ -117,7 +117,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,
         gyro=parameters.estimator.imu.noise_density,
-        located=not parameters.estimator.imu.alone,
+        oriented=not parameters.estimator.imu.alone or parameters.estimator.imu.orientation,
     )
 
 

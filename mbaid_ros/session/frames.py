@@ -47,7 +47,8 @@ def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
     axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
     if config.imu.frame and config.imu.frame not in axes:
         raise ParameterError(f"parameter 'imu.frame' is '{config.imu.frame}'; accepted: {listing(axes)}")
-    return ImuReader(axes, config.imu.frame)
+    of_orientation = config.noise.declared.base_orientation if config.imu.orientation else None
+    return ImuReader(axes, config.imu.frame, of_orientation)
 
 
 def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:

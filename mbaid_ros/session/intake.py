@@ -13,6 +13,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.intake.joint_merge import JointMerge
+from mbaid_ros.core.intake.placeless import oriented
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
@@ -57,6 +58,7 @@ class Intake:
         self._reorder = Reorder[BaseStream](limit)
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()
+        self._orientation = config.imu.orientation
         self._refused: Counter[str] = Counter()
 
     @property
@@ -73,7 +75,9 @@ class Intake:
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
         imu = self._measured_by_imu(messages[IMU]) if IMU in messages else None
-        located = self._reckoning.push(imu) if self.alone else self._reorder.push(base)
+        located = self._reorder.push(base)
+        if self.alone:
+            located = oriented(imu) if self._orientation else self._reckoning.push(imu)
         told = self.stored_momentum.stream()
         if told is not None:
             every = range(len(self._robot.readings))

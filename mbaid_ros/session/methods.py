@@ -125,6 +125,7 @@ def make_estimator(
                 constant=_axes(config.disturbance.constant),
                 gyro=config.imu.noise_density,
                 located=not config.imu.alone,
+                oriented=not config.imu.alone or config.imu.orientation,
             ),
             reporting,
         )
@@ -153,7 +154,7 @@ def make_estimator(
 
 
 def _check_imu(config: EstimatorConfig) -> None:
-    """Refuse what a gyro alone cannot do.
+    """Refuse what an IMU alone cannot do, or one beside poses.
 
     Raises
     ------
@@ -161,6 +162,11 @@ def _check_imu(config: EstimatorConfig) -> None:
         It is to be alone, and is none, or the rest of the parameters needs poses.
     """
     if not config.imu.alone:
+        if config.imu.orientation:
+            raise ParameterError(
+                "parameter 'imu.orientation' is true without 'imu.alone'; accepted: both, for beside poses an IMU's "
+                'orientation is not used'
+            )
         return
     needs = {
         'imu.noise_density is 0, which does not use the IMU; accepted: its noise': config.imu.noise_density == 0.0,

@@ -73,7 +73,8 @@ def _gyro(config: ImuConfig) -> GyroErrors | None:
         return None
     # Alone, it is as late as the joints are early.
     delay = 0.0 if config.alone else config.delay_std
-    return GyroErrors(config.bias_std, config.scale_std, config.orientation_std, delay, config.bias_walk, config.alone)
+    errors = GyroErrors(config.bias_std, config.scale_std, config.orientation_std, delay, config.bias_walk)
+    return replace(errors, alone=config.alone and not config.orientation, oriented=config.orientation)
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

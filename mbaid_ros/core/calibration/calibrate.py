@@ -42,7 +42,7 @@ class CalibrationSettings:
     uncertainty : of joints, mount, stamps and linear momentum
     window : s, longest
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    located : whether anything but that locates the base
+    oriented : whether anything but that tells the orientation of the base
     """
 
     noise: SensorNoise
@@ -50,7 +50,7 @@ class CalibrationSettings:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     window: float = 0.5
     gyro: float = 0.0
-    located: bool = True
+    oriented: bool = True
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
@@ -114,7 +114,7 @@ def _filtered(
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
     robot = robot.storing(storage)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
-    sensing = (settings.noise, settings.window, settings.gyro, settings.located)
+    sensing = (settings.noise, settings.window, settings.gyro, settings.oriented)
     motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)

@@ -69,11 +69,11 @@ class Motion:
         detector : decides whether the motion is planar, and in which plane
         uncertainty : of the known side, the target link included
         sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything
-            else locates the base
+            else tells the orientation of the base
         """
         layout = layout_of(kernel, uncertainty, detector)
-        noise, length, gyro, located = sensing
-        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, located=located)
+        noise, length, gyro, oriented = sensing
+        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, oriented=oriented)
         taken = averaging.take(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.intake.placeless import placeless
 from mbaid_ros.core.samples import BaseStream, ImuStream
 
 _ONCE_MORE = 256  # rotations, after which rounding is taken off
@@ -28,18 +29,7 @@ class DeadReckoning:
         rotations = []
         for stamp, rate in zip(imu.stamp.tolist(), imu.angular_velocity, strict=True):
             rotations.append(self._turned(stamp, rate))
-        count = len(rotations)
-        unknown = np.full((count, 3), np.nan)
-        nowhere = np.full((count, 6, 6), np.nan)
-        return BaseStream(
-            imu.stamp,
-            np.zeros((count, 3)),
-            np.array(rotations),
-            unknown,
-            unknown,
-            nowhere,
-            np.tile(np.eye(6), (count, 1, 1)),
-        )
+        return placeless(imu.stamp, np.array(rotations))
 
     def _turned(self, stamp: int, rate: Array) -> Array:
         """Return the orientation at the next measurement: with a rate that changes evenly, to fourth order."""

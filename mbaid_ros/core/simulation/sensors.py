@@ -139,7 +139,7 @@ class SensedSimulation:
     simulation : the true motion
     sensors : Sensors
     joint_rate, odometry_rate : readings a second, from time 0 on
-    imu : on the base, if there is one
+    imu : on a link, if there is one
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class SensedSimulation:
         imu = None
         if self._imu is not None:
             turning = truth[np.searchsorted(instants, imu_time)]
-            imu = self._imu.readings(imu_time, turning.base_angular_velocity)
+            imu = self._imu.readings(turning)
         return self._sensors.joints(joints), self._sensors.base(base), imu
 
     def _due(self, sensor: int, until: float) -> Array:

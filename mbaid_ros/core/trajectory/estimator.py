@@ -68,7 +68,7 @@ class TrajectoryEstimator:
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
         self._averaging = KnotAveraging(
-            kernel.model.joints, settings.noise, settings.window, settings.gyro, located=settings.located
+            kernel.model.joints, settings.noise, settings.window, settings.gyro, oriented=settings.oriented
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0

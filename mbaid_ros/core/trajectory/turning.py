@@ -18,7 +18,7 @@ _FIRST = 5  # windows
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
-    """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses tell the motion.
+    """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses locate the base.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
     known, found = kernel.with_target(target), []
     for window in windows[:_FIRST]:
         middle = Stack((window,), (0,)).middle[window.inside].flat
-        if not window.knots.course.shape[-1] or not np.all(np.isfinite(middle.gyro)):
+        if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))

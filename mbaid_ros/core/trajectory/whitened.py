@@ -63,9 +63,11 @@ def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
-    located = np.asarray(np.isfinite(windows.pose_covariance).all(axis=(1, 2)))
-    select = variables.measured if located.all() else variables.measured[:0]  # of a run all are, or none
-    covariance = np.where(located[:, None, None], windows.pose_covariance, np.eye(6))
+    told = np.isfinite(windows.pose_covariance)
+    # In a run all windows tell the same parts: pose, orientation alone, or nothing.
+    missing = ~np.diagonal(told, axis1=1, axis2=2).all(axis=0)
+    select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
+    covariance = np.where(told, windows.pose_covariance, np.eye(6))
     pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
     weighed = pose.weighed(windows.joints)
     places = np.arange(len(select))

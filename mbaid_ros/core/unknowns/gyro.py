@@ -26,6 +26,7 @@ class GyroErrors:
     bias, scale, orientation, delay : rad/s, relative, rad, s
     walk : rad/s/sqrt(s), of the bias
     alone : whether it alone tells the orientation, which windows are linearised along
+    oriented : whether the IMU measures the orientation, too, in the same axes
     """
 
     bias: float = 0.0
@@ -34,6 +35,7 @@ class GyroErrors:
     delay: float = 0.0
     walk: float = 0.0
     alone: bool = False
+    oriented: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +46,12 @@ class Gyro(Unknown):
     ----------
     wandering : (10, w) factor of what the bias changes by in a second
     alone : whether it alone tells the orientation
+    oriented : whether the IMU measures the orientation, too, in the same axes
     """
 
     wandering: Array = field(default_factory=lambda: np.zeros((10, 0)))
     alone: bool = False
+    oriented: bool = False
 
     read = True
     in_equations = False  # which do not know of it
@@ -56,6 +60,14 @@ class Gyro(Unknown):
     def walk(self) -> Array:
         """The walk of the bias."""
         return self.wandering
+
+    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
+        """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
+        if not self.oriented:
+            return None
+        pose, twist = np.zeros((2, len(motion.rotation), 6, 10))
+        pose[:, :3, 6:9] = motion.rotation
+        return pose, twist
 
     def gyro_reading(self, motion: Reading) -> Array:
         """Return what it reads by each."""
@@ -91,7 +103,12 @@ class Gyro(Unknown):
         normal = self.plane_basis(detector)[:3, :1]
         wandering = np.zeros((10, 1))
         wandering[:3] = normal * np.sqrt(np.sum((normal.T @ self.wandering[:3]) ** 2))
-        return Gyro(seen.factor, seen.labels, wandering if self.wandering.any() else self.wandering, self.alone)
+        return replace(
+            self,
+            factor=seen.factor,
+            labels=seen.labels,
+            wandering=wandering if self.wandering.any() else self.wandering,
+        )
 
 
 def gyro(errors: GyroErrors | None) -> Gyro:
@@ -101,4 +118,5 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering = np.zeros((10, 3))
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:3], 3).tolist(), LATE)
-    return Gyro(np.diag(deviations)[:, deviations > 0.0], labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone)
+    factor = np.diag(deviations)[:, deviations > 0.0]
+    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.oriented)

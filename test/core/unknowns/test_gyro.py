@@ -16,7 +16,7 @@ from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from observed import MID, observe
-from windowed import residuals, window_model, window_of
+from windowed import FIRST, LAST, residuals, window_model, window_of
 
 SIZES = np.array([*(1e-3,) * 3, *(1e-3,) * 6, 1e-3])  # rad/s; relative, rad; s
 UNKNOWN = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0))
@@ -48,6 +48,27 @@ def left(servicer7: MomentumKernel, exact: Samples, start: Array, value: Array, 
 
 def test_exact_readings_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
     assert np.abs(left(servicer7, exact, start, np.zeros(10), np.zeros(10))).max() < 1e-8
+
+
+@pytest.mark.parametrize('component', [6, 7, 8])
+def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(10)
+    value[component] = SIZES[component]
+    layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, oriented=True)),))
+    state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
+    read = measured(exact, value)
+    read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))
+    point = layout.point(np.concatenate((state[: BODY.stop], np.zeros(10))))
+    model = window_model(layout, window_of(read, 0.05), point)
+    # The error of the pose is that of the axes, and stays so.
+    state[:3] = -read.base_rotation[np.searchsorted(read.time, FIRST - 1e-6)] @ value[6:9]
+    pose, rate, after = residuals(model, state)
+    turned = read.base_rotation[np.searchsorted(read.time, LAST - 1e-6)] @ value[6:9]
+    assert np.abs(pose[:3]).max() < 5e-3 * SIZES[component]
+    assert np.abs(rate[6:]).max() < 5e-3 * SIZES[component]
+    assert after[:3] == pytest.approx(-turned, abs=5e-3 * SIZES[component])
 
 
 @pytest.mark.parametrize('component', range(10))
