@@ -78,5 +78,7 @@ class ImuConfig:
         minimum=0.0,
     )
     frame: str = parameter(
-        '', 'Link that it is fixed to, in whose axes it measures. Empty: the frame_id of its messages says it.'
+        '',
+        'Link that it is fixed to, in whose axes it measures: of the base, or one that joints move, but not the target '
+        'nor what that carries. Empty: the frame_id of its messages says it, of links on the base.',
     )

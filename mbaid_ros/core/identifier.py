@@ -122,6 +122,7 @@ class Identifier:
         self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
         self._twist_frame = TwistFrame(twist_frame)
         self._gyro_frame = GyroFrame()
+        self._watched = gyro is not None and gyro.on_base
         self._misread: tuple[float, str, float] | None = None  # from when on (s) the IMU is known to be, and how
         self._thrust = thrust
         self._falling = falling
@@ -179,7 +180,7 @@ class Identifier:
 
     def _watch(self, window: Samples) -> None:
         """Look whether an IMU measures in other axes or units than it is said to."""
-        if window.gyro.shape[1] and self._misread is None:
+        if self._watched and self._misread is None:
             told = self._gyro_frame.update(window)
             if told:
                 self._misread = float(window.time[0]), told, self._gyro_frame.gain

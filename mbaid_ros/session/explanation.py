@@ -112,7 +112,7 @@ def _outliers(session: Session) -> str:
 def _imu_frame(session: Session) -> str:
     links = [f'{session.config.frame_prefix}{link.name}' for link in session.robot.model.links if link.body == 0]
     given = session.intake.imu_reader.other_frame[:60]
-    return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is"
+    return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is, also one that joints move"
 
 
 def _other_source(session: Session) -> str:

@@ -9,6 +9,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.results.debris import Frame
+from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.messages import ImuReader
 
@@ -36,17 +37,39 @@ def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
     return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))
 
 
-def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
-    """Return what reads an IMU that is fixed to the base.
+def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
+    """Return the link that the parameters say an IMU is on, where joints move it; None on the base.
 
     Raises
     ------
     ParameterError
-        The frame that the parameters name is not on the base.
+        There is no such link, or it moves with the target.
+    """
+    given, links = config.imu.frame, {config.frame_prefix + link.name: link for link in model.links}
+    if not given:
+        return None
+    target, ancestors = model.link(config.target_link or model.last_link).body, Kinematics(model).ancestors
+    carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
+    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.imu.alone and link.body)]
+    if given not in accepted:
+        why = ''
+        if given in links:
+            why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
+        raise ParameterError(f"parameter 'imu.frame' is '{given}'{why}; accepted: {listing(accepted)}")
+    return links[given] if links[given].body else None
+
+
+def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
+    """Return what reads an IMU, in base axes, or in its own where joints move it.
+
+    Raises
+    ------
+    ParameterError
+        The frame that the parameters name is none that it can be on.
     """
     axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
-    if config.imu.frame and config.imu.frame not in axes:
-        raise ParameterError(f"parameter 'imu.frame' is '{config.imu.frame}'; accepted: {listing(axes)}")
+    if imu_link(config, model) is not None:
+        axes = {config.imu.frame: np.eye(3)}
     of_orientation = config.noise.declared.base_orientation if config.imu.orientation else None
     return ImuReader(axes, config.imu.frame, of_orientation)
 

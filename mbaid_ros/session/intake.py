@@ -12,13 +12,15 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
+from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.joint_merge import JointMerge
 from mbaid_ros.core.intake.placeless import oriented
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stored_momentum import StoredMomentum
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.messages import ImuReader, JointReader, OdometryReader
-from mbaid_ros.session.frames import imu_reader
+from mbaid_ros.session.frames import imu_link, imu_reader
 from mbaid_ros.session.robot import Robot
 
 JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
@@ -131,3 +133,11 @@ def readers(config: EstimatorConfig, robot: Robot) -> tuple[JointReader, Odometr
     names = frozenset(prefix + link.name for link in links)
     odometry = OdometryReader(attached, robot.marker, names, config.twist_frame, config.noise.declared)
     return JointReader(robot.model.independent_joints, config.wheels.names), odometry
+
+
+def gyro_of(config: EstimatorConfig, model: RobotModel) -> Gyro | None:
+    """Return what integrates the angular velocity of an IMU; None where none is used."""
+    if config.imu.noise_density == 0.0:
+        return None
+    on_base = imu_link(config, model) is None
+    return Gyro(round(config.maximum_gap * 1e9), config.imu.range, on_base=on_base)

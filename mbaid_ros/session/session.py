@@ -15,7 +15,6 @@ from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.intake.found_noise import FoundNoise
-from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
@@ -24,7 +23,7 @@ from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.base_source import BaseSource
 from mbaid_ros.session.inbox import Inbox
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, gyro_of
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
@@ -263,7 +262,7 @@ class Session:
                 estimate=config.noise.estimate,
             ),
             falling=falling_frame(config.orbit, model),
-            gyro=Gyro(round(config.maximum_gap * 1e9), config.imu.range) if self._gyro else None,
+            gyro=gyro_of(config, model),
         )
         if self.restarts:
             self._identifier.note(self.restarts[-1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mbaid_ros.config.base_sensors import ImuConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
@@ -13,6 +12,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.gyro import GyroErrors
 from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.session.frames import imu_link
 from mbaid_ros.session.surroundings import spin_deviations, uncertain_circle, uncertain_thrusters
 
 _NO_MOMENTUM = 1e-9  # N s
@@ -61,20 +61,22 @@ def with_surroundings(
         thrust_delay=config.thrust.delay_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
-        gyro=_gyro(config.imu),
+        gyro=_gyro(config, model),
         clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
     )
 
 
-def _gyro(config: ImuConfig) -> GyroErrors | None:
-    if config.noise_density == 0.0:
+def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
+    imu = config.imu
+    if imu.noise_density == 0.0:
         return None
     # Alone, it is as late as the joints are early.
-    delay = 0.0 if config.alone else config.delay_std
-    errors = GyroErrors(config.bias_std, config.scale_std, config.orientation_std, delay, config.bias_walk)
-    return replace(errors, alone=config.alone and not config.orientation, oriented=config.orientation)
+    delay = 0.0 if imu.alone else imu.delay_std
+    errors = GyroErrors(imu.bias_std, imu.scale_std, imu.orientation_std, delay, imu.bias_walk)
+    alone = imu.alone and not imu.orientation
+    return replace(errors, alone=alone, oriented=imu.orientation, link=imu_link(config, model))
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

@@ -80,7 +80,7 @@ def test_an_imu_that_is_not_asked_for_or_elsewhere_is_told() -> None:
     session, _ = taken(said, 'table1', KNOWN, on_the_arm)
     assert session.dropped[IMU_FRAME] > 100
     assert explain(session, [IMU_FRAME])[0].endswith(
-        "it is 'link2'; accepted: base_link; or imu.frame says which it is"
+        "it is 'link2'; accepted: base_link; or imu.frame says which it is, also one that joints move"
     )
-    with pytest.raises(ParameterError, match=r"'imu.frame' is 'nowhere'; accepted: base_link"):
+    with pytest.raises(ParameterError, match=r"'imu.frame' is 'nowhere'; accepted: base_link, link1, link2"):
         Session(build(EstimatorConfig, {**KNOWN, 'imu.frame': 'nowhere'}), urdf('table1'))

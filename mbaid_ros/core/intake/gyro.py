@@ -1,4 +1,4 @@
-"""The angular velocity that an IMU measures, preintegrated: how far it has turned the base between any two instants.
+"""The angular velocity that an IMU measures, preintegrated: how far it has turned between any two instants.
 
 The integral of a rate in axes that turn along is no rotation; but it is linear in what the gyro reads, so that bias and
 scale stay bias and scale in it, and its differences are exact means of the rate, whatever the rates of gyro and joints.
@@ -29,6 +29,7 @@ class Gyro:
     ----------
     maximum_gap : ns, longest time between two measurements that is interpolated
     largest : rad/s, range of the gyro; 0 where it is not known
+    on_base : whether it turns as the base does; else joints are between
 
     Attributes
     ----------
@@ -36,7 +37,8 @@ class Gyro:
     dropped : measurements that were not used, by cause
     """
 
-    def __init__(self, maximum_gap: int, largest: float = 0.0) -> None:
+    def __init__(self, maximum_gap: int, largest: float = 0.0, *, on_base: bool = True) -> None:
+        self.on_base = on_base
         self._maximum_gap = maximum_gap
         self._largest = largest
         self._kept: tuple[Stamps, Array, Array, Stamps] = _nothing()  # stamps, rates, integrals, parts without a gap

@@ -171,6 +171,8 @@ class Synchroniser:
         if self._gyro is None:
             return samples
         samples = replace(samples, gyro=self._gyro.sampled(joints.stamp))
+        if not self._gyro.on_base:
+            return samples
         return replace(samples, base_rotation=self._turned(samples, joints.stamp, base, (left, right)))
 
     def _turned(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:

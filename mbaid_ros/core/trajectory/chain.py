@@ -50,6 +50,7 @@ class WindowModel:
     process : (6, n) factor of the covariance of the joint noise that accumulates on the way
     joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the part of the pose's noise that the joints' makes
         (`JointNoise`)
+    joints_of_gyro : (3, n) what of it a gyro on a link that joints move has more
     joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
@@ -67,6 +68,7 @@ class WindowModel:
     process: Array
     joints: Array
     joints_by_unknowns: Array
+    joints_of_gyro: Array
     joints_in_twist: Array
     length: Array
     rotation: Array
@@ -94,7 +96,7 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     stacks : of windows of one shape each; their motion is predicted in one call
     point : windows that follow each other share its readings: the chain is that of the motion as they correct it
     """
-    motions = [stack.motion(point.side) for stack in stacks]
+    motions = [stack.motion(point.side, layout.imu) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
     whole, bodies = predict(layout, flat, point)
     for unknown, place in layout.of_joints:
@@ -138,17 +140,21 @@ def _models(
     change = stack.whitening
     # The joints' errors, independent from knot to knot, are in the change by those of two knots.
     ends = (1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
+    in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
+    if middle.gyro_gain.shape[-1]:
+        in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
     pose, twist = readings(layout, stack, predicted, motion, slope)
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),
         stack.pose_covariance / stack.samples + ends * of_joints,
         *twist_measurement(errors, prediction, middle, point, twist),
-        twist_covariance(stack, middle, of_joints, noise.stored),
+        twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored),
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
         process=noise.process,
         joints=np.sqrt(ends) * noise.pose,
         joints_by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns,
+        joints_of_gyro=np.sqrt(ends) * in_gyro,
         joints_in_twist=telescoped(len(middle), spacing) / ends[:, 0, 0],
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],

@@ -31,7 +31,9 @@ class Midpoints(Stacked):
     impulse : (J - 1, 6) as of the knots, the mean of both
     stored : (J - 1, c) readings of what stores momentum inside bodies
     tide, thrust : (J - 1, 60 b), (J - 1, 30 f) as of the knots, the mean of both
-    gyro : (J - 1, 3) rad/s, measured angular velocity in base axes; NaN where not known, none where there is no IMU
+    gyro : (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where not known, none where there is none
+    gyro_axes : (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base, in whose axes it then measures
+    gyro_gain : (J - 1, 3, n) its angular velocity against the base by the joint rates, odometry axes; none alike
     """
 
     joint_position: Array
@@ -46,12 +48,26 @@ class Midpoints(Stacked):
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
     gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro_axes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Take nothing as stored, no orbit and no uncertain thrust where nothing is said."""
-        for name in ('stored', 'tide', 'thrust', 'gyro'):
-            if getattr(self, name).shape[:-1] != self.turn.shape[:-1]:
+        for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
+            if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
+
+    @property
+    def imu_axes(self) -> Array:
+        """The axes of the IMU to those of the odometry, (J - 1, 3, 3)."""
+        return self.gyro_axes if self.gyro_axes.shape[-1] else self.base_rotation
+
+    @property
+    def imu_rate(self) -> Array:
+        """The angular velocity of the IMU against the base, odometry axes, (J - 1, 3) rad/s."""
+        if not self.gyro_gain.shape[-1]:
+            return np.zeros_like(self.turn)
+        return np.asarray((self.gyro_gain @ self.joint_velocity[..., None])[..., 0])
 
     @property
     def flat(self) -> Midpoints:

@@ -12,11 +12,11 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, skew
-from mbaid_ros.core.trajectory.interpolation import Midpoints
+from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack
-from mbaid_ros.core.unknowns.declaration import Reading
+from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
 
 
 def readings(
@@ -44,8 +44,7 @@ def readings(
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:
-        stretching = axes * rotate_back(axes, own[..., 3:])[..., None, :]
-        seen = replace(seen, stretching=_total(weight[..., None] * stretching))
+        seen = replace(seen, imu=_turning_imu(motion, own, seen, slope, stack.windows[0].spacing))
     poses: list[Array] = [np.zeros((windows, 6, 0))]
     rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
     for unknown in layout.read:
@@ -57,6 +56,22 @@ def readings(
         poses.append(pose @ unknown.factor)
         rates.append(turned @ unknown.factor)
     return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+
+
+def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slope: Array, spacing: float) -> ImuMotion:
+    """Return how a stack's IMU turns where the base has its predicted twist `own` (m, B, 6) and its slope."""
+    around, inside = motion
+    weight = _weights(inside.stop - inside.start)[:, None, None]
+    relative = around.imu_rate
+    rate, axes = own[..., 3:] + relative[inside], around.imu_axes[inside]
+    changing = slope[..., 3:] + gradient(relative)[inside] / spacing
+    return ImuMotion(
+        rate=seen.twist[..., :3] + _total(weight * relative[inside]),
+        slope=_total(weight * changing),
+        axes=_total(weight[..., None] * axes),
+        stretching=_total(weight[..., None] * axes * rotate_back(axes, rate)[..., None, :]),
+        turning=_total(weight[..., None] * (skew(rate) @ axes)),
+    )
 
 
 def state_rows(errors: Array, readings: Array) -> Array:
@@ -97,7 +112,7 @@ def twist_measurement(
 ) -> tuple[Array, Array]:
     """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
 
-    What a gyro measures in base axes is turned by the measured pose, as the twist is.
+    What a gyro measures is turned by the measured pose, as the twist is; on a link it is what the joints leave of it.
     """
     weight = _weights(len(middle))[:, None, None]
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
@@ -108,22 +123,26 @@ def twist_measurement(
     measured = _total(weight * middle.base_twist[..., ANGULAR_FIRST])
     if middle.gyro.shape[-1]:
         mean = np.concatenate((mean, mean[:, :3]), axis=1)
-        turned = _total(weight * rotate(middle.base_rotation, middle.gyro))
+        turned = _total(weight * (rotate(middle.imu_axes, middle.gyro) - middle.imu_rate))
         measured = np.concatenate((measured, turned), axis=1)
     return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
 
 
-def twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored: Array) -> Array:
-    """Return the (B, 6, 6) covariance: white noise of the twist, and `of_joints` (of a mean), which telescopes.
+def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance: white noise of the twist, and that of the joints, which telescopes.
 
-    That of what is read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
+    Factors `joints` are those of a mean: (B, 6, n), and (B, 3, n) what a gyro on a link has more of it. That of what is
+    read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
     velocity, (B, 9, 9) then, has noise of its own and the other two in common with the twist.
     """
     count, weight = len(middle), _weights(len(middle))
+    by_joints, in_gyro = joints
+    of_joints = by_joints @ np.swapaxes(by_joints, -1, -2)
     axes = np.zeros_like(of_joints)
     axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
     white = count * np.sum(weight**2) / stack.samples
-    of_mean = telescoped(count, stack.windows[0].spacing) * of_joints
+    growth = telescoped(count, stack.windows[0].spacing)
+    of_mean = growth * of_joints
     covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + of_mean
     common = of_mean
     if stored.shape[-1]:
@@ -131,10 +150,15 @@ def twist_covariance(stack: Stack, middle: Midpoints, of_joints: Array, stored: 
         covariance, common = covariance + by_readings, common + by_readings
     if not middle.gyro.shape[-1]:
         return covariance
-    whole = np.zeros((len(common), 9, 9))
-    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, common[:, :, :3], common[:, :3]
     of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
-    whole[:, 6:, 6:] = common[:, :3, :3] + of_gyro
+    beside, own = common[:, :, :3], common[:, :3, :3] + of_gyro
+    if in_gyro.any():
+        more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
+        beside = beside + more
+        own = own + more[:, :3] + np.swapaxes(more[:, :3], 1, 2) + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
+    whole = np.zeros((len(common), 9, 9))
+    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, beside, np.swapaxes(beside, 1, 2)
+    whole[:, 6:, 6:] = own
     return whole
 
 

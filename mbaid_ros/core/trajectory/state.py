@@ -16,6 +16,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import body_sizes
+from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -55,6 +56,7 @@ class Layout:
     known : what is known of their numbers beforehand
     plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
     corrects_unknowns : whether noise that rows and values share is taken off the unknowns, too, not the target alone
+    imu : the link that an IMU is on, where joints move it
     """
 
     kernel: MomentumKernel
@@ -62,6 +64,7 @@ class Layout:
     known: Carried
     plane: Array | None = None
     corrects_unknowns: bool = True
+    imu: Link | None = None
 
     @staticmethod
     def of(
@@ -175,4 +178,5 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
         unknowns = seen
     layout = Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
     # With an open target whose motion tells little, the correction of the others overshoots: it is of first order.
-    return replace(layout, corrects_unknowns=isinstance(uncertainty.target, KnownTarget))
+    imu = None if uncertainty.gyro is None else uncertainty.gyro.link
+    return replace(layout, corrects_unknowns=isinstance(uncertainty.target, KnownTarget), imu=imu)

@@ -69,7 +69,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
     covariance = np.where(told, windows.pose_covariance, np.eye(6))
     pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
-    weighed = pose.weighed(windows.joints)
+    weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
     for moving, select, of_rates in _rates(windows.twist_value, variables):
@@ -77,7 +77,9 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         value, rows, covariance = (part[moving] for part in parts)
         value = np.nan_to_num(value)  # of what is not among these
         twist = _whitened(value, rows, covariance, variables, select)
-        weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(windows.joints[moving])
+        weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(
+            windows.joints[moving], windows.joints_of_gyro[moving]
+        )
         values = np.concatenate((pose.value[moving], twist.value), axis=1)
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
@@ -115,16 +117,24 @@ class _White:
     ----------
     value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
     whiten : (B, k, 6) what made them so, of the noise that pose and twist have by the joints
+    whiten_gyro : (B, k, 3) and of what a gyro on a link has more; (B, k, 0) where there is no gyro
     """
 
     value: Array
     rows: Array
     log_noise: Array
     whiten: Array
+    whiten_gyro: Array
 
-    def weighed(self, joints: Array) -> Array:
-        """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S."""
-        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ (self.whiten @ joints))
+    def weighed(self, joints: Array, of_gyro: Array) -> Array:
+        """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S.
+
+        A gyro has (B, 3, n) more of it, which does not depend on the unknowns.
+        """
+        white = self.whiten @ joints
+        if self.whiten_gyro.shape[-1] and of_gyro.any():
+            white = white + self.whiten_gyro @ of_gyro
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ white)
 
 
 def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
@@ -174,6 +184,7 @@ def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
         whiten=folded,
+        whiten_gyro=whiten[..., 6:],
     )
 
 

@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate_back
+from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.trajectory.gyro_link import on_link
 from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
 from mbaid_ros.core.trajectory.knots import Knots, at_the_base, turned_back
 from mbaid_ros.core.unknowns.known_side import KnownSide
@@ -97,8 +99,10 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
-    def motion(self, side: KnownSide) -> tuple[Midpoints, slice]:
+    def motion(self, side: KnownSide, imu: Link | None = None) -> tuple[Midpoints, slice]:
         """Return the motion of a robot whose known side is as given, and the windows' own part.
+
+        An IMU may be on a link that joints move (`imu`).
 
         Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
         """
@@ -116,7 +120,10 @@ class Stack:
             middle = replace(middle, joint_position=middle.joint_position + side.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))
         begin = max(first - 1, 0)
-        return middle[begin : last + 1], slice(first - begin, last - begin)
+        middle = middle[begin : last + 1]
+        if imu is not None and middle.gyro.shape[-1]:
+            middle = on_link(middle, side.kernel.kinematics, imu)
+        return middle, slice(first - begin, last - begin)
 
     @cached_property
     def samples(self) -> Array:

@@ -27,7 +27,8 @@ class ClockDrift(Linear):
 
     def gyro_reading(self, motion: Reading) -> Array:
         """Return how much further on the angular velocity is read."""
-        return (motion.time[:, None] * motion.slope[:, :3] + motion.twist[:, :3])[..., None]
+        assert motion.imu is not None, 'there is an IMU'
+        return (motion.time[:, None] * motion.imu.slope + motion.imu.rate)[..., None]
 
 
 def clock_drift(deviation: float) -> ClockDrift:

@@ -37,6 +37,25 @@ class JointMotion(Stacked):
 
 
 @dataclass(frozen=True)
+class ImuMotion:
+    """How an IMU turns in B windows, odometry axes.
+
+    Attributes
+    ----------
+    rate : (B, 3) rad/s, mean angular velocity at the nodes
+    slope : (B, 3) its weighted mean slope
+    axes : (B, 3, 3) weighted mean of R, its axes to the odometry's
+    stretching, turning : (B, 3, 3) weighted means of R diag(R^T w) and of [w]x R
+    """
+
+    rate: Array
+    slope: Array
+    axes: Array
+    stretching: Array
+    turning: Array
+
+
+@dataclass(frozen=True)
 class Reading:
     """A window's motion, as what the sensors read depends on it; B windows, angular parts first, odometry axes.
 
@@ -50,7 +69,7 @@ class Reading:
     position : (B, 3) m, mean position of the base at the nodes, from the run's origin
     axes : (B, 3, 3) weighted mean of R
     origin : (3,) m, the run's, in the odometry frame
-    stretching : (B, 3, 3) where there is an IMU: weighted mean of R diag(R^T w)
+    imu : where there is one
     """
 
     twist: Array
@@ -62,7 +81,7 @@ class Reading:
     position: Array
     axes: Array
     origin: Array = field(default_factory=lambda: np.zeros(3))
-    stretching: Array | None = None
+    imu: ImuMotion | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """What an IMU's angular velocity is wrong by: bias, which walks, scale, how it is mounted, and how late it is stamped.
 
-It reads (1 + diag(k)) Exp(-e) w(t - d) + b in the axes that its frame is said to have, w in those of the base.
+It reads (1 + diag(k)) Exp(-e) w(t - d) + b in the axes that its frame is said to have, w in those of its link.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
@@ -27,6 +28,7 @@ class GyroErrors:
     walk : rad/s/sqrt(s), of the bias
     alone : whether it alone tells the orientation, which windows are linearised along
     oriented : whether the IMU measures the orientation, too, in the same axes
+    link : that the IMU is on, where joints move it; None on the base
     """
 
     bias: float = 0.0
@@ -36,22 +38,25 @@ class GyroErrors:
     walk: float = 0.0
     alone: bool = False
     oriented: bool = False
+    link: Link | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Gyro(Unknown):
-    """Bias (rad/s), scale, turn (rad) of its axes in those of the base, (3,) each, and delay of its stamps (s).
+    """Bias (rad/s), scale, turn (rad) of its axes in those of its link, (3,) each, and delay of its stamps (s).
 
     Attributes
     ----------
     wandering : (10, w) factor of what the bias changes by in a second
     alone : whether it alone tells the orientation
     oriented : whether the IMU measures the orientation, too, in the same axes
+    link : that it is on, where joints move it
     """
 
     wandering: Array = field(default_factory=lambda: np.zeros((10, 0)))
     alone: bool = False
     oriented: bool = False
+    link: Link | None = None
 
     read = True
     in_equations = False  # which do not know of it
@@ -71,8 +76,9 @@ class Gyro(Unknown):
 
     def gyro_reading(self, motion: Reading) -> Array:
         """Return what it reads by each."""
-        assert motion.stretching is not None, 'there is an IMU'
-        return np.concatenate((motion.axes, motion.stretching, motion.turning, -motion.slope[:, :3, None]), axis=-1)
+        assert motion.imu is not None, 'there is an IMU'
+        own = motion.imu
+        return np.concatenate((own.axes, own.stretching, own.turning, -own.slope[..., None]), axis=-1)
 
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
@@ -92,10 +98,18 @@ class Gyro(Unknown):
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return bias and scale of what it reads about the normal, and the delay."""
-        normal = detector.plane_of(0).normal
+        normal = self._normal(detector)
         basis = np.zeros((10, 3))
         basis[:3, 0], basis[3:6, 1], basis[9, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
         return basis
+
+    def _normal(self, detector: PlaneDetector) -> Array:
+        """Return the normal of the plane of motion in its axes, (3,)."""
+        if self.link is None:
+            return detector.plane_of(0).normal
+        plane = detector.plane(self.link)
+        assert plane is not None, 'the motion is planar'
+        return plane.normal
 
     def in_plane(self, detector: PlaneDetector) -> Gyro:
         """Return it as a planar motion depends on it; what of the bias does not matter walks no more."""
@@ -119,4 +133,4 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:3], 3).tolist(), LATE)
     factor = np.diag(deviations)[:, deviations > 0.0]
-    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.oriented)
+    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.oriented, own.link)

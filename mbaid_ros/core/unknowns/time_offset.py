@@ -26,7 +26,8 @@ class TimeOffset(Unknown):
 
     def gyro_reading(self, motion: Reading) -> Array:
         """Return how much further on the angular velocity is read."""
-        return motion.slope[:, :3, None]
+        assert motion.imu is not None, 'there is an IMU'
+        return motion.imu.slope[..., None]
 
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""

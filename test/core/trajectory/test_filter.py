@@ -55,6 +55,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         process=np.sqrt(process) * rng.normal(size=(6, 8)),
         joints=rng.normal(size=(6, 3)),
         joints_by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
+        joints_of_gyro=np.zeros((3, 3)),
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
         rotation=np.eye(3),
