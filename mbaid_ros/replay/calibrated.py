@@ -17,6 +17,7 @@ from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.ratios import InertiaRatios
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.unknowns.words import of_size
@@ -132,9 +133,14 @@ def _about_motion(result: Calibrated) -> list[str]:
     model = result.kernel.model
     moving = [name for name in model.joint_names if name not in calibration.still]
     told = []
-    if calibration.still:
+    if calibration.still and (moving or calibration.located):
         only = f'only {listing(moving)} moves' if len(moving) == 1 else f'{listing(calibration.still)} did not move'
         told.append(f'{only}: bodies on both sides of a joint at rest count as one; move every joint')
+    if not calibration.located and not moving:
+        told.append(
+            'nothing locates the base, and no joint moves: mass, centre of mass and the scale of the inertia stay at '
+            'CAD; the data tell its ratios'
+        )
     if calibration.planar:
         told.append('planar motion: CoM across the plane and all inertia but the moment about its normal stay at CAD')
     return told
@@ -220,8 +226,20 @@ def _link(link: LinkResult) -> dict[str, Any]:
         'prior_std': shaped(link.prior_std),
         'learnt': shaped(link.learnt),
         'moved': shaped(link.moved),
+        'inertia_ratios': _ratios(link.ratios),
         'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
         'consistency_correction': link.consistency_correction,
+    }
+
+
+def _ratios(ratios: InertiaRatios) -> dict[str, Any]:
+    """Return the inertia over its trace, element by element, and the principal moments over it."""
+    return {
+        'of_trace': dict(zip(_INERTIA, ratios.elements.tolist(), strict=True)),
+        'std': dict(zip(_INERTIA, ratios.std.tolist(), strict=True)),
+        'principal': ratios.principal.tolist(),
+        'principal_std': ratios.principal_std.tolist(),
+        'scale_relative_std': ratios.scale_std,
     }
 
 

@@ -45,7 +45,18 @@ def told(result: Calibrated) -> list[str]:
         turned = f'turned by {_beside(1e3 * thruster.turn, 1e3 * thruster.turn_std)} mrad'
         late = f'{1e3 * thruster.delay:+.1f} ± {1e3 * BAND * thruster.delay_std:.2g} ms late'
         lines.append(f'thruster {one_line(thruster.frame)}: {strong}, {turned}, {late} (95 %)')
-    return lines
+    return [*lines, *(_ratios(link) for link in calibration.links if link.ratios.clearer)]
+
+
+def _ratios(link: LinkResult) -> str:
+    """Return what is known of a body's inertia where its scale is not."""
+    ratios = link.ratios
+    each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
+    parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
+    return (
+        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
+        f'way; principal moments over their sum: {parts} (95 %)'
+    )
 
 
 def _beside(values: Array, stds: Array) -> str:

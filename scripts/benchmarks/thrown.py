@@ -49,6 +49,8 @@ _SIMULATOR: dict[str, object] = {
     'noise.joint_position': 1e-3,
 }
 
+AT_REST: dict[str, object] = {'motion.amplitudes': [0.0], 'initial.joint_positions': [0.0]}  # the wheel
+
 
 def record(folder: Path, values: Mapping[str, object], seconds: float) -> None:
     """Write the bag of a throw: the wheel's joint states and the gyro, no poses.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.thrown import INERTIA, calibrated, record
+from benchmarks.thrown import AT_REST, INERTIA, calibrated, record
 from gyros import KNOWN, messages, normalised, taken
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -105,3 +105,33 @@ def test_a_thrown_body_with_a_flywheel_is_calibrated(tmp_path: Path) -> None:
     for name, value in INERTIA.items():
         assert abs(inertia[name] - value) < 4.0 * std[name]
         assert std[name] < 5e-3 * 3e-4
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_tumbling_body_whose_joint_rests_tells_the_ratios_of_its_moments(
+    tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values: dict[str, object] = {
+        'seed': seed,
+        'imu.rate': 2000.0,
+        'imu.bias': [2e-3, -1e-3, 2e-3],
+        'imu.scale': [1e-3, -2e-3, 1e-3],
+        'initial.base_angular_velocity': [5.8, -6.0, 11.7],
+        **AT_REST,
+    }
+    record(tmp_path, values, 0.5)
+    found = calibrated(tmp_path, [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5])
+    assert found is not None
+    link = found['links']['base_link']
+    ratios, trace = link['inertia_ratios'], sum(INERTIA[name] for name in ('ixx', 'iyy', 'izz'))
+    for name, value in INERTIA.items():
+        assert abs(ratios['of_trace'][name] - value / trace) < 4.0 * ratios['std'][name]
+        assert ratios['std'][name] < 1e-3
+    # The scale is that of the prior, and is said to be.
+    assert ratios['scale_relative_std'] > 0.1
+    assert {'mass', 'com_x', 'com_y', 'com_z'} <= set(link['stayed_at_cad'])
+    assert any('mass, centre of mass and the scale of the inertia stay at CAD' in each for each in found['warnings'])
+    given = ['-p', 'target_link:=base_link', '-p', 'window:=0.02', '-p', 'imu.alone:=true']
+    given += ['-p', 'imu.noise_density:=1.0e-4', '-p', 'noise.joint_position:=1.0e-3']
+    assert replay([str(tmp_path / 'throw'), '--model', str(tmp_path / 'drawn.urdf'), *given]) == 3
+    assert 'calibrate gives their ratios' in capsys.readouterr().out

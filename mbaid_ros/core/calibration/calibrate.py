@@ -97,6 +97,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
         settled=settled.stays,
         redundancy=belief.measured,
+        located=bool(np.isfinite(runs[0][0].pose_covariance[0, 0, 0])),
         samples=sum(len(window) for run in runs for window in run),
         span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),
     )

@@ -19,7 +19,7 @@ from mbaid_ros.core.trajectory.averaging import KnotAveraging
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.filter import advance, new_motion, pose_reset, update
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
 from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
@@ -31,7 +31,9 @@ _PASSES = 24
 _SETTLED = 0.1  # standard deviations
 _TOGETHER = 30  # windows linearised in one call
 _FEW = 60  # windows of the first passes
+_PARTS, _FEWEST = (8, 4, 2), 3  # of the windows where no pose holds the base, and how few tell anything
 _HALVINGS = 20
+_BACK = -0.5  # cosine of the angle between two steps, of which the second goes back
 _STILL = Hypothesis('nothing drifts')
 
 
@@ -135,17 +137,29 @@ def settle(motions: Sequence[Motion], start: Array) -> Settled:
     momenta: Array = np.zeros((len(motions), 6))
     for momentum, motion in zip(momenta, motions, strict=True):
         momentum[3:] = angular_momentum(first.layout.kernel, start, motion.windows)
-    if sum(len(motion.windows) for motion in motions) > 2 * _FEW:
-        # A part of the windows takes most of the way, for a part of the work.
-        near = _repeat([replace(first, windows=first.windows[:_FEW])], common, momenta[:1])
+    for count in _beginnings(motions):
+        near = _repeat([replace(first, windows=first.windows[:count])], common, momenta[:1])
         if near.stays:
             common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
     return _repeat(motions, common, momenta)
 
 
+def _beginnings(motions: Sequence[Motion]) -> list[int]:
+    """Return of how many of the first windows passes begin.
+
+    A part of the windows takes most of the way, for a part of the work. Where no pose holds the base, what the start is
+    off by grows with the time, until nothing of it is linear: then each part is twice the one before.
+    """
+    windows = motions[0].windows
+    if windows and not np.isfinite(windows[0].noise.pose[:3, :3]).all():
+        return [count for count in (len(windows) // part for part in _PARTS) if count >= _FEWEST]
+    return [_FEW] if sum(len(motion.windows) for motion in motions) > 2 * _FEW else []
+
+
 def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled:
     layout = motions[0].layout
     deviation: Array = np.zeros(len(common))
+    before: Array = np.zeros(len(common))
     result: Settled | None = None
     for _ in range(_PASSES):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
@@ -156,16 +170,26 @@ def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled
                 raise
             return result  # its step has led to where nothing can be linearised
         step, deviation = _step(motions[0].variables, passed, common)
-        part = _massive(layout, common, step)
+        near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
+        part = min(_massive(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
         still = np.all(np.abs(step) <= _SETTLED * deviation)
         still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
-        common, momenta = common + part * step, passed.momenta
-        result = Settled(passed, bool(still) and part == 1.0, common, momenta)
+        stays = bool(still) and part == 1.0
+        part *= _onwards(step, before, deviation)
+        common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
+        result = Settled(passed, stays, common, momenta)
         if result.stays:
             break
     assert result is not None, 'there was a pass'
     return result
+
+
+def _onwards(step: Array, before: Array, deviation: Array) -> float:
+    """Return what part of a step is taken: half of one that goes back the way the one before came, and overshoots."""
+    scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
+    turns_back = scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last)
+    return 0.5 if turns_back else 1.0
 
 
 def _step(shared: Variables, passed: Passed, common: Array) -> tuple[Array, Array]:

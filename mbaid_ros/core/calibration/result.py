@@ -11,6 +11,7 @@ from mbaid_ros.core.calibration.prior import Prior
 from mbaid_ros.core.calibration.structure import Mechanism, Structure
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Thruster
+from mbaid_ros.core.results.ratios import InertiaRatios, inertia_ratios
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.unknowns.carried import Carried
@@ -58,6 +59,11 @@ class LinkResult:
         """One standard deviation of each parameter after the data, (10,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @cached_property
+    def ratios(self) -> InertiaRatios:
+        """The ratios of its moments of inertia after the data."""
+        return inertia_ratios(self.parameters, self.covariance)
+
     @property
     def learnt(self) -> Array:
         """Part of each parameter's prior variance that the data took away, (10,): 0 nothing, 1 all of it."""
@@ -97,6 +103,7 @@ class Calibration:
     residual : root mean square of the normalised innovations: 1 is as the noise says
     settled : whether the passes have come to a point that stays
     redundancy : number of innovations
+    located : whether anything locates the base
     samples : number used
     span : s, length of all motions
     """
@@ -117,6 +124,7 @@ class Calibration:
     residual: float
     settled: bool
     redundancy: int
+    located: bool
     samples: int
     span: float
 
@@ -165,8 +173,11 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none."""
-        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) else 0
+        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none.
+
+        A body that nothing locates need not move its joints: how it tumbles tells the ratios of its moments.
+        """
+        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
 
     @cached_property
     def links(self) -> tuple[LinkResult, ...]:

@@ -185,4 +185,4 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
 
 def _by_window(values: Array, count: int) -> Array:
     """Return (W count, n) values of knots as (W, count, n)."""
-    return values.reshape(-1, count, values.shape[1])
+    return values.reshape(len(values) // count, count, values.shape[1])

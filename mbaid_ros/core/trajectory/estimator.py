@@ -33,6 +33,11 @@ from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.core.verdict.judgement import Judgement, judge
 
+_AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
+_TUMBLING = (
+    'no joint has moved yet: how a body tumbles tells its moments of inertia but for a common factor; calibrate gives '
+    'their ratios'
+)
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
 
@@ -181,7 +186,7 @@ class TrajectoryEstimator:
             done = 'looking for a start in' if run.searching else 'collecting'
             warning = f'{done} the first {self._settings.start} windows'
         elif not run.started:
-            warning = 'no joint has moved yet: joints at rest tell nothing of one body alone'
+            warning = _AT_REST if self._settings.located else _TUMBLING
         elif not run.settled:
             warning = 'the motion so far leads to no solution that stays: more of it is needed'
         else:

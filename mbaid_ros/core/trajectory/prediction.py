@@ -241,7 +241,8 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
         of_momentum = unknown.momentum_columns(kernel, motion.states)
         nothing = np.zeros((len(alone), 6, unknown.count))
         columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
-    right = -np.concatenate(columns, axis=-1).reshape(count, joints, 6, -1).transpose(0, 2, 3, 1)
+    both = np.concatenate(columns, axis=-1)
+    right = -both.reshape(count, joints, 6, both.shape[-1]).transpose(0, 2, 3, 1)
     return (bodies.mobility @ right.reshape(count, 6, -1)).reshape(right.shape)
 
 
