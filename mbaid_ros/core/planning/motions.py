@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, rotate_back
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.efforts import Efforts
@@ -88,8 +89,29 @@ class Motions:
         rate = np.tensordot(self.splines.basis(times, 1), waypoints, axes=(1, 1))
         return moved.positions(position), moved.rates(rate)
 
+    @cached_property
+    def holding(self) -> Array:
+        """Which part of their effort limits the joints use to stay where they are while the base tumbles, (k,)."""
+        return self.effort(np.zeros((1, self.splines.waypoints, len(self.start))))[0]
+
+    def require_hold(self) -> None:
+        """Refuse a robot whose joints are too weak to stay where they are.
+
+        Raises
+        ------
+        ParameterError
+            One of them is.
+        """
+        joint = int(np.argmax(self.holding))
+        if self.holding[joint] >= 1.0:
+            name = self.knowledge.layout.kernel.model.independent_joints[joint]
+            raise ParameterError(
+                f"to hold joint '{name}' while the base tumbles takes {self.holding[joint]:.3g} times its effort limit "
+                "in the robot description; accepted: a larger one there, or 'plan.stuck' with the joint"
+            )
+
     def effort(self, waypoints: Array, course: tuple[Array, BaseMotion] | None = None) -> Array:
-        """Return which part of their effort limits the joints use at most, (B, k), of motions (B, K, k).
+        """Return which part of their effort limits the joints that are moved use at most, (B, k), in motions.
 
         Parameters
         ----------
@@ -101,7 +123,7 @@ class Motions:
         bend = np.tensordot(self.splines.basis(times, 2), waypoints, axes=(1, 1))
         moved = self.knowledge.layout.kernel.model.transmission
         twist = np.concatenate([rotate_back(base.rotation, base.twist[..., part]) for part in _PARTS], axis=-1)
-        return self.efforts.use(position, rate, moved.rates(bend), twist)
+        return np.where(self.limits.moved, self.efforts.use(position, rate, moved.rates(bend), twist), 0.0)
 
     def relative(self, waypoints: Array, grid: Grid, every: int = 0) -> Array:
         """Return relative standard deviations of the ten parameters after motions, as `Information.after` does."""
@@ -112,6 +134,10 @@ class Motions:
     def excursions(self, waypoints: Array, floating: Floating | None = None) -> Array:
         """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
         return np.asarray(self.course(waypoints, floating)[2].max(axis=0))
+
+    def beside_holding(self, effort: Array) -> Array:
+        """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
+        return (effort - self.holding) / (1.0 - self.holding)
 
     def trajectory(self, waypoints: Array) -> JointTrajectory:
         """Return one motion (K, k), of the joints that may be moved."""
@@ -173,5 +199,6 @@ class Motions:
         use = (away.max(axis=0) / most.array).max(axis=1)
         if self.efforts.limited:
             sparse = slice(None, None, _SPARSE)
-            use = np.maximum(use, self.effort(waypoints, (times[sparse], base[sparse])).max(axis=1))
+            effort = self.effort(waypoints, (times[sparse], base[sparse]))
+            use = np.maximum(use, self.beside_holding(effort).max(axis=1))
         return np.asarray(use)

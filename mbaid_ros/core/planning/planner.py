@@ -111,6 +111,7 @@ class Planner:
             efforts=_efforts(knowledge),
             fewest=settings.waypoints,
         )
+        self.motions.require_hold()
 
     @cached_property
     def _collisions(self) -> Collisions:
@@ -216,7 +217,8 @@ class Planner:
         """Return a motion made as much smaller as efforts ask for, and the base's limits however the robot is."""
         for _ in range(4):
             use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
-            use = max(use, float(candidate.motions.effort(candidate.waypoints[None]).max()))
+            effort = candidate.motions.effort(candidate.waypoints[None])
+            use = max(use, float(candidate.motions.beside_holding(effort).max()))
             if use <= 1.0:
                 break
             candidate = self._again(candidate, candidate.waypoints * 0.98 / use)

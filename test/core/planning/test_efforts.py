@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.planning.efforts import Efforts
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -62,3 +63,22 @@ def test_efforts_hold_beside_limits_of_the_base(servicer: Begun) -> None:
     plan = weak.plan()
     assert plan.use[3].max() <= 1.0
     assert plan.bounds.sure[0] <= np.radians(1.0) + 1e-9
+
+
+def test_what_it_takes_to_hold_joints_is_no_motions_to_make_smaller(servicer: Begun) -> None:
+    weak = planner(servicer, duration=6.0)
+    holding = weak.motions.holding * weak.motions.efforts.limits
+    weak.motions.efforts.limits = 2.0 * holding + 0.01
+    del weak.motions.__dict__['holding']
+    plan = weak.plan()
+    assert 0.9 < plan.use[3].max() <= 1.0
+    assert np.ptp(plan.trajectory.position, axis=0).max() > 1e-4
+
+
+def test_joints_that_cannot_be_held_are_named(servicer: Begun) -> None:
+    weak = planner(servicer, duration=6.0)
+    weak.motions.efforts.limits[2] = 1e-4
+    del weak.motions.__dict__['holding']
+    with pytest.raises(ParameterError, match="to hold joint 'joint3' while the base tumbles takes"):
+        weak.motions.require_hold()
+    assert planner(servicer, duration=6.0, stuck=('joint3',)).motions.holding[2] == 0.0
