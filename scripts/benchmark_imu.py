@@ -169,6 +169,12 @@ def without_poses(seeds: int) -> int:
 
 def identified(robot: str, duration: float, seed: int, condition: str) -> tuple[Array, Array, str, Array]:
     """Return errors and standard deviations of the ten parameters, the status, and the truth."""
+    last, truth = run_of(robot, duration, seed, condition)
+    return last.parameters - truth, last.std, last.status, truth
+
+
+def run_of(robot: str, duration: float, seed: int, condition: str) -> tuple[Estimate, Array]:
+    """Return the last estimate of a run, and the truth."""
     simulated, known, twist = CONDITIONS[condition]
     values = load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator')
     config = build(SimulatorConfig, {**values, **NOISE, **simulated, 'seed': seed, 'duration': duration})
@@ -186,7 +192,7 @@ def identified(robot: str, duration: float, seed: int, condition: str) -> tuple[
                     part.x = part.y = part.z = np.nan
             take[timed.topic](timed.message)
         last = (session.process() or [last])[-1]
-    return last.parameters - run.target_inertia, last.std, last.status, run.target_inertia
+    return last, run.target_inertia
 
 
 def main() -> int:

@@ -160,6 +160,7 @@ def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled
     layout = motions[0].layout
     deviation: Array = np.zeros(len(common))
     before: Array = np.zeros(len(common))
+    pace = 1.0
     result: Settled | None = None
     for _ in range(_PASSES):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
@@ -176,7 +177,8 @@ def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled
         still = np.all(np.abs(step) <= _SETTLED * deviation)
         still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
         stays = bool(still) and part == 1.0
-        part *= _onwards(step, before, deviation)
+        pace = 0.5 * pace if _turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
+        part *= pace
         common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
         result = Settled(passed, stays, common, momenta)
         if result.stays:
@@ -185,11 +187,10 @@ def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Settled
     return result
 
 
-def _onwards(step: Array, before: Array, deviation: Array) -> float:
-    """Return what part of a step is taken: half of one that goes back the way the one before came, and overshoots."""
+def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
+    """Tell whether a step goes back the way that the one before came: that one was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
-    turns_back = scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last)
-    return 0.5 if turns_back else 1.0
+    return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 
 
 def _step(shared: Variables, passed: Passed, common: Array) -> tuple[Array, Array]:
