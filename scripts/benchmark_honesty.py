@@ -15,7 +15,7 @@ from benchmarks.honesty.catalogue import CONDITIONS
 from benchmarks.honesty.command import command, outcomes, parsed, write
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.runs import REFUSED
-from benchmarks.honesty.verdicts import Verdict, judged
+from benchmarks.honesty.verdicts import FAR, Verdict, judged
 from benchmarks.honesty.wrong_models import WRONG_FILES
 from benchmarks.pages import number, percent, provenance, table
 
@@ -27,6 +27,7 @@ _HEADER = (
     'last status',
     'covered',
     'largest error',
+    'largest ever',
     'named first',
     'true cause',
     'silently wrong',
@@ -43,6 +44,7 @@ def main() -> int:
         print(' | '.join(_line(condition, verdicts[condition.name])), flush=True)
     print(_summary(verdicts))
     print(_found(verdicts))
+    print(_early(verdicts))
     write(arguments, _PAGE, _page(arguments.conditions, verdicts, arguments.method, command(arguments)))
     return 0
 
@@ -55,6 +57,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
         statuses,
         percent(verdict.covered),
         number(verdict.largest, 1),
+        f'{number(verdict.ever, 1)} at {verdict.ever_at:.1f} s' if verdict.ever > 0.0 else '-',
         verdict.named.replace('|', '/') or '-',
         ', '.join(str(place or '-') for place in verdict.places),
         '**yes**' if verdict.silently_wrong else 'no',
@@ -64,6 +67,15 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
 def _summary(verdicts: Mapping[str, Verdict]) -> str:
     wrong = sum(verdict.silently_wrong for verdict in verdicts.values())
     return f'silently wrong in {wrong} of {len(verdicts)} conditions'
+
+
+def _early(verdicts: Mapping[str, Verdict]) -> str:
+    early = [verdict for verdict in verdicts.values() if verdict.ever > FAR]
+    latest = max((verdict.ever_at for verdict in early), default=0.0)
+    return (
+        f'Before its end, some estimate of some run was beyond {FAR:g} standard deviations in {len(early)} of '
+        f'{len(verdicts)} conditions, the furthest ones after {latest:.0f} s at the latest.'
+    )
 
 
 def _found(verdicts: Mapping[str, Verdict]) -> str:
@@ -101,6 +113,7 @@ def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: 
     return _INTRODUCTION.format(
         summary=_summary(verdicts),
         found=_found(verdicts),
+        early=_early(verdicts),
         method=method,
         sections='\n\n'.join(section for section in sections if section),
         origin=provenance(command=made_by),
@@ -114,6 +127,9 @@ _INTRODUCTION = """\
 
 **{found}**
 
+{early} A model that is far from the robot agrees with the first seconds of data: what it takes for the body is
+contradicted by the motion that follows. Wait for some ten seconds of motion where a URDF is new.
+
 Conditions that nobody has tuned the estimator for: `servicer7` with *mid* noise, 60 s at 100 Hz where nothing else is
 said, simulated in memory and sent through the same session as in `replay` and the node, with default parameters. Only
 the standard deviations of the noise are given, as they are where the condition says nothing else.
@@ -121,6 +137,7 @@ the standard deviations of the noise are given, as they are where the condition 
 - *last status*: of how many runs; `refused` is a robot or parameter that is not accepted.
 - *covered*: the share of the 95 % intervals that hold the truth, and *largest error*: of any parameter, in reported
   standard deviations. Both of the runs that end `converged` or `estimating`; a dash where none does.
+- *largest ever*: the same of any estimate of any run that was published, not the last alone, and when that was.
 - *named first*: the first cause or, without any, the first event or warning of the last estimate, as most of the runs
   have it. [trajectory.md](trajectory.md#verdict-coreverdict) tells how causes are found.
 - *true cause*: at which place each run names what is wrong, a dash where it does not. Runs that are right and name

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.planar import Plane
 from mbaid_ros.core.symmetric import inverse_factor, is_positive, solve_definite
 
 # Standard deviations of an estimate from the nearest real body, from which it is of none.
-IMPOSSIBLE = 5.0
+IMPOSSIBLE = 4.0
 # Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
 # would be flat, and no simulator accepts it.
 _FLOOR = 1e-9

@@ -130,11 +130,11 @@ class Fit:
         return layout.point(state)
 
 
-def fitted(kernel: MomentumKernel, windows: Sequence[Window], misreading: Misreading) -> Fit:
-    """Return the body and momentum that explain windows best under a misreading."""
+def fitted(kernel: MomentumKernel, windows: Sequence[Window], misreading: Misreading, every: int = 1) -> Fit:
+    """Return the body and momentum that explain windows, or one in so many of them, best under a misreading."""
     rows, values = [], []
     robot = kernel.corrected(misreading.change)
-    for stack in stacked(misreading.windows(windows)):
+    for stack in stacked(misreading.windows(windows)[::every]):
         own, value = _equations(robot, stack)
         rows.append(own)
         values.append(value)

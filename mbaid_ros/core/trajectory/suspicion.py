@@ -31,7 +31,8 @@ from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.ranking import CATCH_ALL
 from mbaid_ros.core.verdict.spectrum import lines
 
-_FITTED = 30  # work of fitting them
+_FITTED = 30  # work of fitting all windows
+_EVERY = 2  # one in so many tells which other robot is likely
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
@@ -186,8 +187,8 @@ class Suspicion:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
         found = []
         for misreading in misreadings(self.layout.kernel):
-            found.append(fitted(self.layout.kernel, windows, misreading))
-            yield _FITTED
+            found.append(fitted(self.layout.kernel, windows, misreading, _EVERY))
+            yield _FITTED // _EVERY
         return found
 
     def _base(

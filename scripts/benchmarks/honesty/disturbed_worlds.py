@@ -67,13 +67,13 @@ def _grasp(place: tuple[float, float, float], angle: float, _seed: int) -> World
     knots = np.array([0.0, 30.0, 30.25, 30.5])
     turning = by_rates(np.zeros(1), knots, angle / 0.25 * np.array([[0.0], [0.0], [1.0], [0.0]]))
     path = together(load_model(urdf), sinusoids(), {'held_joint': turning})
-    return World(urdf, path, unread=('held_joint',), sought=robots.slipped(place, angle))
+    return World(urdf, path, unread=('held_joint',), sought=robots.slipped(place, angle), since=30.5)
 
 
 def _lost(_seed: int) -> World:
     """Return a hand that lets go of what it holds at 30 s."""
     empty = change_inertial(robots.servicer(), robots.LINK, robots.BARE)
-    return World(robots.servicer(), sinusoids(), sought=robots.BARE, lost=(30.0, empty))
+    return World(robots.servicer(), sinusoids(), sought=robots.BARE, since=30.5, lost=(30.0, empty))
 
 
 def _plain(_urdf: str) -> str:

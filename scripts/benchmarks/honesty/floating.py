@@ -50,6 +50,7 @@ class World:
     unread : joints that no sensor reads
     springs : by joint
     sought : (10,) physical parameters to be found; None for those of the target link in the URDF
+    since : s, from when on these are the target's
     lost : s, and the robot as it is from then on, which has let go of a part; None where it keeps all
     """
 
@@ -62,6 +63,7 @@ class World:
     unread: tuple[str, ...] = ()
     springs: Mapping[str, Spring] = field(default_factory=dict)
     sought: Array | None = None
+    since: float = 0.0
     lost: tuple[float, str] | None = None
 
 

@@ -98,7 +98,9 @@ def run(work: tuple[str, str, int]) -> Told:
     values |= {f'noise.{name}': value for name, value in vars(noise).items()}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _told(history(session, messages(session, readings, _read_joints(world, robot), noise)), sought)
+        return _told(
+            history(session, messages(session, readings, _read_joints(world, robot), noise)), sought, world.since
+        )
     except MbaidError as error:
         nothing = np.full(10, np.nan)
         return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan)
@@ -144,14 +146,15 @@ def messages(
             yield session.add_odometry, made.odometry(base, index, at)
 
 
-def _told(history: list[Estimate], sought: Array) -> Told:
+def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     if not history:
         nothing = np.full(10, np.nan)
         return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan)
     last = history[-1]
     error, std = (np.array([getattr(each, name) for each in history]) for name in ('parameters', 'std'))
     error = error - sought
-    given = np.array([each.status in PUBLISHED for each in history])[:, None] & np.isfinite(error) & (std > 0.0)
+    published = np.array([each.status in PUBLISHED and each.time > since for each in history])
+    given = published[:, None] & np.isfinite(error) & (std > 0.0)
     deviation = np.max(np.abs(np.divide(error, std, out=np.zeros(error.shape), where=given)), axis=1)
     time = np.array([each.time for each in history])
     return Told(
