@@ -53,6 +53,16 @@ class SensorLevels:
             'be pulled aside by more than their intervals say; set what the joints have, or noise.estimate'
         )
 
+    def shown(self) -> list[tuple[str, str, str]]:
+        """Return name and unit of each sensor, and what is declared and found of it, that first which counts."""
+        each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
+        rows = []
+        for name, unit, declared, found, used in each:
+            both = [(declared, 'declared'), (found, 'found')]
+            known = [f'{value:.2g} {how}' for value, how in (both[::-1] if used else both) if np.isfinite(value)]
+            rows.append((name.replace('_', ' '), unit, ', '.join(known)))
+        return rows
+
     def told(self) -> list[str]:
         """Return in words what a user should know: of each sensor that is not as declared, a line."""
         lines = []

@@ -16,6 +16,7 @@ from mbaid_ros.core.results.budget import MAIN_CAUSES
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.terminal import ESTIMATE, NEXT
@@ -265,6 +266,7 @@ def _estimate(state: State) -> Report:
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
+        *_noise(estimate.noise),
         *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
     ]
     level = _LEVEL_OF_STATUS[estimate.status]
@@ -275,6 +277,13 @@ def _estimate(state: State) -> Report:
     if state.stale:
         return STALE, f'{text}; stale: {state.stale}', values
     return level, text, values
+
+
+def _noise(levels: SensorLevels | None) -> Values:
+    """Return how noisy each sensor is declared to be, and how noisy its readings are."""
+    if levels is None:
+        return []
+    return [(f'noise of {name} ({unit})', text) for name, unit, text in levels.shown()]
 
 
 def _parameters(estimate: Estimate) -> Values:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from made_runs import budget, estimate
+from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.nodes.diagnostics import OK, WARN, _estimate
 from mbaid_ros.nodes.state import State
 
@@ -21,3 +24,17 @@ def test_without_a_budget_the_causes_are_empty() -> None:
     level, _, values = _estimate(State(estimate=estimate(warnings=('wrong',))))
     assert level == WARN
     assert dict(values)['main causes of the variance'] == ''
+
+
+def test_the_noise_that_counts_is_told_first() -> None:
+    levels = SensorLevels(
+        np.array([1e-4, np.nan, 1e-3, 1e-4, 1e-3, 1e-4]),
+        np.array([2e-4, 1e-3, np.nan, 1e-4, 1e-3, 1e-4]),
+        0.0,
+        np.array([False, True, False, False, True, False]),
+    )
+    told = dict(_estimate(State(estimate=estimate(noise=levels)))[2])
+    assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
+    assert told['noise of joint velocity (rad/s)'] == '0.001 found'
+    assert told['noise of base position (m)'] == '0.001 declared'
+    assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'

@@ -12,9 +12,11 @@ from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
+_ROUNDING = 1e-3  # of a variance
+
 
 def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, sizes: Array) -> ErrorBudget:
-    """Return the budget of the ten parameters: what no prior contributes is sensor noise.
+    """Return the budget of the ten parameters: what no prior contributes is sensor noise. NaN where it is not known.
 
     Parameters
     ----------
@@ -31,7 +33,10 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
-    noise = np.sum(own**2, axis=1) - squares.sum(axis=1) - priors.sum(axis=0)
+    whole = np.sum(own**2, axis=1)
+    noise = whole - squares.sum(axis=1) - priors.sum(axis=0)
+    # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
+    noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, (squares * sizes**2) @ layout.belongs, priors.T))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
