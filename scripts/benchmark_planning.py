@@ -41,16 +41,17 @@ standard deviation), six seconds of a drawn motion at 2 deg/s at most, half a se
 Hz (encoders 0.1 mrad, base 1 mm and 0.1 mrad, twist 1 mm/s and 0.1 mrad/s), identified by method `trajectory`. From
 there a motion is planned that brings every parameter to {wanted:g} %, with the default 500 motions compared.
 **planned**: its length, median. **best of {sinusoids}**: the shortest time in which one of {sinusoids} random
-sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow) is predicted
-to reach the same, a dash where in half of the states none does so in {longest:g} s. **planned / best**: median of the
-ratios, and their range; 0 where no sinusoid reaches it. **{longer} compared**: the median where a search compares so
-many motions, of the first {few} states of two robots; in brackets that of the usual search for the same states. Then
-the planned motion is made by the simulated robot, with noise, and the run goes on. **reached / promised**: standard
-deviations of the estimator over the predicted ones, median and range over parameters and states. **in 95 %**: errors
-within the estimator's intervals. **turned, most**: the furthest that a base was truly turned from where it would have
-been with the joints at rest, and how many were further than the limit. **turned, drawn**: the same of {draws} robots
-for each state, their body and momentum drawn from what the run knows where the motion begins. **search**: median time
-of one core.
+sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow; they begin
+at speed, while planned motions rest at both ends) is predicted to reach the same, a dash where in half of the states
+none does so in {longest:g} s. **planned / best**: median of the ratios, and their range; 0 where no sinusoid reaches
+it. **{longer} compared**: the median where a search compares so many motions, of the first {few} states of two
+robots; in brackets that of the usual search for the same states. Then the planned motion is made by the simulated
+robot, with noise, and the run goes on. **reached / promised**: standard deviations of the estimator over the
+predicted ones, median and range over parameters and states. **in 95 %**: errors within the estimator's intervals.
+**turned, most**: the furthest that a base was truly turned from where it would have been with the joints at rest, and
+how many were further than the limit. **turned, drawn**: the same of {draws} robots for each state, their body and
+momentum drawn from what the run knows where the motion begins; bodies that cannot be are left out. **search**: median
+time of one core.
 
 """
 
