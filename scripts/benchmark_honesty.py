@@ -27,7 +27,8 @@ _HEADER = (
     'last status',
     'covered',
     'largest error',
-    'largest ever',
+    'at first',
+    'later',
     'named first',
     'true cause',
     'silently wrong',
@@ -57,6 +58,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
         statuses,
         percent(verdict.covered),
         number(verdict.largest, 1),
+        number(verdict.young, 1) if verdict.young > 0.0 else '-',
         f'{number(verdict.ever, 1)} at {verdict.ever_at:.1f} s' if verdict.ever > 0.0 else '-',
         verdict.named.replace('|', '/') or '-',
         ', '.join(str(place or '-') for place in verdict.places),
@@ -70,11 +72,11 @@ def _summary(verdicts: Mapping[str, Verdict]) -> str:
 
 
 def _early(verdicts: Mapping[str, Verdict]) -> str:
-    early = [verdict for verdict in verdicts.values() if verdict.ever > FAR]
-    latest = max((verdict.ever_at for verdict in early), default=0.0)
+    first = sum(verdict.young > FAR for verdict in verdicts.values())
+    later = sum(verdict.ever > FAR for verdict in verdicts.values())
     return (
-        f'Before its end, some estimate of some run was beyond {FAR:g} standard deviations in {len(early)} of '
-        f'{len(verdicts)} conditions, the furthest ones after {latest:.0f} s at the latest.'
+        f'On its way, some run published an estimate beyond {FAR:g} standard deviations in {later} of {len(verdicts)} '
+        f'conditions, and in {first} within the first seconds, with a warning that says so.'
     )
 
 
@@ -127,8 +129,8 @@ _INTRODUCTION = """\
 
 **{found}**
 
-{early} A model that is far from the robot agrees with the first seconds of data: what it takes for the body is
-contradicted by the motion that follows. Wait for some ten seconds of motion where a URDF is new.
+{early} A model that is far from the robot agrees with the first seconds of motion: what it takes for the body is
+contradicted by what follows. Estimates of the first 6 s of numbers therefore carry a warning.
 
 Conditions that nobody has tuned the estimator for: `servicer7` with *mid* noise, 60 s at 100 Hz where nothing else is
 said, simulated in memory and sent through the same session as in `replay` and the node, with default parameters. Only
@@ -137,7 +139,8 @@ the standard deviations of the noise are given, as they are where the condition 
 - *last status*: of how many runs; `refused` is a robot or parameter that is not accepted.
 - *covered*: the share of the 95 % intervals that hold the truth, and *largest error*: of any parameter, in reported
   standard deviations. Both of the runs that end `converged` or `estimating`; a dash where none does.
-- *largest ever*: the same of any estimate of any run that was published, not the last alone, and when that was.
+- *at first*, *later*: the same of any estimate that any run published on its way: of those with the warning that they
+  are first ones, and of all others, and when that was.
 - *named first*: the first cause or, without any, the first event or warning of the last estimate, as most of the runs
   have it. [trajectory.md](trajectory.md#verdict-coreverdict) tells how causes are found.
 - *true cause*: at which place each run names what is wrong, a dash where it does not. Runs that are right and name

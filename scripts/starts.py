@@ -50,7 +50,8 @@ def _line(condition: Condition, outcome: Outcome) -> list[str]:
     ended = np.isin(outcome.status, PUBLISHED) & np.any(np.isfinite(outcome.error), axis=1)
     given = ended[:, None] & np.isfinite(outcome.error) & (outcome.std > 0.0)
     last = np.abs(np.divide(outcome.error, outcome.std, out=np.zeros(outcome.error.shape), where=given))
-    wrong = np.flatnonzero(outcome.worst > FAR)
+    worst = np.maximum(outcome.worst, outcome.young)
+    wrong = np.flatnonzero(worst > FAR)
     started = outcome.first[np.isfinite(outcome.first)]
     median, latest = (np.median(started), np.max(started)) if len(started) else (np.nan, np.nan)
     return [
@@ -61,7 +62,7 @@ def _line(condition: Condition, outcome: Outcome) -> list[str]:
             f'{count} {name.replace("_", " ")}' for name, count in Counter(outcome.status.tolist()).most_common()
         ),
         f'{number(float(median), 1)}, {number(float(latest), 1)}',
-        number(float(np.max(outcome.worst)), 1),
+        number(float(np.max(worst)), 1),
         str(len(wrong)),
         str(int(np.sum(np.max(last, axis=1) > FAR))),
         ', '.join(str(seed) for seed in wrong[:5]) or '-',

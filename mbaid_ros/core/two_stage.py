@@ -23,7 +23,10 @@ _UNLIKELY = 1e-6  # chance that two stages which are both right are as far apart
 # Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
 # has agreed in as many windows in a row; in any case after so many windows.
 _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
+# s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
+_YOUNG = 6.0
 
+YOUNG = 'a first estimate: a robot description that is far off agrees with so short a motion, and shows later'
 DISAGREE = (
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
     'the frames are wrong'
@@ -82,6 +85,7 @@ class TwoStageEstimator:
         self._second = second
         self._windows = 0
         self._agreed = 0  # windows in a row
+        self._began = np.inf  # s, when the first number was told
         self._restarted = False
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -95,9 +99,10 @@ class TwoStageEstimator:
         estimates: list[Estimate] = []
         for place, window in enumerate(windows):
             if self._first is None:
-                return [*estimates, *self._second.update(windows[place:], origin)]
+                estimates += self._second.update(windows[place:], origin)
+                break
             estimates.append(self._both(self._first, window, origin))
-        return estimates
+        return [self._with_age(estimate) for estimate in estimates]
 
     def knowledge(self) -> Knowledge | None:
         """Return what the second stage has come to know."""
@@ -134,6 +139,14 @@ class TwoStageEstimator:
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         return self._compared(early, late)
+
+    def _with_age(self, estimate: Estimate) -> Estimate:
+        """Return an estimate that says of itself if it is one of the first."""
+        if not estimate.identifiable.any():
+            return estimate
+        self._began = min(self._began, estimate.time)
+        young = estimate.time < self._began + _YOUNG and estimate.status != 'inconsistent'
+        return replace(estimate, warnings=(*estimate.warnings, YOUNG)) if young else estimate
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
         """Return the second stage's estimate if the first's does not contradict it."""

@@ -23,6 +23,7 @@ from mbaid_ros.core.intake.repeats import REPEATED_POSE
 from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME, stamp_of
 from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
 from simulated import CONFIG, robot
@@ -184,6 +185,14 @@ def test_noise_that_is_declared_wrong_makes_no_difference_where_it_is_found(fact
     assert last.noise is not None
     assert last.noise.found == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
+
+
+def test_the_first_numbers_say_that_they_are_first() -> None:
+    told = [each for each in estimates(ROBOT, clean())[0] if each.identifiable.any()]
+    young = [YOUNG in each.warnings for each in told]
+    assert young == [each.time < told[0].time + 6.0 for each in told]
+    assert young[0]
+    assert not young[-1]
 
 
 def test_noise_that_nobody_declares_is_found() -> None:

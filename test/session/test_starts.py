@@ -14,4 +14,4 @@ def test_a_joint_that_moves_for_the_first_time_is_taken_for_no_push(monkeypatch:
     shorten(monkeypatch, name, 20.0)
     told = run((name, 'trajectory', 11))
     assert told.status == 'estimating'
-    assert told.worst < 5.0
+    assert max(told.worst, told.young) < 5.0

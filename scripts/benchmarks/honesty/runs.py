@@ -28,6 +28,7 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
@@ -50,8 +51,10 @@ class Told:
     named : the first cause or warning that it named
     causes : all causes that it named, the likeliest first, a line each
     first : s, of the first estimate with a number; infinite where there is none
-    worst : largest error of any parameter over its standard deviation in any estimate published during the run
+    worst : largest error of any parameter over its standard deviation in any estimate published during the run, but for
+        those that say that they are first ones
     worst_at : s, when that was
+    young : the same of those
     """
 
     status: str
@@ -62,6 +65,7 @@ class Told:
     first: float
     worst: float
     worst_at: float
+    young: float
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ class Outcome(Runs):
     first: Array
     worst: Array
     worst_at: Array
+    young: Array
 
 
 @lru_cache(maxsize=4)
@@ -103,7 +108,7 @@ def run(work: tuple[str, str, int]) -> Told:
         )
     except MbaidError as error:
         nothing = np.full(10, np.nan)
-        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan)
+        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan, 0.0)
 
 
 def _read(world: World, condition: Condition, truth: Truth, robot: RobotModel, seed: int) -> Readings:
@@ -149,13 +154,15 @@ def messages(
 def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     if not history:
         nothing = np.full(10, np.nan)
-        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan)
+        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan, 0.0)
     last = history[-1]
     error, std = (np.array([getattr(each, name) for each in history]) for name in ('parameters', 'std'))
     error = error - sought
     published = np.array([each.status in PUBLISHED and each.time > since for each in history])
     given = published[:, None] & np.isfinite(error) & (std > 0.0)
     deviation = np.max(np.abs(np.divide(error, std, out=np.zeros(error.shape), where=given)), axis=1)
+    young = np.array([YOUNG in each.warnings for each in history])
+    later = np.where(young, 0.0, deviation)
     time = np.array([each.time for each in history])
     return Told(
         status=last.status,
@@ -164,8 +171,9 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
         named=_named(last),
         causes='\n'.join(cause for cause, _ in last.causes) or '\n'.join(event.cause for event in last.events),
         first=float(np.min(time[np.any(given, axis=1)], initial=np.inf)),
-        worst=float(np.max(deviation)),
-        worst_at=float(time[np.argmax(deviation)]),
+        worst=float(np.max(later)),
+        worst_at=float(time[np.argmax(later)]),
+        young=float(np.max(deviation, where=young, initial=0.0)),
     )
 
 

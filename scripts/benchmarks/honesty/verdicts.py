@@ -24,8 +24,9 @@ class Verdict:
     statuses : how often each was the last
     covered : share of the 95 % intervals that hold the truth, of the runs with a good last status; NaN without any
     largest : largest error of any of their parameters, in standard deviations; NaN without any
-    ever, ever_at : largest error of any parameter in any estimate that was published, in standard deviations, and when,
-        s; 0 without any
+    ever, ever_at : largest error of any parameter in any estimate that was published and is no first one, in standard
+        deviations, and when, s; 0 without any
+    young : the same of first ones
     named : the cause or warning that most of the runs name first; empty for none
     silently_wrong : whether they say `converged` or `estimating` and are wrong
     places : at which place each run names the true cause, 0 where it does not; of runs that are right and name nothing
@@ -37,6 +38,7 @@ class Verdict:
     largest: float
     ever: float
     ever_at: float
+    young: float
     named: str
     silently_wrong: bool
     places: tuple[int, ...]
@@ -55,6 +57,7 @@ def judged(outcome: Outcome, condition: str = '') -> Verdict:
         largest=largest,
         ever=float(np.max(outcome.worst)),
         ever_at=float(outcome.worst_at[np.argmax(outcome.worst)]),
+        young=float(np.max(outcome.young)),
         named=Counter(outcome.named.tolist()).most_common(1)[0][0],
         silently_wrong=bool(largest > FAR or covered < _FEWEST_COVERED),
         places=_places(outcome, condition),

@@ -48,7 +48,7 @@ def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
     told = run((name, 'trajectory', 0))
     assert told.status in PUBLISHED
     assert told.named == PULSE
-    assert told.worst < 5.0
+    assert max(told.worst, told.young) < 5.0
 
 
 def test_after_a_slip_the_run_goes_on() -> None:
