@@ -46,6 +46,7 @@ def main() -> int:
     print(_summary(verdicts))
     print(_found(verdicts))
     print(_early(verdicts))
+    print(_alarms(arguments.conditions, verdicts))
     write(arguments, _PAGE, _page(arguments.conditions, verdicts, arguments.method, command(arguments)))
     return 0
 
@@ -78,6 +79,12 @@ def _early(verdicts: Mapping[str, Verdict]) -> str:
         f'On its way, some run published an estimate beyond {FAR:g} standard deviations in {later} of {len(verdicts)} '
         f'conditions, and in {first} within the first seconds, with a warning that says so.'
     )
+
+
+def _alarms(conditions: Sequence[Condition], verdicts: Mapping[str, Verdict]) -> str:
+    undisturbed = [verdicts[one.name] for one in conditions if one.group == 'undisturbed']
+    windows, alarms = sum(one.windows for one in undisturbed), sum(one.alarms for one in undisturbed)
+    return f'Where nothing is wrong, {alarms} of {windows} estimates are `inconsistent`.'
 
 
 def _found(verdicts: Mapping[str, Verdict]) -> str:
@@ -116,6 +123,7 @@ def _page(chosen: Sequence[Condition], verdicts: Mapping[str, Verdict], method: 
         summary=_summary(verdicts),
         found=_found(verdicts),
         early=_early(verdicts),
+        alarms=_alarms(chosen, verdicts),
         method=method,
         sections='\n\n'.join(section for section in sections if section),
         origin=provenance(command=made_by),
@@ -131,6 +139,7 @@ _INTRODUCTION = """\
 
 {early} A model that is far from the robot agrees with the first seconds of motion: what it takes for the body is
 contradicted by what follows. Estimates of the first 6 s of numbers therefore carry a warning.
+{alarms}
 
 Conditions that nobody has tuned the estimator for: `servicer7` with *mid* noise, 60 s at 100 Hz where nothing else is
 said, simulated in memory and sent through the same session as in `replay` and the node, with default parameters. Only

@@ -28,7 +28,7 @@ def outcome(status: list[str], error: Array) -> Outcome:
     """Return runs with errors (R, 10) in standard deviations of 1."""
     none = np.zeros(len(status))
     causes = np.array(['a cause'] * len(status))
-    return Outcome(np.array(status), error, np.ones_like(error), causes, causes, none, none, none, none)
+    return Outcome(np.array(status), error, np.ones_like(error), causes, causes, *(none,) * 6)
 
 
 def test_the_base_floats_as_the_simulator_has_it() -> None:

@@ -55,6 +55,7 @@ class Told:
         those that say that they are first ones
     worst_at : s, when that was
     young : the same of those
+    windows, alarms : number of estimates, and of those that are inconsistent
     """
 
     status: str
@@ -66,6 +67,8 @@ class Told:
     worst: float
     worst_at: float
     young: float
+    windows: int
+    alarms: int
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ class Outcome(Runs):
     worst: Array
     worst_at: Array
     young: Array
+    windows: Array
+    alarms: Array
 
 
 @lru_cache(maxsize=4)
@@ -108,7 +113,7 @@ def run(work: tuple[str, str, int]) -> Told:
         )
     except MbaidError as error:
         nothing = np.full(10, np.nan)
-        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan, 0.0)
+        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan, 0.0, 0, 0)
 
 
 def _read(world: World, condition: Condition, truth: Truth, robot: RobotModel, seed: int) -> Readings:
@@ -154,7 +159,7 @@ def messages(
 def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     if not history:
         nothing = np.full(10, np.nan)
-        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan, 0.0)
+        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan, 0.0, 0, 0)
     last = history[-1]
     error, std = (np.array([getattr(each, name) for each in history]) for name in ('parameters', 'std'))
     error = error - sought
@@ -174,6 +179,8 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
         worst=float(np.max(later)),
         worst_at=float(time[np.argmax(later)]),
         young=float(np.max(deviation, where=young, initial=0.0)),
+        windows=len(history),
+        alarms=sum(each.status == 'inconsistent' for each in history),
     )
 
 

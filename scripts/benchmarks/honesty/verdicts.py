@@ -27,6 +27,7 @@ class Verdict:
     ever, ever_at : largest error of any parameter in any estimate that was published and is no first one, in standard
         deviations, and when, s; 0 without any
     young : the same of first ones
+    windows, alarms : number of estimates of all runs, and of those that are inconsistent
     named : the cause or warning that most of the runs name first; empty for none
     silently_wrong : whether they say `converged` or `estimating` and are wrong
     places : at which place each run names the true cause, 0 where it does not; of runs that are right and name nothing
@@ -39,6 +40,8 @@ class Verdict:
     ever: float
     ever_at: float
     young: float
+    windows: int
+    alarms: int
     named: str
     silently_wrong: bool
     places: tuple[int, ...]
@@ -58,6 +61,8 @@ def judged(outcome: Outcome, condition: str = '') -> Verdict:
         ever=float(np.max(outcome.worst)),
         ever_at=float(outcome.worst_at[np.argmax(outcome.worst)]),
         young=float(np.max(outcome.young)),
+        windows=int(np.sum(outcome.windows)),
+        alarms=int(np.sum(outcome.alarms)),
         named=Counter(outcome.named.tolist()).most_common(1)[0][0],
         silently_wrong=bool(largest > FAR or covered < _FEWEST_COVERED),
         places=_places(outcome, condition),
