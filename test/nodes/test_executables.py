@@ -81,7 +81,7 @@ def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
         (
             assigned('noise.joint_position:=-1'),
-            "parameter 'noise.joint_position' is -1 rad; accepted: a number > 0 rad",
+            "parameter 'noise.joint_position' is -1 rad; accepted: a number >= 0 rad",
         ),
         (assigned('method:=kalman'), "parameter 'method' is 'kalman'; accepted: "),
         (assigned('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
