@@ -11,7 +11,9 @@ from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.sensor_levels import CHANNELS, TYPICAL, UNITS
 
-_FOUND = '; 0, also where not given, means that it is found in the readings, and taken to be {} before.'
+_FOUND = (
+    '; 0, also where not given, means that it is found in the readings, and taken to be {} where these do not tell it.'
+)
 
 
 def _level(channel: str, what: str) -> float:

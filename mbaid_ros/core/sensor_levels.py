@@ -30,12 +30,14 @@ class SensorLevels:
     Attributes
     ----------
     declared, found : (6,) of CHANNELS, SI; NaN where nobody has declared anything, where it is not found
+    assumed : (6,) what is taken for it where it is neither, and there are readings
     correlation_time : s, over which the errors of the base's poses are taken to be correlated; 0 for independent ones
     used : (6,) whether what was found is used, and not what was declared
     """
 
     declared: Array
     found: Array
+    assumed: Array
     correlation_time: float
     used: Flags
 
@@ -55,11 +57,12 @@ class SensorLevels:
 
     def shown(self) -> list[tuple[str, str, str]]:
         """Return name and unit of each sensor, and what is declared and found of it, that first which counts."""
-        each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
+        each = zip(CHANNELS, UNITS, self.declared, self.found, self.assumed, self.used, strict=True)
         rows = []
-        for name, unit, declared, found, used in each:
+        for name, unit, declared, found, assumed, used in each:
             both = [(declared, 'declared'), (found, 'found')]
-            known = [f'{value:.2g} {how}' for value, how in (both[::-1] if used else both) if np.isfinite(value)]
+            every = [*(both[::-1] if used else both), (assumed, 'assumed')]
+            known = [f'{value:.2g} {how}' for value, how in every if np.isfinite(value)]
             rows.append((name.replace('_', ' '), unit, ', '.join(known)))
         return rows
 
@@ -75,17 +78,18 @@ class SensorLevels:
             use = '; what was found is used' if used else ''
             value = f'your noise value, {declared:.2g} {unit}, is {wrong}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
-        if undeclared := self._undeclared():
-            lines.append(f'nobody has declared that of {listing(undeclared)}; what was found is used')
+        if found_alone := self._undeclared(self.found):
+            lines.append(f'nobody has declared that of {listing(found_alone)}; what was found is used')
+        if assumed := self._undeclared(self.assumed):
+            lines.append(f'nobody has declared that of {listing(assumed)}, nor do readings tell it: that is assumed')
         if self.correlation_time > 0.0:
             lines.append(f'the errors of the base pose are taken to be correlated over {self.correlation_time:.2g} s')
         return lines
 
-    def _undeclared(self) -> list[str]:
-        """Return what was found of sensors of which nobody has declared anything."""
-        each = zip(CHANNELS, UNITS, self.declared, self.found, strict=True)
+    def _undeclared(self, known: Array) -> list[str]:
+        """Return what is known (6,) of sensors of which nobody has declared anything."""
         return [
-            f'{name.replace("_", " ")} ({found:.2g} {unit})'
-            for name, unit, declared, found in each
-            if np.isnan(declared) and not np.isnan(found)
+            f'{name.replace("_", " ")} ({value:.2g} {unit})'
+            for name, unit, declared, value in zip(CHANNELS, UNITS, self.declared, known, strict=True)
+            if np.isnan(declared) and not np.isnan(value)
         ]

@@ -53,11 +53,16 @@ def shaped_momentum(momentum: Array, covariance: Array) -> dict[str, Any]:
 
 def shaped_noise(levels: SensorLevels) -> dict[str, Any]:
     """Return how noisy the sensors are declared to be, and have turned out to be."""
-    each = zip(CHANNELS, levels.declared, levels.found, levels.used, strict=True)
+    each = zip(CHANNELS, levels.declared, levels.found, levels.assumed, levels.used, strict=True)
     return {
         **{
-            name: {'declared': number(declared), 'found': number(found), 'found_is_used': bool(used)}
-            for name, declared, found, used in each
+            name: {
+                'declared': number(declared),
+                'found': number(found),
+                'assumed': number(assumed),
+                'found_is_used': bool(used),
+            }
+            for name, declared, found, assumed, used in each
         },
         'base_correlation_time': levels.correlation_time,
         'found_is_used': bool(np.any(levels.used)),

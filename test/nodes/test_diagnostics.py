@@ -28,13 +28,15 @@ def test_without_a_budget_the_causes_are_empty() -> None:
 
 def test_the_noise_that_counts_is_told_first() -> None:
     levels = SensorLevels(
-        np.array([1e-4, np.nan, 1e-3, 1e-4, 1e-3, 1e-4]),
-        np.array([2e-4, 1e-3, np.nan, 1e-4, 1e-3, 1e-4]),
-        0.0,
-        np.array([False, True, False, False, True, False]),
+        declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
+        found=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
+        assumed=np.array([np.nan, np.nan, np.nan, 1e-4, np.nan, np.nan]),
+        correlation_time=0.0,
+        used=np.array([False, True, False, False, True, False]),
     )
     told = dict(_estimate(State(estimate=estimate(noise=levels)))[2])
     assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
     assert told['noise of joint velocity (rad/s)'] == '0.001 found'
     assert told['noise of base position (m)'] == '0.001 declared'
+    assert told['noise of base orientation (rad)'] == '0.0001 assumed'
     assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -210,6 +212,25 @@ def test_noise_that_nobody_declares_is_found() -> None:
     assert declared.noise is not None
     assert declared.noise.used.tolist() == [True, True, False, True, True, True]
     assert declared.std[1:4].mean() > 1.1 * last.std[1:4].mean()
+
+
+def test_slow_poses_of_a_noise_that_nobody_declares_contradict_nothing() -> None:
+    noise = np.random.default_rng(1)
+
+    def silent(message: Any) -> None:
+        defects.no_twist(message)
+        defects.no_covariance(message)
+        message.pose = SimpleNamespace(**vars(message.pose))
+        pose = message.pose.pose
+        place = {axis: getattr(pose.position, axis) + 0.02 * noise.normal() for axis in 'xyz'}
+        message.pose.pose = SimpleNamespace(position=SimpleNamespace(**place), orientation=pose.orientation)
+
+    messages = changed(ODOMETRY, silent)(arrivals(ROBOT, SECONDS, 2, odometry_times=np.arange(0.0, SECONDS, 0.05)))
+    last = estimates(ROBOT, messages)[0][-1]
+    assert last.status != 'inconsistent'
+    assert last.residual < 1.3
+    assert last.noise is not None
+    assert last.noise.found[2] == pytest.approx(0.02, rel=0.2)
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

@@ -13,6 +13,9 @@ from mbaid_ros.core.sensor_levels import CHANNELS, TYPICAL, SensorLevels
 
 # Below a thirtieth of what sensors have a model is off by more than by noise.
 _LEAST = 1.0 / 30.0
+# Until readings of the base can tell, of which nobody has declared anything: spacings of those that tell by their
+# differences, s, how many it takes, with some that are lost, and how many times as noisy as usual they are taken to be.
+_SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -55,10 +58,14 @@ class FoundNoise:
         end = origin + round(float(window.time[-1]) * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
         used = undeclared | self._estimate
-        levels = self._levels.until(end, float(np.median(window.apart)), free=bool(used[2:4].all()))
+        spacing = float(np.median(window.apart))
+        levels = self._levels.until(end, spacing, free=bool(used[2:4].all()))
         declared = self._declared(window)
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
         factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
+        if spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
+            # A window that is weighted far too much is never made up for; one that hardly counts is no loss.
+            factor[2:] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:]
         time = self._noise.base_correlation_time or levels.correlation_time
         noise = np.array([*(factor[:2] * declared[:2]), time])
         return replace(
@@ -66,7 +73,13 @@ class FoundNoise:
             pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
             twist_covariance=_scaled(window.twist_covariance, factor[4:], np.ones(len(window))),
             noise=np.repeat(noise[None], len(window), axis=0),
-        ), SensorLevels(np.where(undeclared, np.nan, declared), found, time, used)
+        ), SensorLevels(
+            declared=np.where(undeclared, np.nan, declared),
+            found=found,
+            assumed=np.where(undeclared & np.isnan(found) & _read(window), factor * declared, np.nan),
+            correlation_time=time,
+            used=used & ~np.isnan(found),
+        )
 
     def _declared(self, window: Samples) -> Array:
         """Return the (6,) standard deviations of single readings that are declared of a window."""
@@ -78,6 +91,19 @@ class FoundNoise:
             for each in (window.pose_covariance, window.twist_covariance)
         ]
         return np.concatenate(([self._noise.joint_position, self._noise.joint_velocity], *base))
+
+
+def _read(window: Samples) -> Flags:
+    """Return which of CHANNELS (6,) a window has readings of; of poses the covariance tells."""
+    values = (
+        window.joint_position,
+        window.joint_velocity,
+        np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, :3],
+        np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, 3:],
+        window.base_linear_velocity,
+        window.base_angular_velocity,
+    )
+    return np.array([bool(np.any(np.isfinite(each))) for each in values])
 
 
 def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:

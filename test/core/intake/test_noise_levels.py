@@ -181,6 +181,22 @@ def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
     assert first.told()[-1].startswith('nobody has declared that of joint position (0.0002')
 
 
+@pytest.mark.parametrize(('spacing', 'times'), [(0.05, 100.0), (0.5, 1.0)])
+def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: float, times: float) -> None:
+    joints, base = streams(20 * spacing, 1.0 / spacing)
+    undeclared = np.array([True, False, True, True, False, True])
+    noise = FoundNoise(MID, joints.position.shape[1], undeclared)
+    noise.take(joints, replace(base, declared=np.zeros((len(base.stamp), 4), dtype=bool)))
+    own = replace(window(joints, base), apart=np.full(20, spacing), base_angular_velocity=np.full((20, 3), np.nan))
+    changed, levels = noise.applied(own, BEGIN)
+    sizes = np.sqrt(np.diagonal(changed.pose_covariance[0])[[0, 3]] / np.diagonal(MID.pose_covariance())[[0, 3]])
+    assert sizes == pytest.approx(times)
+    assert not levels.used.any()
+    assert levels.assumed[2:4] == pytest.approx(times * DECLARED[2:4])
+    assert np.isnan(levels.assumed[[1, 4, 5]]).all()
+    assert levels.told()[-1].endswith('nor do readings tell it: that is assumed')
+
+
 def test_declared_noise_stands_until_readings_tell() -> None:
     joints, base = streams(0.05, 100.0)
     assert np.all(np.isnan(found(joints, base, 0.01).factor))
