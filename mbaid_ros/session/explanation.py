@@ -66,6 +66,11 @@ def obstacles(session: Session) -> list[str]:
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
     if IMU in session.inbox.newest and session.received[JOINTS] and not session.received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
+    if session.config.imu.orientation and session.received[IMU] and not session.intake.oriented:
+        found.append(
+            'imu.orientation is true, and no message on imu has told one; accepted: a unit quaternion and a covariance '
+            'that does not begin with -1 (REP 145)'
+        )
     joints, base = (session.inbox.newest[name] for name in (JOINTS, ODOMETRY))
     if joints is not None and base is not None and abs(joints - base) > _APART:
         ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
@@ -117,7 +122,7 @@ def _imu_frame(session: Session) -> str:
 
 def _other_source(session: Session) -> str:
     if session.config.imu.alone:
-        return 'imu.alone says that the gyro alone is used'
+        return 'imu.alone says that the IMU alone is used'
     if session.config.pose.tf_child_frame:
         return 'pose.tf_child_frame says that it is on /tf'
     comes = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}

@@ -40,6 +40,7 @@ class Intake:
     merge : of joints that several publishers tell of
     stored_momentum : what a flight computer tells of it
     alone : whether nothing but an IMU tells how the base moves
+    oriented : whether that has told an orientation that it is asked for
 
     Raises
     ------
@@ -61,6 +62,7 @@ class Intake:
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()
         self._orientation = config.imu.orientation
+        self.oriented = False
         self._refused: Counter[str] = Counter()
 
     @property
@@ -77,9 +79,13 @@ class Intake:
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
         imu = self._measured_by_imu(messages[IMU]) if IMU in messages else None
-        located = self._reorder.push(base)
-        if self.alone:
-            located = oriented(imu) if self._orientation else self._reckoning.push(imu)
+        if not self.alone:
+            located = self._reorder.push(base)
+        elif self._orientation:
+            located = oriented(imu)
+            self.oriented |= located is not None
+        else:
+            located = self._reckoning.push(imu)
         told = self.stored_momentum.stream()
         if told is not None:
             every = range(len(self._robot.readings))

@@ -38,7 +38,8 @@ def mesh_points(name: str) -> Array:
         with kept_words([]):
             return np.asarray(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
     except (ValueError, RuntimeError) as error:
-        raise ModelError(f"mesh '{name}' cannot be read: {str(error).splitlines()[-1]}") from error
+        told = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
+        raise ModelError(f"mesh '{name}' cannot be read: {told[-1]}") from error
 
 
 def _path(name: str) -> Path:

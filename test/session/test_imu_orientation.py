@@ -16,7 +16,7 @@ from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
 from mbaid_ros.core.intake.placeless import oriented
 from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.messages import ImuReader
-from mbaid_ros.session import Session
+from mbaid_ros.session import Session, obstacles
 from streams import urdf
 
 NOISE = 1e-3  # rad
@@ -110,6 +110,20 @@ def test_a_reader_gives_the_base_s_orientation_and_leaves_out_what_is_none() -> 
     assert base.stamp.tolist() == stream.stamp[[0, 3]].tolist()
     assert np.isnan(base.pose_covariance[:, :3]).all()
     assert oriented(stream[1:3]) is None
+
+
+@pytest.mark.parametrize('covariance', [-1.0, 0.0])
+def test_that_no_message_tells_it_is_told(covariance: float) -> None:
+    def untold(_time: float, message: Any) -> Any:
+        message.orientation.w = 9.0
+        message.orientation_covariance = np.array([covariance, *np.zeros(8)])
+        return message
+
+    said = messages('ets7', 2.0, 0, NOISE)
+    session, found = taken(said, 'ets7', ORIENTED, untold)
+    assert not found
+    assert any('no message on imu has told one; accepted: a unit quaternion' in each for each in obstacles(session))
+    assert obstacles(taken(said, 'ets7', ORIENTED)[0]) == []
 
 
 def test_beside_poses_it_cannot_be_asked_for() -> None:
