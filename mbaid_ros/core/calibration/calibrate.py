@@ -151,7 +151,8 @@ def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
     """Return where the joints are on average and which of them move."""
     means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
     count = float(np.median([len(window) for window in windows]))
-    return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * noise.joint_position / np.sqrt(count)
+    position = float(np.median([noise.found_in(window).joint_position for window in windows]))
+    return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
 
 
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:

@@ -67,7 +67,7 @@ def _trapezoids(times: Array, joints: int, generator: Generator) -> Array:
     for joint in range(joints):
         turns = np.cumsum(generator.uniform(*_LEGS, int(times[-1] / _LEGS[0]) + 2))
         speed[:, joint] = generator.choice([-1.0, 1.0]) * (-1.0) ** np.searchsorted(turns, times)
-    rest = max(round(_RAMP / step), 1)
+    rest = max(min(round(_RAMP / step), len(times) // 4), 1)  # of a motion that is hardly longer, a part
     speed[:rest] = speed[-rest:] = 0.0
     ramp = np.ones(rest) / rest
     ramped = [np.convolve(each, ramp, 'same') for each in speed.T]

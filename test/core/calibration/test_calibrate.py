@@ -195,17 +195,30 @@ def test_several_motions_keep_their_own_momenta(drift: Array) -> None:
     assert both.determined >= one.determined
 
 
-def test_a_robot_at_rest_says_nothing() -> None:
-    servicer = perturbed(free_servicer(), PRIORS, 1)
+def at_rest() -> Truth:
     still = free_motion(1, 60.0)[np.zeros(100, dtype=int)]
-    still = replace(
+    return replace(
         still,
         time=np.arange(100) / 20.0,
         joint_velocity=np.zeros((100, 7)),
         base_linear_velocity=np.zeros((100, 3)),
         base_angular_velocity=np.zeros((100, 3)),
     )
-    found = calibrated(servicer, still, 0)
+
+
+def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
+    servicer = perturbed(free_servicer(), PRIORS, 1)
+    noise = replace(MID, joint_position=15.0 * MID.joint_position)
+    found_in = np.tile([noise.joint_position, noise.joint_velocity, 0.0], (100, 1))
+    run = windows(replace(observe(at_rest(), noise, 0), noise=found_in))
+    found = calibrate(all_unknown(servicer), [run], CalibrationSettings(MID, PRIORS))
+    assert found.still == servicer.joint_names
+    assert found.determined == 0
+
+
+def test_a_robot_at_rest_says_nothing() -> None:
+    servicer = perturbed(free_servicer(), PRIORS, 1)
+    found = calibrated(servicer, at_rest(), 0)
     assert found.determined == 0
     assert found.still == servicer.joint_names
     for link in found.links:

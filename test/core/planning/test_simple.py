@@ -32,6 +32,14 @@ def test_simple_motions_keep_the_limits_and_come_close_to_one(servicer: Begun, k
     assert motions.excursion_along(free, motions.floating)[0] > turned
 
 
+@pytest.mark.parametrize('kind', SIMPLE)
+def test_simple_motions_may_be_short(servicer: Begun, kind: str) -> None:
+    motion = simple_motion(kind, planner(servicer, duration=0.4).motions, BaseLimits(), 0)
+    position, rate, _ = motion.at(np.linspace(0.0, 0.4, 101))
+    assert np.any(position != position[0])
+    assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_the_seed_decides(servicer: Begun) -> None:
     motions = planner(servicer, duration=10.0).motions
     drawn = [simple_motion('trapezoids', motions, BaseLimits(), seed).position for seed in (0, 0, 1)]
