@@ -65,9 +65,8 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
         yield Misreading(text, swapped, sign, same)
     for delay in _DELAYS.tolist():
-        how = (
-            f'{1e3 * abs(delay):.0f} ms{" or more" * (abs(delay) == _DELAYS[-1])} {"late" if delay > 0.0 else "early"}'
-        )
+        more = ' or more' if abs(delay) == _DELAYS[-1] else ''
+        how = f'{1e3 * abs(delay):.0f} ms{more} {"late" if delay > 0.0 else "early"}'
         text = f'the joints are stamped some {how} against the poses: mend the stamps, or raise time_offset.prior_std'
         yield Misreading(text, order, sign, same, delay)
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
