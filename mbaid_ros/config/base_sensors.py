@@ -43,7 +43,7 @@ class ImuConfig:
     orientation: bool = parameter(
         default=False,
         description='With alone: its messages tell the orientation, too, as a star tracker does; used where its '
-        'covariance is not -1 (REP 145). Nobody then integrates the gyro, and heading is known.',
+        'covariance is not -1 (REP 145). The gyro then fills the gaps between them, and heading is known.',
     )
     bias_std: float = parameter(
         0.01, 'Standard deviation of the bias about each axis at the begin.', unit='rad/s', minimum=0.0

@@ -81,7 +81,7 @@ class SensorLevels:
         if found_alone := self._undeclared(self.found):
             lines.append(f'nobody has declared that of {listing(found_alone)}; what was found is used')
         if assumed := self._undeclared(self.assumed):
-            lines.append(f'nobody has declared that of {listing(assumed)}, nor do readings tell it: that is assumed')
+            lines.append(f'nobody has declared that of {listing(assumed)}, nor do readings tell it; so much is assumed')
         if self.correlation_time > 0.0:
             lines.append(f'the errors of the base pose are taken to be correlated over {self.correlation_time:.2g} s')
         return lines

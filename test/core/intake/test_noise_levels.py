@@ -194,7 +194,7 @@ def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: flo
     assert not levels.used.any()
     assert levels.assumed[2:4] == pytest.approx(times * DECLARED[2:4])
     assert np.isnan(levels.assumed[[1, 4, 5]]).all()
-    assert levels.told()[-1].endswith('nor do readings tell it: that is assumed')
+    assert levels.told()[-1].endswith('nor do readings tell it; so much is assumed')
 
 
 def test_declared_noise_stands_until_readings_tell() -> None:
