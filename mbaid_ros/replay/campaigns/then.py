@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.config.campaign import PLANNED
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.planner import Planner
 from mbaid_ros.core.planning.simple import simple_motion
@@ -34,17 +34,18 @@ class Then:
     trajectory : JointTrajectory
     before : the largest relative standard deviation where it begins
     base : (2,) rad and m, by which it truly turns and displaces the base from where this would coast
+    asked : (10,) which parameters can be known at all, as in a plane some cannot
     """
 
     kind: str
     trajectory: JointTrajectory
     before: float
     base: Array
+    asked: Flags
 
     def told(self, final: Estimate, sizes: Array) -> dict[str, object]:
         """Return what came of it, by the last estimate and the sizes (10,) that standard deviations are relative to."""
-        relative = final.std / sizes
-        after = float(np.nanmax(relative)) if np.any(np.isfinite(relative)) else np.nan
+        after = float(np.max((final.std / sizes)[self.asked]))  # NaN where one of them is not determined
         return {
             'motion': self.kind,
             'seconds': self.trajectory.duration,
@@ -62,7 +63,8 @@ class ThenStatistics:
     Attributes
     ----------
     seconds : length
-    before, after : largest relative standard deviation where it begins, and in the end
+    before, after : largest relative standard deviation where it begins, and in the end; that of the runs in which every
+        parameter is determined then
     halvings : of that, a minute of the motion
     turned, displaced : by which it moves the base, rad and m; the most of all runs
     """
@@ -83,7 +85,7 @@ class ThenStatistics:
         columns = {name: np.array([each[name] for each in told], dtype=float) for name in names}
         columns['halvings'] = np.log2(columns['before'] / columns['after']) / columns['seconds'] * 60.0
         most = {name: float(np.nanmax(columns.pop(name))) for name in ('turned', 'displaced')}
-        return ThenStatistics(**{name: float(np.nanmedian(column)) for name, column in columns.items()}, **most)
+        return ThenStatistics(**{name: _median(column) for name, column in columns.items()}, **most)
 
     def as_json(self) -> dict[str, float | None]:
         """Return them as scripts read them."""
@@ -92,10 +94,16 @@ class ThenStatistics:
     def __str__(self) -> str:
         """Return them in a line."""
         return (
-            f'then {self.seconds:.1f} s: the least known from {100.0 * self.before:.3g} to {100.0 * self.after:.3g} %, '
-            f'halved {self.halvings:.1f} times a minute; base turned by {np.degrees(self.turned):.2f} deg, displaced '
-            f'by {self.displaced:.3g} m at most'
+            f'then {self.seconds:.1f} s: the least known {self._improved}; base turned by '
+            f'{np.degrees(self.turned):.2f} deg, displaced by {self.displaced:.3g} m at most'
         )
+
+    @property
+    def _improved(self) -> str:
+        begin = f'from {100.0 * self.before:.3g}'
+        if np.isnan(self.after):
+            return f'{begin} % to not determined'
+        return f'{begin} to {100.0 * self.after:.3g} %, halved {self.halvings:.1f} times a minute'
 
 
 def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -> Then:
@@ -116,8 +124,15 @@ def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -
         trajectory = planner.plan().trajectory
     else:
         trajectory = simple_motion(kind, planner.motions, plan_settings(session.config).base, seed)
-    before = float(planner.information.relative[planner.information.asked].max())
-    return Then(kind, trajectory, before, _excursion(planner, knowledge, simulated, trajectory))
+    asked = planner.information.asked
+    before = float(planner.information.relative[asked].max())
+    return Then(kind, trajectory, before, _excursion(planner, knowledge, simulated, trajectory), asked)
+
+
+def _median(values: Array) -> float:
+    """Return the median of what is known of values; NaN of nothing."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 def _excursion(planner: Planner, knowledge: Knowledge, simulated: SimulatedRun, trajectory: JointTrajectory) -> Array:
