@@ -66,7 +66,7 @@ def obstacles(session: Session) -> list[str]:
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
     if IMU in session.inbox.newest and session.received[JOINTS] and not session.received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
-    if session.config.imu.orientation and session.received[IMU] and not session.intake.oriented:
+    if session.config.imu.orientation and session.received[IMU] and not session.intake.orientation_told:
         found.append(
             'imu.orientation is true, and no message on imu has told one; accepted: a unit quaternion and a covariance '
             'that does not begin with -1 (REP 145)'

@@ -40,7 +40,7 @@ class Intake:
     merge : of joints that several publishers tell of
     stored_momentum : what a flight computer tells of it
     alone : whether nothing but an IMU tells how the base moves
-    oriented : whether that has told an orientation that it is asked for
+    orientation_told : whether that has told an orientation that it is asked for
 
     Raises
     ------
@@ -62,7 +62,7 @@ class Intake:
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()
         self._orientation = config.imu.orientation
-        self.oriented = False
+        self.orientation_told = False
         self._refused: Counter[str] = Counter()
 
     @property
@@ -83,7 +83,7 @@ class Intake:
             located = self._reorder.push(base)
         elif self._orientation:
             located = oriented(imu)
-            self.oriented |= located is not None
+            self.orientation_told |= located is not None
         else:
             located = self._reckoning.push(imu)
         told = self.stored_momentum.stream()
