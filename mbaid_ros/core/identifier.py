@@ -127,6 +127,7 @@ class Identifier:
         self._thrust = thrust
         self._falling = falling
         self._window = window
+        self._contradictions: dict[float, str] = {}  # of the twist's frame, by the end of the latest windows, s
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
@@ -166,8 +167,6 @@ class Identifier:
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         if self._levels:
             estimates = [self._with_levels(estimate) for estimate in estimates]
-        if not self._notes and self._misread is None:
-            return estimates
         return [self._with_notes(estimate) for estimate in estimates]
 
     def work_off(self) -> bool:
@@ -196,14 +195,12 @@ class Identifier:
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
         told = zip(windows, self._twist_frame.update(windows), strict=True)
-        prepared = (self._with_rates(window, contradiction) for window, contradiction in told)
-        return [window for window in prepared if window is not None]
+        self._contradictions = {float(window.time[-1]): contradiction for window, contradiction in told}
+        return [window for window in map(self._with_rates, windows) if window is not None]
 
-    def _with_rates(self, window: Samples, contradiction: str) -> Samples | None:
+    def _with_rates(self, window: Samples) -> Samples | None:
         """Return a window with the velocities its method needs, None if it cannot have them; note what that takes."""
         start = float(window.time[0])
-        if contradiction:
-            self._notes.setdefault(contradiction, start)
         joints, base = window.missing_rates
         if not self._estimator.needs_rates:
             if base:
@@ -230,11 +227,13 @@ class Identifier:
     def _with_notes(self, estimate: Estimate) -> Estimate:
         """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""
         notes = [text for text, since in self._notes.items() if since <= estimate.time]
+        if contradiction := self._contradictions.get(estimate.time, ''):
+            notes.append(contradiction)
         if self._misread is not None and self._misread[0] <= estimate.time and self._estimator.method == 'trajectory':
             _, told, gain = self._misread
             estimate = replace(estimate, status='inconsistent', causes=((told, gain), *estimate.causes))
             notes.append(told)
-        return replace(estimate, warnings=(*estimate.warnings, *notes))
+        return replace(estimate, warnings=(*estimate.warnings, *notes)) if notes else estimate
 
 
 def _what_tells(window: Samples) -> str:

@@ -2,7 +2,8 @@
 
 In each window the poses say how fast the base moved. The twist, read as declared, should agree; read in the other
 frame it differs from that by d. The share of d that is found in the disagreement is 0 where the declaration holds and 1
-where the other does. It is estimated by weighted least squares over all windows, with its standard deviation.
+where the other does. It is estimated by weighted least squares over all windows, with its standard deviation, which is
+as much larger as the noise has turned out to be: noise that is declared too small speaks for neither.
 What a window says counts from the next one on, so that looking at it can wait until its estimate is out.
 """
 
@@ -20,6 +21,7 @@ _SIGNIFICANT = 6.0  # standard deviations
 # A difference between the readings within the twist's own noise would correlate with it: such windows say nothing.
 _DISTINCT = 5.0
 _FEWEST = 6  # samples in a window
+_ENOUGH = 12.0  # numbers that tell: of fewer it does not show how noisy they are
 _NAMES = {'child': 'the child frame', 'inertial': 'the inertial frame'}
 
 
@@ -36,6 +38,7 @@ class TwistFrame:
         self._other = 'inertial' if declared == 'child' else 'child'
         self._information = 0.0
         self._weighted = 0.0
+        self._squares, self._count = 0.0, 0.0  # of the disagreements, weighted
         self._waiting: list[Samples] = []  # the last window, while nothing has looked at it
 
     def update(self, windows: Sequence[Samples]) -> list[str]:
@@ -54,13 +57,15 @@ class TwistFrame:
 
     def _look(self, windows: Sequence[Samples]) -> list[str]:
         """Look at windows, and return what `contradiction` is before the first and after each."""
-        said = np.zeros((len(windows), 2))
+        said = np.zeros((len(windows), 4))
         for places in _alike(windows):
             said[places] = _said([windows[place] for place in places], self._declared)
         told = [self.contradiction]
-        for information, weighted in said.tolist():
+        for information, weighted, squares, count in said.tolist():
             self._information += information
             self._weighted += weighted
+            self._squares += squares
+            self._count += count
             told.append(self.contradiction)
         return told
 
@@ -69,13 +74,15 @@ class TwistFrame:
         """How much the poses follow the other reading (0: not at all, 1: entirely), and its standard deviation."""
         if self._information <= 0.0:
             return 0.0, np.inf
-        return self._weighted / self._information, self._information**-0.5
+        share = self._weighted / self._information
+        left = (self._squares - share * self._weighted) / max(self._count - 1.0, 1.0)
+        return share, (max(left, 1.0) / self._information) ** 0.5
 
     @property
     def contradiction(self) -> str:
         """A sentence if the declared frame contradicts the data with at least six standard deviations, else empty."""
         share, deviation = self.share
-        if share < 0.5 or share < _SIGNIFICANT * deviation or not np.isfinite(share):
+        if self._count < _ENOUGH or share < 0.5 or share < _SIGNIFICANT * deviation or not np.isfinite(share):
             return ''
         return (
             f'the twist in the Odometry is not in {_NAMES[self._declared]} as declared: the poses say it is in '
@@ -93,7 +100,10 @@ def _alike(windows: Sequence[Samples]) -> list[list[int]]:
 
 
 def _said(windows: Sequence[Samples], declared: str) -> Array:
-    """Return the information of W windows of N samples, and the share they find times that, (W, 2)."""
+    """Return what W windows of N samples say, (W, 4).
+
+    It is the information, the share they find times that, the weighted sum of squared disagreements, and their number.
+    """
     twist = np.stack(
         [np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1) for window in windows]
     )
@@ -103,7 +113,7 @@ def _said(windows: Sequence[Samples], declared: str) -> Array:
     spread = _variances([window.twist_covariance for window in windows]).reshape(-1, 2, 3)
     own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
     distinct = difference**2 > _DISTINCT**2 * 2.0 * own
-    said = np.zeros((len(windows), 2))
+    said = np.zeros((len(windows), 4))
     told = np.flatnonzero(np.any(distinct, axis=1))
     if not len(told):
         return said
@@ -112,6 +122,8 @@ def _said(windows: Sequence[Samples], declared: str) -> Array:
     disagreement = seen - np.mean(twist[told], axis=1)
     said[told, 0] = np.sum(weight * difference[told] ** 2, axis=1)
     said[told, 1] = np.sum(weight * difference[told] * disagreement, axis=1)
+    said[told, 2] = np.sum(weight * disagreement**2, axis=1)
+    said[told, 3] = np.sum(distinct[told], axis=1)
     return said
 
 
