@@ -226,7 +226,7 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
 
     Returns
     -------
-    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on, where they are corrected
+    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
     """
     count, joints = len(by_rate), by_rate.shape[-1]
     each = bodies[np.repeat(np.arange(count), joints)]  # once for every joint
@@ -237,7 +237,7 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     motion = replace(each, twist=twist, readings=readings, tide=each.tide[:, :0], thrust=thrust)
     placed = motion.configuration.link(bodies.target)
     columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
-    for unknown in layout.predicted if layout.corrects_unknowns else ():
+    for unknown in layout.predicted:
         of_momentum = unknown.momentum_columns(kernel, motion.states)
         nothing = np.zeros((len(alone), 6, unknown.count))
         columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)

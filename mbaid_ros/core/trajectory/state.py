@@ -22,7 +22,6 @@ from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
-from mbaid_ros.core.unknowns.target_body import KnownTarget
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
 _NEAR = 0.5  # of the body's size
@@ -55,7 +54,6 @@ class Layout:
     unknowns : of the known side, those that are only read last
     known : what is known of their numbers beforehand
     plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
-    corrects_unknowns : whether noise that rows and values share is taken off the unknowns, too, not the target alone
     imu : the link that an IMU is on, where joints move it
     """
 
@@ -63,7 +61,6 @@ class Layout:
     unknowns: tuple[Unknown, ...]
     known: Carried
     plane: Array | None = None
-    corrects_unknowns: bool = True
     imu: Link | None = None
 
     @staticmethod
@@ -177,6 +174,4 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
     layout = Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
-    # With an open target whose motion tells little, the correction of the others overshoots: it is of first order.
-    imu = None if uncertainty.gyro is None else uncertainty.gyro.link
-    return replace(layout, corrects_unknowns=isinstance(uncertainty.target, KnownTarget), imu=imu)
+    return replace(layout, imu=None if uncertainty.gyro is None else uncertainty.gyro.link)
