@@ -13,7 +13,7 @@ from mbaid_ros.core.sensor_levels import CHANNELS, TYPICAL, SensorLevels
 
 # Below a thirtieth of what sensors have a model is off by more than by noise.
 _LEAST = 1.0 / 30.0
-# Until readings of the base can tell, of which nobody has declared anything: spacings of those that tell by their
+# Until poses that stand alone can tell, of which nobody has declared anything: spacings of those that tell by their
 # differences, s, how many it takes, with some that are lost, and how many times as noisy as usual they are taken to be.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 _NEVER = np.iinfo(np.int64).max
@@ -63,9 +63,10 @@ class FoundNoise:
         declared = self._declared(window)
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
         factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
-        if spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
-            # A window that is weighted far too much is never made up for; one that hardly counts is no loss.
-            factor[2:] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:]
+        if window.missing_rates[1] and spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
+            # Of poses alone a window that is weighted far too much is never made up for; one that hardly counts is no
+            # loss. Where there is a twist it tells as much, and what stays exact would never count.
+            factor[2:4] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:4]
         time = self._noise.base_correlation_time or levels.correlation_time
         noise = np.array([*(factor[:2] * declared[:2]), time])
         return replace(
