@@ -12,6 +12,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
 
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -30,6 +33,8 @@ from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.ranking import CATCH_ALL
 from mbaid_ros.core.verdict.spectrum import lines
+
+T = TypeVar('T')
 
 _FITTED = 30  # work of fitting all windows
 _EVERY = 2  # one in so many tells which other robot is likely
@@ -138,8 +143,8 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
-            track = yield from self.extended(line(frequency)).repeated(windows, at, quiet)
-            found.append(Suspected(of_line(frequency), track.belief.log_likelihood - base.log_likelihood))
+            track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
+            found += _gained(of_line(frequency), track, base)
         found += yield from self._from_outside(wide, passed, base)
         track = yield from wide.passed(passed, quiet, LONGEST)
         found += _pulses(track, base)
@@ -176,11 +181,10 @@ class Suspicion:
             yield _FITTED
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
                 quiet, exchanged = self.hypotheses[0], change.exchanged
-                track = yield from plain.changed(windows, place, points, quiet, exchanged=exchanged)
-                gained = track.belief.log_likelihood - base.log_likelihood
-                explains = track.belief.nis < LARGEST_NIS * track.belief.measured
+                track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=exchanged))
+                explains = track is not None and track.belief.nis < LARGEST_NIS * track.belief.measured
                 text = of_change(time, exchanged=exchanged)
-                changes.append(Suspected(text, gained, change=change if explains else None))
+                changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
@@ -194,12 +198,22 @@ class Suspicion:
     def _base(
         self, wide: WidePass, windows: Sequence[Window], points: Sequence[Point]
     ) -> Generator[int, None, tuple[Point, Windows, Belief]]:
-        """Return the point that explains windows best if nothing is wrong, and the pass there."""
+        """Return the point that explains windows best if nothing is wrong, and the pass there.
+
+        Raises
+        ------
+        LinAlgError
+            None of the points is of a robot that can be.
+        """
         results: list[tuple[Point, Windows, Belief]] = []
         for point in points:
-            passed = yield from wide.linearised(windows, point)
-            track = yield from wide.passed(passed, self.hypotheses[0], 0)
-            results.append((point, passed, track.belief))
+            # Where a robot is badly misdescribed, what fits best may be none that can be.
+            passed = yield from _tried(wide.linearised(windows, point))
+            if passed is not None:
+                track = yield from wide.passed(passed, self.hypotheses[0], 0)
+                results.append((point, passed, track.belief))
+        if not results:
+            raise np.linalg.LinAlgError('there is no point to pass the windows at')
         return max(results, key=lambda each: each[2].log_likelihood)
 
     def _misread(
@@ -207,13 +221,13 @@ class Suspicion:
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by another robot; of those that the fits make likely."""
         likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
-        found = []
+        found: list[Suspected] = []
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
             trial = replace(self, layout=other).extended()
-            track = yield from trial.repeated(fit.misreading.windows(windows), fit.point(other), self.hypotheses[0])
-            gained = track.belief.log_likelihood - base.log_likelihood
-            found.append(Suspected(fit.misreading.text, gained))
+            read_so = fit.misreading.windows(windows)
+            track = yield from _tried(trial.repeated(read_so, fit.point(other), self.hypotheses[0]))
+            found += _gained(fit.misreading.text, track, base)
         return found
 
     def _suspects(self) -> tuple[Unknown, ...]:
@@ -227,15 +241,30 @@ class Suspicion:
         self, gains: Mapping[str, tuple[float, float]], windows: Sequence[Window], point: Point, base: Belief
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
-        found = []
+        found: list[Suspected] = []
         for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > _WORTH}):
             factor = gains[cause][1]
             suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
             using = self.extended(*suspected).widened(cause, factor)
-            track = yield from using.repeated(windows, point, self.hypotheses[0])
-            gained = track.belief.log_likelihood - base.log_likelihood
-            found.append(Suspected(of_suspect(cause, using.value(track, cause)), gained))
+            track = yield from _tried(using.repeated(windows, point, self.hypotheses[0]))
+            if track is not None:
+                found += _gained(of_suspect(cause, using.value(track, cause)), track, base)
         return found
+
+
+def _tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
+    """Return what passes come to; None where they start at a robot that cannot be."""
+    try:
+        return (yield from passes)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _gained(text: str, track: Track | None, base: Belief, change: Change | None = None) -> list[Suspected]:
+    """Return what a cause gains over a pass without it, if it has led to anything."""
+    if track is None:
+        return []
+    return [Suspected(text, track.belief.log_likelihood - base.log_likelihood, change=change)]
 
 
 def _likeliest(gains: Mapping[str, float]) -> list[str]:
