@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator, MutableSequence, Sequence
 from concurrent.futures import Future, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import RawArray
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from tqdm import tqdm
@@ -21,7 +17,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
-from mbaid_ros.replay.workers import Workers
+from mbaid_ros.replay.workers import ProcessDiedError, Workers
 
 _LOOK = 0.2  # s between two looks at how far the processes are
 
@@ -34,30 +30,20 @@ class _Task:
     ----------
     config, urdf, inputs : as for `replay_bags`
     done : memory shared by all: the part that is done of each bag, 0 to 1
-    folder : where the results go; `Workers` carry small ones only
     """
 
     config: EstimatorConfig
     urdf: str
     inputs: Inputs
     done: MutableSequence[float]
-    folder: Path
 
-    def replay(self, place: int, bag: str) -> None:
+    def replay(self, place: int, bag: str) -> Run:
         """Replay the bag at a place in the list."""
 
         def advance(done: int, total: int) -> None:
             self.done[place] = done / total if total else 1.0
 
-        run = replay_bag(bag, self.config, self.urdf, self.inputs, progress=advance)
-        (self.folder / str(place)).write_bytes(pickle.dumps(run))
-
-    def result(self, place: int) -> Run:
-        """Return what `replay` led to."""
-        file = self.folder / str(place)
-        run: Run = pickle.loads(file.read_bytes())
-        file.unlink()
-        return run
+        return replay_bag(bag, self.config, self.urdf, self.inputs, progress=advance)
 
 
 def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs, processes: int) -> list[Run]:
@@ -77,23 +63,20 @@ def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs:
         What `replay_bag` raises of the first bag, in the order given, that it cannot replay.
     """
     done: Any = RawArray(c_double, len(bags))
-    with TemporaryDirectory(prefix='mbaid_ros_') as folder, _bar(len(bags)) as bar:
-        task = _Task(config, urdf, inputs, done, Path(folder))
-        with Workers(min(processes, len(bags)), task) as workers:
-            runs = []
-            for place, future in enumerate([workers.submit(_Task.replay, *each) for each in enumerate(bags)]):
-                _wait(future, done, bar)
-                runs.append(task.result(place))
-    return runs
+    task = _Task(config, urdf, inputs, done)
+    with _bar(len(bags)) as bar, Workers(min(processes, len(bags)), task) as workers:
+        futures = [workers.submit(_Task.replay, *each) for each in enumerate(bags)]
+        return [_result(future, done, bar) for future in futures]
 
 
-def _wait(future: Future[None], done: MutableSequence[float], bar: tqdm[None]) -> None:
+def _result(future: Future[Run], done: MutableSequence[float], bar: tqdm[None]) -> Run:
+    """Return a result as soon as it is there; show until then how far all are."""
     while not future.done():
         wait([future], _LOOK)
         bar.update(sum(done) - bar.n)
     try:
-        future.result()
-    except BrokenProcessPool as error:
+        return future.result()
+    except ProcessDiedError as error:
         raise DataError(
             'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
         ) from error

@@ -7,10 +7,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
-from multiprocessing import active_children, get_context, parent_process
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from queue import SimpleQueue
+from traceback import format_exc
 from types import TracebackType
-from typing import TypeVar
+from typing import TypeVar, cast
 
 T = TypeVar('T')
 
@@ -26,42 +30,64 @@ def add_processes_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+class ProcessDiedError(Exception):
+    """A process has died over its work: it was killed, or memory ran out."""
+
+
 class Workers:
-    """A pool of processes, as a context: at its end they end; after an error or an interrupt, at once.
+    """Processes that work, as a context: at its end they end; after an error or an interrupt, at once.
 
-    They are new ones (spawn), not copies of this one with locks that its threads hold. An interrupt from the terminal,
-    which reaches every process, is left to this one, and they end when it is killed.
-
-    What goes to and fro should fit into a pipe's buffer (64 kB): of a larger message a process that is ended may leave
-    a part, whose rest would be waited for without end. What is large belongs in the common argument, or in files.
+    They are new ones (spawn), not copies of this one with locks that its threads hold. Each has a pipe of its own and a
+    thread here that waits for it: none shares a lock or a queue with another, which one that is killed could keep. An
+    interrupt from the terminal, which reaches every process, is left to this one, and they end when it is killed.
 
     Parameters
     ----------
-    count : how many, at most
+    count : how many
     common : first argument of every call
     """
 
     def __init__(self, count: int, common: object) -> None:
-        self._others = set(active_children())
-        self._pool = ProcessPoolExecutor(count, get_context('spawn'), _begin, (common,))
+        context = get_context('spawn')
+        self._threads = ThreadPoolExecutor(count)
+        self._idle: SimpleQueue[Connection] = SimpleQueue()
+        self._processes: list[SpawnProcess] = []
+        for _ in range(count):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_work, args=(theirs, common), daemon=True)
+            # It inherits the mask, for it could be interrupted before it begins to ignore that.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            theirs.close()
+            self._processes.append(process)
+            self._idle.put(ours)
 
     def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
         """Have a function called in one of the processes, with the common argument and others.
 
-        Raises
-        ------
-        BrokenProcessPool
-            One of the processes has died.
+        The result raises what the function raises, and ProcessDiedError where its process has died.
         """
-        # A process starts here where one is needed; it inherits the mask, for it could be interrupted before _begin.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        return self._threads.submit(self._called, function, *arguments)
+
+    def _called(self, function: Callable[..., T], *arguments: object) -> T:
+        """Return what a function leads to in a process that is idle: there are as many of them as threads."""
+        pipe = self._idle.get()
         try:
-            return self._pool.submit(_call, function, *arguments)
+            pipe.send((function, arguments))
+            result, error, trace = pipe.recv()
+        except (EOFError, OSError) as lost:
+            raise ProcessDiedError from lost
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            self._idle.put(pipe)
+        if error is not None:
+            raise error from RuntimeError(trace)  # where it was raised
+        return cast('T', result)
 
     def __enter__(self) -> Workers:
-        """Return the pool."""
+        """Return the processes."""
         return self
 
     def __exit__(
@@ -69,22 +95,28 @@ class Workers:
     ) -> None:
         """End the processes."""
         if kind is not None:
-            for process in set(active_children()) - self._others:
-                process.terminate()
-        self._pool.shutdown(cancel_futures=True)
+            for process in self._processes:
+                process.kill()
+        self._threads.shutdown(cancel_futures=True)
+        while not self._idle.empty():
+            self._idle.get().close()
+        for process in self._processes:
+            process.join()
 
 
-_common: list[object] = []  # in a worker process: the first argument of every call
-
-
-def _begin(common: object) -> None:
+def _work(pipe: Connection, common: object) -> None:
+    """Call what comes through a pipe until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _common.append(common)
-
-
-def _call(function: Callable[..., T], *arguments: object) -> T:
-    return function(_common[0], *arguments)
+    while True:
+        try:
+            function, arguments = pipe.recv()
+        except EOFError:
+            return
+        try:
+            pipe.send((function(common, *arguments), None, ''))
+        except Exception as error:  # noqa: BLE001  # raised where the result is asked for
+            pipe.send((None, error, format_exc()))
 
 
 def _end_with_parent() -> None:

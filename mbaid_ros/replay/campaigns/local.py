@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
 
 from mbaid_ros.config.campaign import CampaignRun
 from mbaid_ros.replay.campaigns.make import Result, failed, make
-from mbaid_ros.replay.workers import Workers
+from mbaid_ros.replay.workers import ProcessDiedError, Workers
 
 
 def made_here(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generator[Result]:
@@ -34,7 +33,7 @@ def made_here(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generat
                         result = future.result()
                         del flying[future]
                         yield result
-        except BrokenProcessPool:
+        except ProcessDiedError:
             # One of them took its process down, and nothing says which: each gets one to itself.
             for run in flying.values():
                 yield _made_alone(run, urdf)
@@ -44,7 +43,7 @@ def _made_alone(run: CampaignRun, urdf: str) -> Result:
     try:
         with Workers(1, urdf) as workers:
             return workers.submit(_make, run).result()
-    except BrokenProcessPool:
+    except ProcessDiedError:
         return failed(run, 'its process died, among others and alone: it was killed, or memory ran out')
 
 
