@@ -209,13 +209,13 @@ class TrajectoryEstimator:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
-        judgement = judge(self._runs.evidence(run, moments, latest))
+        layout = self._runs.layout
+        sizes = moments.sizes(layout)
+        judgement = judge(self._runs.evidence(run, sizes, latest))
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        layout = self._runs.layout
         judgement = with_undeclared_orbit(judgement, moments, layout, now.time)
-        sizes = moments.sizes(layout)
         covariance = moments.as_far_off(sizes, layout, _ORDER) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],

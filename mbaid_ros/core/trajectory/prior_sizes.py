@@ -1,9 +1,10 @@
-"""How far off the robot looks beside what is declared of it, kind by kind, and what that adds to the variances.
+"""How far off the robot looks beside what is declared of it, and what that adds to the variances.
 
 Numbers of a kind, the zeros of all joints, say, are declared by one standard deviation. The windows see combinations of
 them. Where those are as far off as k times that would make them, what the windows do not see is likely to be as well.
-The estimate stays what it is: of its errors, the part that comes from the kind is k times as large
-(docs/trajectory.md, eq. 8). In geodesy these are variance components (Koch 1999, section 3.6).
+And a single thing may be mistaken where all others of its kind are right: the inertial of one link. The estimate stays
+what it is: of its errors, the part that comes from the kind or thing is k times as large (docs/trajectory.md, eq. 8).
+In geodesy these are variance components (Koch 1999, section 3.6).
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.verdict.widening import likely_size
+from mbaid_ros.core.trajectory.knots import Integers
+from mbaid_ros.core.verdict.widening import BesidePrior, LikelySize
 
+# Chance beforehand that a kind is declared too certain, and that a single thing is mistaken.
+_TOO_SMALL, _MISTAKEN = 0.05, 0.01
 _SURE = 0.9  # chance, from which it is told
 
 
@@ -25,11 +29,13 @@ class PriorSizes:
 
     Attributes
     ----------
-    kinds : by kind of cause ('zero', 'link', ...) that factor, and the chance that it is more than one
+    sizes : by kind of cause ('zero', 'link', ...), and by single cause ('zero:joint1')
+    distances : by single cause, chi-square of what the data see of it, and its degrees of freedom
     each : (e,) that factor of each of the unknowns' independent numbers
     """
 
-    kinds: Mapping[str, tuple[float, float]]
+    sizes: Mapping[str, LikelySize]
+    distances: Mapping[str, tuple[float, int]]
     each: Array
 
     @staticmethod
@@ -42,13 +48,25 @@ class PriorSizes:
             covariance
         causes : what each of them belongs to, 'zero:joint1'
         """
-        kind_of = np.array([cause.partition(':')[0] for cause in causes])
-        found, each = {}, np.ones(len(values))
-        for kind in dict.fromkeys(kind_of.tolist()):
-            own = np.flatnonzero(kind_of == kind)
-            found[kind] = likely_size(values[own], factor[own] @ factor[own].T)
-            each[own] = found[kind][0]
-        return PriorSizes(found, each)
+        sizes, distances, each = {}, {}, np.ones(len(values))
+        belongs = np.array(causes)
+        kinds = np.array([_kind(cause) for cause in causes])
+
+        def seen(own: Integers) -> BesidePrior:
+            return BesidePrior.of(values[own], factor[own] @ factor[own].T)
+
+        for kind in dict.fromkeys(kinds.tolist()):
+            own = np.flatnonzero(kinds == kind)
+            sizes[kind] = seen(own).likely_size(_TOO_SMALL)
+            each[own] = sizes[kind].factor
+        for cause in dict.fromkeys(causes):
+            own = np.flatnonzero(belongs == cause)
+            numbers = seen(own)
+            distances[cause] = numbers.distance
+            if cause not in sizes:
+                sizes[cause] = numbers.likely_size(_MISTAKEN)
+                each[own] = np.maximum(each[own], sizes[cause].factor)
+        return PriorSizes(sizes, distances, each)
 
     @property
     def as_declared(self) -> bool:
@@ -65,6 +83,20 @@ class PriorSizes:
         return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
 
     @property
+    def likeliest(self) -> tuple[str, float]:
+        """The kind or thing that would explain most by being further off, and what the log-likelihood gains by that."""
+        return max(
+            ((cause, size.gain) for cause, size in self.sizes.items()), key=lambda each: each[1], default=('', 0.0)
+        )
+
+    @property
     def sure(self) -> tuple[tuple[str, float], ...]:
-        """The kinds that are surely further off than declared, and how many times as far."""
-        return tuple((kind, size) for kind, (size, chance) in self.kinds.items() if chance > _SURE)
+        """The kinds, and things beyond their kind, that are surely further off than declared; how many times as far."""
+        found = {cause: size.factor for cause, size in self.sizes.items() if size.chance > _SURE}
+        beyond = {cause for cause, size in found.items() if size > found.get(_kind(cause), 1.0)}
+        return tuple((cause, size) for cause, size in found.items() if cause == _kind(cause) or cause in beyond)
+
+
+def _kind(cause: str) -> str:
+    """Return the kind of a cause of the error budget: of 'link:arm', 'link'."""
+    return cause.partition(':')[0]

@@ -16,13 +16,14 @@ from mbaid_ros.core.trajectory.events import ChangedTarget, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.grasp import another_body
 from mbaid_ros.core.trajectory.inquiries import Inquiries
+from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.hypotheses import hypotheses
-from mbaid_ros.core.unknowns.words import of_change
+from mbaid_ros.core.unknowns.words import all_of, named, of_change
 from mbaid_ros.core.verdict.judgement import Evidence
 
 _SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
@@ -114,26 +115,25 @@ class TargetRuns:
             begun.take(window, None, moved=True)
         return begun
 
-    def evidence(self, run: FilterRun, moments: Moments, latest: Samples) -> Evidence:
-        """Return what a run that has started says of its model, by its moments after its latest window."""
+    def evidence(self, run: FilterRun, sizes: PriorSizes, latest: Samples) -> Evidence:
+        """Return what a run that has started says of its model, and of what is declared, after its latest window."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis
-        # A walk takes up what would show where the robot is wrong.
-        mean = (moments if hypothesis.physical else run.moments_of_first()).mean
-        known = self.layout.known
-        values = known.whitening @ (mean[BODY.stop :] - known.mean)
-        largest = np.max(np.abs(values)[:, None] * self.layout.belongs, axis=0, initial=0.0)
-        squares = values**2 @ self.layout.belongs
+        # What acts or drifts takes up what would show where the robot is wrong.
+        undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
+        beside_prior = sizes if hypothesis.physical else undisturbed
+        instead, explained = undisturbed.likeliest
         return Evidence(
             nis=belief.nis / max(belief.measured, 1),
             innovations=belief.innovations,
-            deviations=dict(zip(self.layout.causes, zip(largest.tolist(), squares.tolist(), strict=True), strict=True)),
+            distances={named(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(track.jumps),
             unconfirmed=run.unconfirmed,
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
             odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
+            instead=(all_of(instead), explained),
             latest=latest,
             correlation_time=self._settings.noise.found_in(latest).base_correlation_time,
         )

@@ -21,7 +21,7 @@ from mbaid_ros.core.trajectory.windows import Window, stacked
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
-from mbaid_ros.core.verdict.widening import gain
+from mbaid_ros.core.verdict.widening import BesidePrior
 
 _PART = 10  # windows whose linearisation counts as one piece of work
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
@@ -168,7 +168,8 @@ class WidePass:
         found = {}
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
-            found[cause] = gain(values[own], factor[own] @ factor[own].T, _MOST[cause not in declared])
+            numbers = BesidePrior.of(values[own], factor[own] @ factor[own].T)
+            found[cause] = numbers.gain(_MOST[cause not in declared])
         return found
 
     def widened(self, cause: str, factor: float) -> WidePass:

@@ -23,17 +23,22 @@ _CONSTANT = {
     'inertial': 'a tilted table, drag or a leak; set disturbance.constant to inertial',
     'body': 'a leak or thrust, or wheels that nobody reads spin up; set disturbance.constant to body',
 }
-# By kind of cause, what it is of and where that is declared.
-_DECLARED = {
-    'link': ('the links', 'known_links.relative_std'),
-    'zero': ("the joints' zeros", 'known_joints.zero_std'),
-    'origin': ("the joints' origins", 'known_joints.origin_std'),
-    'axis': ("the joints' axes", 'known_joints.axis_std'),
-    'mount': ('position and orientation of the odometry mount', 'odometry_mount.position_std, .orientation_std'),
-    SHAPE: (
-        'eccentricity and mean motion of the orbit',
-        'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
-    ),
+# By kind of cause, all of it, and where that is declared.
+_KINDS = {
+    'link': 'the links',
+    'zero': "the joints' zeros",
+    'origin': "the joints' origins",
+    'axis': "the joints' axes",
+    'mount': 'position and orientation of the odometry mount',
+    SHAPE: 'eccentricity and mean motion of the orbit',
+}
+_DECLARED_BY = {
+    'link': 'known_links.relative_std',
+    'zero': 'known_joints.zero_std',
+    'origin': 'known_joints.origin_std',
+    'axis': 'known_joints.axis_std',
+    'mount': 'odometry_mount.position_std, .orientation_std',
+    SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
 }
 
 
@@ -56,11 +61,32 @@ def of_line(frequency: float) -> str:
     return f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
 
 
-def of_size(kind: str, size: float, declared: Mapping[str, str] | None = None) -> str:
-    """Return that all of a kind is so many times as far off as declared, by kind in other parameters than a run's."""
-    what, parameter = _DECLARED.get(kind, (kind, 'its standard deviation'))
-    parameter = (declared or {}).get(kind, parameter)
-    return f'{what} look {size:.1f} times as far off as declared: intervals allow for that; raise {parameter}'
+def of_size(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
+    """Return that a thing, or all of a kind, is so many times as far off as declared.
+
+    Parameters
+    ----------
+    cause : of the error budget, 'link:arm', or a kind of them, 'link'
+    size : how many times
+    declared : by kind, parameters other than a run's
+    """
+    kind, _, name = cause.partition(':')
+    parameter = {**_DECLARED_BY, **(declared or {})}.get(kind, 'its standard deviation')
+    looks = 'looks' if name else 'look'
+    return (
+        f'{all_of(cause)} {looks} {size:.1f} times as far off as declared: intervals allow for that; raise {parameter}'
+    )
+
+
+def all_of(cause: str) -> str:
+    """Return a cause of the error budget, or a kind of them, in words: 'zero' is the joints' zeros."""
+    return _KINDS.get(cause, named(cause))
+
+
+def named(cause: str) -> str:
+    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
+    kind, _, name = cause.partition(':')
+    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind
 
 
 def of_suspect(cause: str, value: Array) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core import chi_square
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.verdict.correlated import cause as correlated_cause
 from mbaid_ros.core.verdict.correlated import seen_in
@@ -18,8 +19,9 @@ LARGEST_NIS = 1.5
 _SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
-# Prior standard deviations from which what is known of the robot has to be wrong.
-_FAR = 5.0
+# What is declared of a thing has to be wrong where twice as much would explain what the data see of it this rarely; and
+# what makes up half of that chi-square is a cause, if anything is wrong.
+_TWICE, _RARELY = 2.0, 1e-3
 
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
 
@@ -40,26 +42,29 @@ class Evidence:
     ----------
     nis : mean normalised innovation squared
     innovations : by sensor, and from window to window
-    deviations : of each cause in the error budget, the largest estimate in prior standard deviations, and the sum of
-        their squares; where a walk is reported, those of the hypothesis that nothing drifts
+    distances : by what is declared, in words, chi-square of what the data see of it beside its prior, and its
+        degrees of freedom; where a walk is reported, those of the hypothesis that nothing drifts
     jumps : of the momentum
     unconfirmed : s, times of those that may be something else yet
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
     odometry_drifts : whether it lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
+    instead : what of the robot would explain most, in words, by being further off than declared if nothing acted, and
+        the log-likelihood gained by that
     latest : the window that the run ends with
     correlation_time : s, over which the errors of the base's poses are declared to be correlated
     """
 
     nis: float
     innovations: Innovations
-    deviations: Mapping[str, tuple[float, float]]
+    distances: Mapping[str, tuple[float, int]]
     jumps: int
     unconfirmed: tuple[float, ...]
     hypothesis: str
     physical: bool
     odometry_drifts: bool
     gain: float
+    instead: tuple[str, float]
     latest: Samples
     correlation_time: float
 
@@ -103,15 +108,25 @@ def judge(evidence: Evidence) -> Judgement:
         reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
+    what, gain = evidence.instead
+    if evidence.hypothesis and evidence.physical and gain > evidence.gain:
+        reasons.append(
+            f'{evidence.hypothesis}, or what is declared of {what} is too certain: so far either explains the data'
+        )
     correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
         innovations.correlation_significance > _SIGNIFICANT
     )
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
-    far = [cause for cause, (largest, _) in evidence.deviations.items() if largest > _FAR]
+    far = [what for what, (square, seen) in evidence.distances.items() if square > _farthest(seen)]
     if far:
-        reasons.append(f'the robot would have to be further off than declared: {", ".join(map(_named, far))}')
+        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
     return Judgement(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+
+
+def _farthest(seen: int) -> float:
+    """Return the largest chi-square that declarations may have of what is seen of them in so many directions."""
+    return _TWICE**2 * chi_square.limit(_RARELY, seen) if seen else np.inf
 
 
 def _widening(evidence: Evidence) -> float:
@@ -130,9 +145,9 @@ def _widening(evidence: Evidence) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return what may be wrong, the likeliest first."""
     causes = [
-        Cause(f'{_named(cause)} is off by {largest:.1f} times its declared standard deviation', 0.5 * square)
-        for cause, (largest, square) in evidence.deviations.items()
-        if largest > 0.6 * _FAR
+        Cause(f'{what} is off by {np.sqrt(square / seen):.1f} times its declared standard deviation', 0.5 * square)
+        for what, (square, seen) in evidence.distances.items()
+        if square > 0.5 * _farthest(seen)
     ]
     innovations = evidence.innovations
     for place, sensor in enumerate(SENSORS):
@@ -171,9 +186,3 @@ def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
     if time == 0.0:
         return []
     return [Cause(correlated_cause(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]
-
-
-def _named(cause: str) -> str:
-    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
-    kind, _, name = cause.partition(':')
-    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind

@@ -1,14 +1,20 @@
-"""What data would gain if something were less certain than declared: a likelihood ratio from its estimate alone.
+"""Numbers beside their prior, once data have been seen: whether what was declared of them was too certain.
 
-Of n numbers with a prior of unit variance about zero, the posterior has the mean m and the covariance P. With k times
-the standard deviation, prior information falls by D = 1 - 1/k^2, and the log-likelihood of the data grows by
+Of n numbers with a prior of unit variance about zero, the posterior has the mean m and the covariance P. If the prior
+is right, m varies about zero with 1 - P (its prior predictive distribution); m^T (1 - P)^-1 m is chi-square distributed
+then. With k times the standard deviation, prior information falls by D = 1 - 1/k^2, and the
+log-likelihood of the data grows by
 
     1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
+
+Both follow from the estimate alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,45 +22,82 @@ from mbaid_ros.core.geometry import Array
 
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
-# Of what is declared, so much is too small: before the data are asked.
-_TOO_SMALL = 0.05
+_SEEN = 0.05  # of the prior's variance, which data have to take off a direction for it to be seen
 
 
-def gain(mean: Array, covariance: Array, most: float) -> tuple[float, float]:
-    """Return the largest gain of log-likelihood, and the factor of the standard deviations with which it is reached.
+class LikelySize(NamedTuple):
+    """How many times as far from zero as declared numbers are.
 
-    Parameters
+    Attributes
     ----------
-    mean, covariance : (n,), (n, n) of numbers of unit variance beforehand
-    most : largest factor that is plausible
+    factor : at least one
+    chance : that it is more than one
+    gain : of log-likelihood, by the likeliest factor
     """
-    return _largest(mean, covariance, [factor for factor in _FACTORS if factor <= most])
+
+    factor: float
+    chance: float
+    gain: float
 
 
-def likely_size(mean: Array, covariance: Array) -> tuple[float, float]:
-    """Return how many times as far from zero numbers are as declared, at least one, and the chance that it is more.
+@dataclass(frozen=True, eq=False)
+class BesidePrior:
+    """Numbers of unit variance beforehand, in the directions that the data know independently.
 
-    The root mean square of one and the likeliest factor, by the chance of either; data that say nothing of the numbers
-    leave it at one.
-
-    Parameters
+    Attributes
     ----------
-    mean, covariance : (n,), (n, n) of numbers of unit variance beforehand
+    mean, variance : (n,) along these directions
     """
-    # What is known of them should be about as large as it is known, or a factor could gain nothing.
-    if float(mean @ mean) <= len(mean) - float(np.trace(covariance)):
-        return 1.0, 0.0
-    most, factor = _largest(mean, covariance, _SIZES)
-    odds = _TOO_SMALL * np.exp(min(most, 100.0))
-    chance = max(0.0, (odds / (1.0 - _TOO_SMALL + odds) - _TOO_SMALL) / (1.0 - _TOO_SMALL))
-    return float(np.sqrt(1.0 + chance * (factor**2 - 1.0))), float(chance)
 
+    mean: Array
+    variance: Array
 
-def _largest(mean: Array, covariance: Array, factors: Sequence[float]) -> tuple[float, float]:
-    known, directions = np.linalg.eigh(covariance)
-    k = np.array(factors)[:, None]
-    less = 1.0 - k**-2
-    left = 1.0 - less * np.clip(known, 0.0, 1.0)
-    gains = 0.5 * np.sum(less * (directions.T @ mean) ** 2 / left - np.log(left) - 2.0 * np.log(k), axis=1)
-    place = int(np.argmax(gains))
-    return float(gains[place]), float(factors[place])
+    @staticmethod
+    def of(mean: Array, covariance: Array) -> BesidePrior:
+        """Return numbers by their mean (n,) and covariance (n, n)."""
+        if len(mean) == 1:
+            return BesidePrior(mean, np.clip(covariance[0], 0.0, 1.0))
+        variance, directions = np.linalg.eigh(covariance)
+        return BesidePrior(directions.T @ mean, np.clip(variance, 0.0, 1.0))
+
+    @property
+    def distance(self) -> tuple[float, int]:
+        """The chi-square of what the data see of them, and its degrees of freedom."""
+        seen = 1.0 - self.variance
+        enough = seen > _SEEN
+        return float(np.sum(self.mean[enough] ** 2 / seen[enough])), int(np.count_nonzero(enough))
+
+    def gain(self, most: float) -> tuple[float, float]:
+        """Return the largest gain of log-likelihood, and the factor of the standard deviations that leads to it.
+
+        Parameters
+        ----------
+        most : largest factor that is plausible
+        """
+        return self._largest([factor for factor in _FACTORS if factor <= most])
+
+    def likely_size(self, too_small: float) -> LikelySize:
+        """Return how many times as far from zero they are as declared.
+
+        The root mean square of one and the likeliest factor, by the chance of either; data that say nothing of the
+        numbers leave it at one.
+
+        Parameters
+        ----------
+        too_small : chance that they are declared too certain, before the data are asked
+        """
+        # What is known of them should be about as large as it is known, or a factor could gain nothing.
+        if float(self.mean @ self.mean) <= float(np.sum(1.0 - self.variance)):
+            return LikelySize(1.0, 0.0, 0.0)
+        most, factor = self._largest(_SIZES)
+        odds = too_small * np.exp(min(most, 100.0))
+        chance = max(0.0, (odds / (1.0 - too_small + odds) - too_small) / (1.0 - too_small))
+        return LikelySize(float(np.sqrt(1.0 + chance * (factor**2 - 1.0))), float(chance), max(most, 0.0))
+
+    def _largest(self, factors: Sequence[float]) -> tuple[float, float]:
+        k = np.array(factors)[:, None]
+        less = 1.0 - k**-2
+        left = 1.0 - less * self.variance
+        gains = 0.5 * np.sum(less * self.mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=1)
+        place = int(np.argmax(gains))
+        return float(gains[place]), float(factors[place])

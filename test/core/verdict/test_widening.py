@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.verdict.widening import gain, likely_size
+from mbaid_ros.core.verdict.widening import BesidePrior, LikelySize
 
 NUMBERS, MEASURED = 4, 6
+BEFORE = 0.05  # chance that they are declared too certain
 
 
 def posterior(rows: Array, data: Array) -> tuple[Array, Array]:
@@ -35,25 +37,37 @@ def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
         return float(multivariate_normal(np.zeros(MEASURED), covariance).logpdf(data))
 
     expected = {factor: likelihood(factor) - likelihood(1.0) for factor in (3.0, 10.0)}
-    most, factor = gain(*posterior(rows, data), 10.0)
+    most, factor = BesidePrior.of(*posterior(rows, data)).gain(10.0)
     assert factor == max(expected, key=lambda each: expected[each])
     assert most == pytest.approx(expected[factor], rel=1e-9)
 
 
 def test_what_is_as_large_as_declared_stays() -> None:
-    sizes = [likely_size(*drawn(seed, 1.0, 10.0))[0] for seed in range(500)]
+    sizes = [BesidePrior.of(*drawn(seed, 1.0, 10.0)).likely_size(BEFORE)[0] for seed in range(500)]
     assert np.median(sizes) < 1.05
     assert np.mean(np.array(sizes) > 1.5) < 0.03
 
 
 @pytest.mark.parametrize('size', [3.0, 6.0])
 def test_what_is_larger_is_found_to_be(size: float) -> None:
-    found = np.array([likely_size(*drawn(seed, size, 10.0)) for seed in range(200)])
+    found = np.array([BesidePrior.of(*drawn(seed, size, 10.0)).likely_size(BEFORE)[:2] for seed in range(200)])
     assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
     assert np.median(found[:, 1]) > 0.9
 
 
 def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     mean, covariance = drawn(0, 3.0, 1e-6)
-    assert likely_size(mean, covariance) == pytest.approx((1.0, 0.0), abs=1e-3)
-    assert likely_size(np.zeros(NUMBERS), np.eye(NUMBERS)) == (1.0, 0.0)
+    assert BesidePrior.of(mean, covariance).likely_size(BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_size(BEFORE) == LikelySize(1.0, 0.0, 0.0)
+
+
+def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it() -> None:
+    """Also where data see little of the numbers: what is left at the prior is no evidence for it."""
+    for seen in (0.5, 10.0):
+        squares, counts = np.transpose([BesidePrior.of(*drawn(seed, 1.0, seen)).distance for seed in range(500)])
+        assert np.mean(squares > chdtri(counts, 0.05)) == pytest.approx(0.05, abs=0.03)
+        assert np.mean(squares) == pytest.approx(np.mean(counts), rel=0.1)
+
+
+def test_what_no_data_see_is_at_no_distance() -> None:
+    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distance == (0.0, 0)
