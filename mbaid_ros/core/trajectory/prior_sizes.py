@@ -16,7 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.verdict.widening import BesidePrior, LikelySize
+from mbaid_ros.core.verdict.widening import BesidePrior, Distance, LikelySize
 
 # Chance beforehand that a kind is declared too certain, and that a single thing is mistaken.
 _TOO_SMALL, _MISTAKEN = 0.05, 0.01
@@ -30,12 +30,12 @@ class PriorSizes:
     Attributes
     ----------
     sizes : by kind of cause ('zero', 'link', ...), and by single cause ('zero:joint1')
-    distances : by single cause, chi-square of what the data see of it, and its degrees of freedom
+    distances : by single cause, of what the data see of it
     each : (e,) that factor of each of the unknowns' independent numbers
     """
 
     sizes: Mapping[str, LikelySize]
-    distances: Mapping[str, tuple[float, int]]
+    distances: Mapping[str, Distance]
     each: Array
 
     @staticmethod

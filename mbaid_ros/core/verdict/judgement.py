@@ -12,6 +12,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.verdict.correlated import cause as correlated_cause
 from mbaid_ros.core.verdict.correlated import seen_in
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
+from mbaid_ros.core.verdict.widening import Distance
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
@@ -19,9 +20,9 @@ LARGEST_NIS = 1.5
 _SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
-# What is declared of a thing has to be wrong where twice as much would explain what the data see of it this rarely; and
-# what makes up half of that chi-square is a cause, if anything is wrong.
-_TWICE, _RARELY = 2.0, 1e-3
+# What is declared of a thing has to be wrong where neither it nor twice as much would have the data see it so far off
+# by these chances; and from that chance on it is a cause, if anything is wrong.
+_NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
 
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
 
@@ -42,8 +43,8 @@ class Evidence:
     ----------
     nis : mean normalised innovation squared
     innovations : by sensor, and from window to window
-    distances : by what is declared, in words, chi-square of what the data see of it beside its prior, and its
-        degrees of freedom; where a walk is reported, those of the hypothesis that nothing drifts
+    distances : by what is declared, in words, how far off the data see it beside its prior; where a walk is reported,
+        those of the hypothesis that nothing drifts
     jumps : of the momentum
     unconfirmed : s, times of those that may be something else yet
     hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
@@ -57,7 +58,7 @@ class Evidence:
 
     nis: float
     innovations: Innovations
-    distances: Mapping[str, tuple[float, int]]
+    distances: Mapping[str, Distance]
     jumps: int
     unconfirmed: tuple[float, ...]
     hypothesis: str
@@ -118,15 +119,18 @@ def judge(evidence: Evidence) -> Judgement:
     )
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
-    far = [what for what, (square, seen) in evidence.distances.items() if square > _farthest(seen)]
+    far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
         reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
     return Judgement(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
 
 
-def _farthest(seen: int) -> float:
-    """Return the largest chi-square that declarations may have of what is seen of them in so many directions."""
-    return _TWICE**2 * chi_square.limit(_RARELY, seen) if seen else np.inf
+def _too_far(distance: Distance) -> bool:
+    """Tell whether something is further off than declared, beyond doubt."""
+    square, twice, degrees = distance
+    if not degrees:
+        return False
+    return square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
 
 
 def _widening(evidence: Evidence) -> float:
@@ -145,9 +149,12 @@ def _widening(evidence: Evidence) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return what may be wrong, the likeliest first."""
     causes = [
-        Cause(f'{what} is off by {np.sqrt(square / seen):.1f} times its declared standard deviation', 0.5 * square)
-        for what, (square, seen) in evidence.distances.items()
-        if square > 0.5 * _farthest(seen)
+        Cause(
+            f'{what} is off by {np.sqrt(square / degrees):.1f} times its declared standard deviation',
+            0.5 * square,
+        )
+        for what, (square, _, degrees) in evidence.distances.items()
+        if degrees and square > chi_square.limit(_RARELY, degrees)
     ]
     innovations = evidence.innovations
     for place, sensor in enumerate(SENSORS):

@@ -1,9 +1,9 @@
 """Numbers beside their prior, once data have been seen: whether what was declared of them was too certain.
 
 Of n numbers with a prior of unit variance about zero, the posterior has the mean m and the covariance P. If the prior
-is right, m varies about zero with 1 - P (its prior predictive distribution); m^T (1 - P)^-1 m is chi-square distributed
-then. With k times the standard deviation, prior information falls by D = 1 - 1/k^2, and the
-log-likelihood of the data grows by
+is right, m varies about zero with S = 1 - P (its prior predictive distribution), and m^T S^-1 m is chi-square
+distributed; if the numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior
+information falls by D = 1 - 1/k^2, and the log-likelihood of the data grows by
 
     1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
 
@@ -22,7 +22,7 @@ from mbaid_ros.core.geometry import Array
 
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
-_SEEN = 0.05  # of the prior's variance, which data have to take off a direction for it to be seen
+_SEEN = 0.01  # of the prior's variance, which data have to take off a direction for it to be seen
 
 
 class LikelySize(NamedTuple):
@@ -38,6 +38,21 @@ class LikelySize(NamedTuple):
     factor: float
     chance: float
     gain: float
+
+
+class Distance(NamedTuple):
+    """How far from zero the data see numbers.
+
+    Attributes
+    ----------
+    square : chi-square distributed if the numbers are as declared
+    twice : the same if they are twice as far off, which a careful engineer's are at times
+    degrees : of freedom
+    """
+
+    square: float
+    twice: float
+    degrees: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +76,12 @@ class BesidePrior:
         return BesidePrior(directions.T @ mean, np.clip(variance, 0.0, 1.0))
 
     @property
-    def distance(self) -> tuple[float, int]:
-        """The chi-square of what the data see of them, and its degrees of freedom."""
+    def distance(self) -> Distance:
+        """How far the data see them from zero."""
         seen = 1.0 - self.variance
         enough = seen > _SEEN
-        return float(np.sum(self.mean[enough] ** 2 / seen[enough])), int(np.count_nonzero(enough))
+        squares, seen = self.mean[enough] ** 2 / seen[enough], seen[enough]
+        return Distance(float(np.sum(squares)), float(np.sum(squares / (1.0 + 3.0 * seen))), len(squares))
 
     def gain(self, most: float) -> tuple[float, float]:
         """Return the largest gain of log-likelihood, and the factor of the standard deviations that leads to it.

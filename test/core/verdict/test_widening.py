@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.verdict.widening import BesidePrior, LikelySize
+from mbaid_ros.core.verdict.widening import BesidePrior, Distance, LikelySize
 
 NUMBERS, MEASURED = 4, 6
 BEFORE = 0.05  # chance that they are declared too certain
@@ -61,13 +61,15 @@ def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_size(BEFORE) == LikelySize(1.0, 0.0, 0.0)
 
 
-def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it() -> None:
+@pytest.mark.parametrize('seen', [0.5, 10.0])
+def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it(seen: float) -> None:
     """Also where data see little of the numbers: what is left at the prior is no evidence for it."""
-    for seen in (0.5, 10.0):
-        squares, counts = np.transpose([BesidePrior.of(*drawn(seed, 1.0, seen)).distance for seed in range(500)])
-        assert np.mean(squares > chdtri(counts, 0.05)) == pytest.approx(0.05, abs=0.03)
-        assert np.mean(squares) == pytest.approx(np.mean(counts), rel=0.1)
+    square, _, degrees = np.transpose([BesidePrior.of(*drawn(seed, 1.0, seen)).distance for seed in range(500)])
+    assert np.mean(square > chdtri(degrees, 0.05)) == pytest.approx(0.05, abs=0.03)
+    assert np.mean(square) == pytest.approx(np.mean(degrees), rel=0.1)
+    _, twice, degrees = np.transpose([BesidePrior.of(*drawn(seed, 2.0, seen)).distance for seed in range(500)])
+    assert np.mean(twice) == pytest.approx(np.mean(degrees), rel=0.1)
 
 
 def test_what_no_data_see_is_at_no_distance() -> None:
-    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distance == (0.0, 0)
+    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distance == Distance(0.0, 0.0, 0)
