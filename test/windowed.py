@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.chain import WindowModel, window_models
-from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, average
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack, Window, WindowNoise
 
@@ -22,8 +22,7 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
     begin = START - BEFORE * spacing
     count = BEFORE + round(LENGTH / spacing) + AFTER
     first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
-    knots = average(samples[int(first) : int(last)], begin, spacing, count, np.zeros(3))
-    assert knots is not None
+    knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
     noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, 0.0, correlation_time)
     return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
 

@@ -148,9 +148,7 @@ def _motion(robot: str, rate: float, model_errors: ModelErrors | None) -> Truth:
     return simulation.advance(np.arange(round(DURATION * rate) + 1) / rate)
 
 
-def endless_motion(
-    robot: str, rate: float = RATE, seconds: float = DURATION, model_errors: ModelErrors | None = None
-) -> Truth:
+def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) -> Truth:
     """Return one period (60 s), or its beginning, of a motion that repeats exactly, from rest and without momentum.
 
     All joints follow cosines with whole numbers of periods a minute: in the second half minute they go back the way
@@ -166,9 +164,7 @@ def endless_motion(
         phase=np.full(cycles.shape, 0.5 * np.pi),
     )
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(true_model(robot, model_errors), driven, rest, 0.02).advance(
-        np.arange(round(seconds * rate)) / rate
-    )
+    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def moved(truth: Truth, case: Case) -> Truth:

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.simulated_run import make_initial_state, make_motion
 
@@ -83,12 +83,10 @@ def _motion(moving: RobotModel, seed: int, seconds: float, rate: float) -> Truth
     return simulation.advance(np.arange(round(seconds * rate)) / rate)
 
 
-def windows(
-    truth: Truth, seed: int | None, noise: SensorNoise = NOISE, model_errors: ModelErrors | None = None
-) -> list[Samples]:
+def windows(truth: Truth, seed: int | None, model_errors: ModelErrors | None = None) -> list[Samples]:
     """Return what sensors say of a motion, in windows; without a seed without noise."""
     cutter = Windows(0.5)
-    samples = Synchroniser(0.1).push(*readings(truth, noise, seed, model_errors))
+    samples = Synchroniser(0.1).push(*readings(truth, NOISE, seed, model_errors))
     return [*cutter.push(samples), *cutter.flush()] if samples is not None else []
 
 

@@ -77,8 +77,8 @@ class DifferenceEstimator:
         kernel: MomentumKernel,
         settings: DifferenceSettings,
         reporting: Reporting,
-        unknowns: Sequence[Unknown] = (),
-        known: Carried | None = None,
+        unknowns: Sequence[Unknown],
+        known: Carried | None,
     ) -> None:
         self._side = KnownSide.nominal(kernel) if known is None else known.expected(kernel, unknowns)
         self._kernel = self._side.kernel

@@ -131,9 +131,9 @@ class Motions:
         base = self.floating.moved(position, rate, grid.spacing)
         return self.information.after(grid, (position[::2], rate[::2]), base, every)
 
-    def excursions(self, waypoints: Array, floating: Floating | None = None) -> Array:
+    def excursions(self, waypoints: Array) -> Array:
         """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
-        return np.asarray(self.course(waypoints, floating)[2].max(axis=0))
+        return np.asarray(self.course(waypoints)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
         """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
@@ -170,13 +170,12 @@ class Motions:
         step = self.splines.duration / _STEPS
         return step, np.arange(2 * _STEPS + 1) * 0.5 * step
 
-    def course(self, waypoints: Array, floating: Floating | None = None) -> tuple[Array, BaseMotion, Array]:
+    def course(self, waypoints: Array) -> tuple[Array, BaseMotion, Array]:
         """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
-        floating = floating or self.floating
         step, times = self._instants
-        base = floating.moved(*self.joints(waypoints, times), step)
+        base = self.floating.moved(*self.joints(waypoints, times), step)
         position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
-        coasting = floating.coasting(position, _STEPS + 1, step)
+        coasting = self.floating.coasting(position, _STEPS + 1, step)
         return times[::2], base, base.away_from(coasting)
 
     def gentle(self, waypoints: Array, most: BaseLimits) -> Array:

@@ -103,8 +103,8 @@ class Search:
         wanted: Wanted,
         base: BaseLimits,
         seed: int,
-        allowed: Callable[[Motions, Array], bool] = lambda _motions, _waypoints: True,
-        first: int = _DRAWN,
+        allowed: Callable[[Motions, Array], bool],
+        first: int,
     ) -> None:
         self._motions = motions
         self._wanted = wanted

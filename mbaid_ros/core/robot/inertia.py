@@ -68,10 +68,3 @@ def pseudo_inertia(standard_parameters: Array) -> Array:
     matrix[..., :3, 3] = matrix[..., 3, :3] = standard_parameters[..., 1:4]
     matrix[..., 3, 3] = standard_parameters[..., 0]
     return matrix
-
-
-def from_pseudo_inertia(matrix: Array) -> Array:
-    """Return the (..., 10) standard parameters of a pseudo-inertia matrix."""
-    second = matrix[..., :3, :3]
-    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
-    return np.concatenate((matrix[..., 3, 3, None], matrix[..., :3, 3], vec(inertia)), axis=-1)

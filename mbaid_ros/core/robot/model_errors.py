@@ -62,7 +62,7 @@ def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
     )
 
 
-def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str] = ()) -> RobotModel:
+def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
     """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
 
     Of each body the link that `changing_link` names takes the change; a body without one stays.

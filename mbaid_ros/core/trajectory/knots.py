@@ -70,12 +70,6 @@ class Knots(Stacked):
         return Knots(*(np.stack([getattr(part, field.name) for part in parts], axis=1) for field in fields(Knots)))
 
 
-def average(window: Samples, start: float, spacing: float, count: int, origin: Array) -> Knots | None:
-    """Return the knots of one window (see `averages`), None where two knots in a row have no sample."""
-    knots = averages([window], np.array([start]), spacing, count, origin)
-    return None if np.any(knots.empty[1:] & knots.empty[:-1]) else knots
-
-
 def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Knots:
     """Return the knots of W windows, one after the other.
 

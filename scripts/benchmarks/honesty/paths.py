@@ -19,6 +19,7 @@ from mbaid_ros.simulated_run import make_motion
 # (N,) instants, s -> (N, n) positions, rates: rad, rad/s (m, m/s)
 Path = Callable[[Array], tuple[Array, Array]]
 DEGREE = np.pi / 180.0
+_DWELL, _LEG = 2.0, 18.0  # s: of rest between poses, and of a joint that moves alone
 ROBOT = 'servicer7'
 _RAMP = 0.5  # s, to full speed and back
 
@@ -77,7 +78,7 @@ def by_rates(start: Array, knots: Array, rates: Array) -> Path:
     return path
 
 
-def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0, start: Array | None = None) -> Path:
+def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0) -> Path:
     """Return trapezoids with stops: one leg after the other, each so many seconds long, at the given (n,) speeds.
 
     Parameters
@@ -85,9 +86,8 @@ def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0, 
     legs : s from rest to rest, (n,) rad/s at full speed
     dwell : s of rest after each
     rest : s before the first
-    start : (n,) rad; servicer7's where not given
     """
-    start = servicer().start if start is None else start
+    start = servicer().start
     still = np.zeros(len(start))
     knots, time = [-1.0], rest  # one before the first leg, whether it begins at once or not
     rates: list[Array] = [still]
@@ -98,7 +98,7 @@ def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0, 
     return by_rates(start, np.array(knots), np.array(rates))
 
 
-def pick_and_place(seed: int, seconds: float, speed: float = DEGREE, dwell: float = 2.0, rest: float = 0.0) -> Path:
+def pick_and_place(seed: int, seconds: float, speed: float = DEGREE, rest: float = 0.0) -> Path:
     """Return all joints moving together between random poses, the fastest of them at a speed (rad/s), with stops."""
     rng = np.random.default_rng([seed, 11])
     legs, time, away = [], rest, np.zeros(len(servicer().start))
@@ -108,15 +108,15 @@ def pick_and_place(seed: int, seconds: float, speed: float = DEGREE, dwell: floa
         share = np.where(np.abs(away) > 0.5, -np.sign(away) * np.abs(share), share)  # back from the limits
         legs.append((length, speed * share / np.max(np.abs(share))))
         away = away + (length - _RAMP) * legs[-1][1]
-        time += length + dwell
-    return moves(legs, dwell, rest)
+        time += length + _DWELL
+    return moves(legs, _DWELL, rest)
 
 
-def one_at_a_time(seconds: float, speed: float = DEGREE, length: float = 18.0, rest: float = 0.0) -> Path:
+def one_at_a_time(seconds: float, rest: float = 0.0) -> Path:
     """Return joints of which only one moves at a time, forth and, the next time round, back."""
     count = len(servicer().start)
-    number = int((seconds - rest) / (length + 1.0)) + 1
-    legs = [(length, speed * (-1.0) ** (leg // count) * np.eye(count)[leg % count]) for leg in range(number)]
+    number = int((seconds - rest) / (_LEG + 1.0)) + 1
+    legs = [(_LEG, DEGREE * (-1.0) ** (leg // count) * np.eye(count)[leg % count]) for leg in range(number)]
     return moves(legs, 1.0, rest)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.consistency import is_physical, project, project_planar
-from mbaid_ros.core.robot.inertia import from_pseudo_inertia, physical, pseudo_inertia, standard
+from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 
 SEEDS = range(12)
@@ -21,7 +21,9 @@ def random_covariance(rng: np.random.Generator, size: float) -> Array:
 
 def random_body(rng: np.random.Generator) -> Array:
     factor = rng.normal(size=(4, 4)) * 5.0
-    return from_pseudo_inertia(factor @ factor.T + 0.1 * np.eye(4))
+    matrix = factor @ factor.T + 0.1 * np.eye(4)  # pseudo-inertia
+    inertia = np.trace(matrix[:3, :3]) * np.eye(3) - matrix[:3, :3]
+    return np.concatenate(([matrix[3, 3]], matrix[:3, 3], vec(inertia)))
 
 
 def random_estimate(seed: int) -> tuple[Array, Array]:

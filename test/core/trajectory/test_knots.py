@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.interpolation import midpoints
-from mbaid_ros.core.trajectory.knots import Knots, average, bridged
+from mbaid_ros.core.trajectory.knots import Knots, averages, bridged
 
 COUNT = 12
 MIDDLE = 1.3  # s
@@ -43,7 +43,11 @@ def sampled(time: Array) -> Samples:
     )  # fmt: skip
 
 
-def nodes_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Knots:
+def averaged(samples: Samples, start: float, spacing: float, count: int, origin: Array) -> Knots:
+    return averages([samples], np.array([start]), spacing, count, origin)
+
+
+def knots_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Knots:
     """Return knots of so many samples each, one interval of them about MIDDLE.
 
     Sample times jitter by a part of their spacing, symmetric in each knot.
@@ -52,9 +56,7 @@ def nodes_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 
     inner = (np.arange(samples) + 0.5) / samples - 0.5
     inner = inner + jitter * np.sin(7.0 * inner) / samples
     time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + inner * spacing).ravel()
-    knots = average(sampled(time), start, spacing, COUNT, np.zeros(3))
-    assert knots is not None
-    return knots
+    return averaged(sampled(time), start, spacing, COUNT, np.zeros(3))
 
 
 def order(error: list[float]) -> float:
@@ -66,7 +68,7 @@ def order(error: list[float]) -> float:
 def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
     found: dict[str, list[float]] = {}
     for spacing in (0.2, 0.1):
-        inner = midpoints(nodes_of(spacing, samples, jitter), spacing)[5:6]
+        inner = midpoints(knots_of(spacing, samples, jitter), spacing)[5:6]
         time = np.array([MIDDLE])
         ends = (time - spacing / 2, time + spacing / 2)
         for name, error in (
@@ -87,14 +89,14 @@ def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
 def test_ends_copy_their_neighbours_correction() -> None:
     error = []
     for spacing in (0.1, 0.05):
-        middle = midpoints(nodes_of(spacing, 5, interval=0), spacing)
+        middle = midpoints(knots_of(spacing, 5, interval=0), spacing)
         error.append(float(np.abs(middle.base_position[0] - position(np.array([MIDDLE]))[0]).max()))
     # One order less than inside.
     assert order(error) > 2.5
 
 
 def test_joint_rates_telescope() -> None:
-    knots = nodes_of(0.05, 5)
+    knots = knots_of(0.05, 5)
     noise = np.random.default_rng(0).normal(size=knots.joint_position.shape)
     noisy = midpoints(replace(knots, joint_position=knots.joint_position + noise), 0.05)
     change = np.sum(noisy.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05
@@ -107,8 +109,7 @@ def test_joint_rates_telescope() -> None:
 
 def test_irregular_samples_count_with_their_own_times() -> None:
     samples = sampled(np.array([0.01, 0.02, 0.09, 0.11, 0.16, 0.17, 0.18]))
-    knots = average(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
-    assert knots is not None
+    knots = averaged(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
     assert knots.joint_position == pytest.approx(
         np.stack((samples.joint_position[:3].mean(0), samples.joint_position[3:].mean(0)))
     )
@@ -117,30 +118,28 @@ def test_irregular_samples_count_with_their_own_times() -> None:
     assert knots.spread == pytest.approx([np.var(time) / 0.01 for time in times])
 
 
-def test_a_node_without_a_sample_leaves_no_nodes() -> None:
+def test_a_knot_without_a_sample_is_empty() -> None:
     time = np.array([0.01, 0.02, 0.31, 0.32, 0.41])
-    assert average(sampled(time), 0.0, 0.1, 5, np.zeros(3)) is None
-    assert average(sampled(time), 0.0, 0.25, 2, np.zeros(3)) is not None
+    assert averaged(sampled(time), 0.0, 0.1, 5, np.zeros(3)).empty.tolist() == [False, True, True, False, False]
+    assert not np.any(averaged(sampled(time), 0.0, 0.25, 2, np.zeros(3)).empty)
 
 
-def test_one_sample_is_a_node_as_it_is() -> None:
+def test_one_sample_is_a_knot_as_it_is() -> None:
     samples = sampled(np.array([0.05, 0.15]))
-    knots = average(samples, 0.0, 0.1, 2, np.zeros(3))
-    assert knots is not None
+    knots = averaged(samples, 0.0, 0.1, 2, np.zeros(3))
     assert np.array_equal(knots.joint_position, samples.joint_position)
     assert knots.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
     assert np.array_equal(knots.spread, np.zeros(2))
 
 
 @pytest.mark.parametrize('place', [1, 5, COUNT - 2])
-def test_a_node_without_samples_is_bridged(place: int) -> None:
+def test_a_knot_without_samples_is_bridged(place: int) -> None:
     sizes = []
     for spacing in (0.1, 0.05):
-        full = nodes_of(spacing, 5)
+        full = knots_of(spacing, 5)
         start = MIDDLE - 6.0 * spacing
         time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + (np.arange(5) - 2.0) / 5.0 * spacing).ravel()
-        knots = average(sampled(time[np.arange(len(time)) // 5 != place]), start, spacing, COUNT, np.zeros(3))
-        assert knots is not None
+        knots = averaged(sampled(time[np.arange(len(time)) // 5 != place]), start, spacing, COUNT, np.zeros(3))
         assert np.flatnonzero(knots.empty).tolist() == [place]
         whole = bridged(knots)
         assert not np.any(whole.empty)
@@ -152,8 +151,3 @@ def test_a_node_without_samples_is_bridged(place: int) -> None:
     # Fourth order from four neighbours, second from the two that a knot next to the end has.
     ratio = np.array(sizes[0]) / np.array(sizes[1])
     assert np.all(ratio > (3.2 if place in (1, COUNT - 2) else 13.0))
-
-
-def test_two_nodes_without_samples_are_a_gap() -> None:
-    time = np.concatenate((np.arange(0.005, 0.2, 0.01), np.arange(0.305, 0.6, 0.01)))
-    assert average(sampled(time), 0.0, 0.05, COUNT, np.zeros(3)) is None
