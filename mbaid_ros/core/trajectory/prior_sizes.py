@@ -18,8 +18,10 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.verdict.widening import BesidePrior, Distance, LikelySize
 
-# Chance beforehand that a kind is declared too certain, and that a single thing is mistaken.
-_TOO_SMALL, _MISTAKEN = 0.05, 0.01
+# Chance beforehand that a kind is declared too certain, and up to which that counts for nothing.
+_TOO_SMALL = (0.05, 0.05)
+# The same that a single thing is mistaken: of many that are right, one looks so by chance.
+_MISTAKEN = (0.01, 0.2)
 _SURE = 0.9  # chance, from which it is told
 
 
@@ -57,14 +59,14 @@ class PriorSizes:
 
         for kind in dict.fromkeys(kinds.tolist()):
             own = np.flatnonzero(kinds == kind)
-            sizes[kind] = seen(own).likely_size(_TOO_SMALL)
+            sizes[kind] = seen(own).likely_size(*_TOO_SMALL)
             each[own] = sizes[kind].factor
         for cause in dict.fromkeys(causes):
             own = np.flatnonzero(belongs == cause)
             numbers = seen(own)
             distances[cause] = numbers.distance
             if cause not in sizes:
-                sizes[cause] = numbers.likely_size(_MISTAKEN)
+                sizes[cause] = numbers.likely_size(*_MISTAKEN)
                 each[own] = np.maximum(each[own], sizes[cause].factor)
         return PriorSizes(sizes, distances, each)
 

@@ -92,7 +92,7 @@ class BesidePrior:
         """
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
-    def likely_size(self, too_small: float) -> LikelySize:
+    def likely_size(self, too_small: float, doubt: float) -> LikelySize:
         """Return how many times as far from zero they are as declared.
 
         The root mean square of one and the likeliest factor, by the chance of either; data that say nothing of the
@@ -101,13 +101,14 @@ class BesidePrior:
         Parameters
         ----------
         too_small : chance that they are declared too certain, before the data are asked
+        doubt : chance afterwards up to which that counts for nothing
         """
         # What is known of them should be about as large as it is known, or a factor could gain nothing.
         if float(self.mean @ self.mean) <= float(np.sum(1.0 - self.variance)):
             return LikelySize(1.0, 0.0, 0.0)
         most, factor = self._largest(_SIZES)
         odds = too_small * np.exp(min(most, 100.0))
-        chance = max(0.0, (odds / (1.0 - too_small + odds) - too_small) / (1.0 - too_small))
+        chance = max(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
         return LikelySize(float(np.sqrt(1.0 + chance * (factor**2 - 1.0))), float(chance), max(most, 0.0))
 
     def _largest(self, factors: Sequence[float]) -> tuple[float, float]:

@@ -43,22 +43,22 @@ def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
 
 
 def test_what_is_as_large_as_declared_stays() -> None:
-    sizes = [BesidePrior.of(*drawn(seed, 1.0, 10.0)).likely_size(BEFORE)[0] for seed in range(500)]
+    sizes = [BesidePrior.of(*drawn(seed, 1.0, 10.0)).likely_size(BEFORE, BEFORE)[0] for seed in range(500)]
     assert np.median(sizes) < 1.05
     assert np.mean(np.array(sizes) > 1.5) < 0.03
 
 
 @pytest.mark.parametrize('size', [3.0, 6.0])
 def test_what_is_larger_is_found_to_be(size: float) -> None:
-    found = np.array([BesidePrior.of(*drawn(seed, size, 10.0)).likely_size(BEFORE)[:2] for seed in range(200)])
+    found = np.array([BesidePrior.of(*drawn(seed, size, 10.0)).likely_size(BEFORE, BEFORE)[:2] for seed in range(200)])
     assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
     assert np.median(found[:, 1]) > 0.9
 
 
 def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     mean, covariance = drawn(0, 3.0, 1e-6)
-    assert BesidePrior.of(mean, covariance).likely_size(BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
-    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_size(BEFORE) == LikelySize(1.0, 0.0, 0.0)
+    assert BesidePrior.of(mean, covariance).likely_size(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_size(BEFORE, BEFORE) == LikelySize(1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize('seen', [0.5, 10.0])
