@@ -23,7 +23,7 @@ from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.hypotheses import hypotheses
-from mbaid_ros.core.unknowns.words import all_of, named, of_change
+from mbaid_ros.core.unknowns.words import all_of, of_change
 from mbaid_ros.core.verdict.judgement import Evidence
 
 _SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
@@ -126,7 +126,7 @@ class TargetRuns:
         return Evidence(
             nis=belief.nis / max(belief.measured, 1),
             innovations=belief.innovations,
-            distances={named(cause): value for cause, value in beside_prior.distances.items()},
+            distances={all_of(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(track.jumps),
             unconfirmed=run.unconfirmed,
             hypothesis=hypothesis.name if hypothesis.disturbed else '',

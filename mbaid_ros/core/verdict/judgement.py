@@ -149,10 +149,7 @@ def _widening(evidence: Evidence) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return what may be wrong, the likeliest first."""
     causes = [
-        Cause(
-            f'{what} is off by {np.sqrt(square / degrees):.1f} times its declared standard deviation',
-            0.5 * square,
-        )
+        Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
         for what, (square, _, degrees) in evidence.distances.items()
         if degrees and square > chi_square.limit(_RARELY, degrees)
     ]
