@@ -63,7 +63,7 @@ def thrown(log: Path, name: str, folder: Path) -> Throw | None:
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         if not bag.exists():
             convert(['tudelft-throw', str(log), '--object', name, '--output', str(bag)])
-        arguments = [bag, '--model', bag / 'robot.urdf', '--params', bag / 'estimator.yaml', '--unknown', 'device']
+        arguments = [bag, '--model', bag / 'robot.urdf', '--params', bag / 'estimator.yaml']
         if calibrate([str(each) for each in (*arguments, '--json', result)]) != 0:
             return None
     found = json.loads(result.read_text(encoding='utf-8'))

@@ -58,6 +58,12 @@ class ImuConfig:
     scale_std: float = parameter(
         0.01, 'Relative standard deviation of the scale of each axis; 0 is exact.', minimum=0.0
     )
+    cross_axis_std: float = parameter(
+        0.0,
+        'Standard deviation of how much of the angular velocity about one axis is read about another, beside how all '
+        'of them are turned; data sheets of MEMS call 0.01 to 0.02 the most. 0 is exact.',
+        minimum=0.0,
+    )
     orientation_std: float = parameter(
         0.01,
         'Standard deviation of how it is turned on the base, about each axis; 0 is exact.',

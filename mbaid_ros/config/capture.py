@@ -35,6 +35,13 @@ class DisturbanceConfig:
         'inertial, as on a tilted table; none estimates one where the data ask for it (trajectory.adapt).',
         choices=CONSTANT_FORCES,
     )
+    torque_std: float = parameter(
+        0.0,
+        'Standard deviation of a torque from outside about each axis of the base, constant in these and another one in '
+        'every motion, as that of the air on a thrown body; 0 is none.',
+        unit='N m',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True)

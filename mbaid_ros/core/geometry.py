@@ -21,6 +21,20 @@ _TINY = 1e-300  # instead of 0 in a denominator
 _COSINE_OF_LARGE = -0.4  # of an angle of two radians
 
 
+def crossed(vector: Array) -> Array:
+    """Return X(a), skew(a) without its signs: X(a) b = X(b) a, the symmetric counterpart of a cross product.
+
+    Parameters
+    ----------
+    vector : (..., 3) array
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    return skew(vector) * skew(np.ones(3))
+
+
 def skew(vector: Array) -> Array:
     """Return [a]x with [a]x b = a x b (paper, definition 5).
 

@@ -120,7 +120,7 @@ _URDF = """\
 _PARAMETERS = """\
 # A throw of TU Delft: the device and what it is bolted to are one body. A wheel cannot tell its mass: a scale does.
 #
-#   ros2 run mbaid_ros calibrate FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml --unknown {base}
+#   ros2 run mbaid_ros calibrate FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
 /**:
   ros__parameters:
     target_link: {base}
@@ -131,14 +131,17 @@ _PARAMETERS = """\
     odometry_mount: {{position_std: 0.0, orientation_std: 0.0}}   # the device is where its IMU is
     time_offset: {{prior_std: 2.0e-3}}  # s
     imu: {{alone: true, noise_density: 5.0e-3, bias_std: 5.0e-3, bias_walk: 1.0e-3,
-          scale_std: 5.0e-3, orientation_std: 1.0e-3}}
+          scale_std: 5.0e-3, cross_axis_std: 5.0e-3, orientation_std: 1.0e-2}}   # to the flywheel's axis: half a degree
+    disturbance: {{torque_std: 1.0e-3}}   # N m, of the air: 10 Pa at 4 m/s on 30 cm², 3 cm off the centre of mass
     noise:
       joint_position: 0.1             # rad
       joint_velocity: 20.0            # rad/s; the speed of the flywheel is new 900 times a second
 calibrate:
   ros__parameters:
+    unknown_links: [{base}, {joint}_rotor]   # the flywheel's moment of inertia is known to 1 %
     prior: {{mass_relative_std: 1.0e-3, com_std: 0.01, inertia_relative_std: 0.5, zero_std: 0.0,
-            origin_std: 0.0, axis_std: 0.0}}
+            origin_std: 0.0, axis_std: 0.0,
+            links: {{{joint}_rotor: {{mass_relative_std: 1.0e-3, com_std: 1.0e-6, inertia_relative_std: 0.01}}}}}}
 """
 
 
@@ -164,4 +167,4 @@ def throw_urdf(thrown: Thrown) -> str:
 def throw_parameters(thrown: Thrown) -> str:
     """Return the parameters for it."""
     total = thrown.whole()[0]
-    return _PARAMETERS.format(base=Thrown.BASE, total=total, mass_std=1e-3 * total)
+    return _PARAMETERS.format(base=Thrown.BASE, joint=Thrown.JOINT, total=total, mass_std=1e-3 * total)

@@ -65,6 +65,7 @@ def with_surroundings(
         clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
+        torque=config.disturbance.torque_std,
     )
 
 
@@ -74,7 +75,7 @@ def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
         return None
     # Alone, it is as late as the joints are early.
     delay = 0.0 if imu.alone else imu.delay_std
-    errors = GyroErrors(imu.bias_std, imu.scale_std, imu.orientation_std, delay, imu.bias_walk)
+    errors = GyroErrors(imu.bias_std, imu.scale_std, imu.orientation_std, delay, imu.bias_walk, imu.cross_axis_std)
     alone = imu.alone and not imu.orientation
     return replace(errors, alone=alone, oriented=imu.orientation, link=imu_link(config, model))
 

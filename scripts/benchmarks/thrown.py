@@ -52,17 +52,18 @@ _SIMULATOR: dict[str, object] = {
 AT_REST: dict[str, object] = {'motion.amplitudes': [0.0], 'initial.joint_positions': [0.0]}  # the wheel
 
 
-def record(folder: Path, values: Mapping[str, object], seconds: float) -> None:
+def record(folder: Path, values: Mapping[str, object], seconds: float, name: str = 'throw') -> None:
     """Write the bag of a throw: the wheel's joint states and the gyro, no poses.
 
     Parameters
     ----------
-    folder : of the bag `throw`
+    folder : of the bag
     values : parameters of the simulator beside those of every throw
     seconds : of free flight
+    name : of the bag
     """
     run = SimulatedRun(build(SimulatorConfig, {**_SIMULATOR, **values}), _URDF.format(*INERTIA.values()), BAG_TYPES)
-    with BagWriter(folder / 'throw') as bag:
+    with BagWriter(folder / name) as bag:
         bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
         bag.add_topic('/imu', 'sensor_msgs/msg/Imu')
         for timed in run.read(seconds):
@@ -70,17 +71,27 @@ def record(folder: Path, values: Mapping[str, object], seconds: float) -> None:
                 bag.write(f'/{timed.topic}', timed.message, run.stamp(timed.time))
 
 
-def calibrated(folder: Path, believed: Sequence[float]) -> dict[str, Any] | None:
-    """Return what `calibrate` finds of the throw in a folder, as its JSON; None where it finds nothing.
+def calibrated(
+    folder: Path, believed: Sequence[float], parameters: str = '', bags: Sequence[str] = ('throw',)
+) -> dict[str, Any] | None:
+    """Return what `calibrate` finds of the throws in a folder, as its JSON; None where it finds nothing.
 
     Parameters
     ----------
     folder : as of `record`
     believed : kg m^2, elements of the body's inertia in the order of INERTIA, as the URDF has them
+    parameters : a line of YAML, more of them
+    bags : names, a throw each
     """
     (folder / 'drawn.urdf').write_text(_URDF.format(*believed), encoding='utf-8')
-    (folder / 'calibrate.yaml').write_text(_CALIBRATE, encoding='utf-8')
-    arguments = [folder / 'throw', '--model', folder / 'drawn.urdf', '--params', folder / 'calibrate.yaml']
+    (folder / 'calibrate.yaml').write_text(f'{_CALIBRATE}    {parameters}\n', encoding='utf-8')
+    arguments = [
+        *(folder / bag for bag in bags),
+        '--model',
+        folder / 'drawn.urdf',
+        '--params',
+        folder / 'calibrate.yaml',
+    ]
     arguments += ['--unknown', 'base_link', '--json', folder / 'found.json']
     with redirect_stdout(StringIO()):
         if calibrate([str(each) for each in arguments]) != 0:

@@ -87,7 +87,7 @@ class ConsiderParameters:
             self._start = samples.base_position[0].copy()
         place = samples.base_position - self._start
         whole = express(about_base, np.broadcast_to(np.eye(3), (len(place), 3, 3)), place)
-        rates = unknown.momentum_rates(whole, self._start, samples.time)
+        rates = unknown.momentum_rates(whole, self._start, samples.time, samples.base_rotation)
         time, rate, total = self._before.get(unknown, (samples.time[0], rates[0], np.zeros_like(rates[0])))
         steps = np.diff(samples.time, prepend=time)[:, None, None]
         totals = total + np.cumsum(0.5 * steps * (rates + np.concatenate((rate[None], rates[:-1]))), axis=0)

@@ -115,6 +115,7 @@ _WORDS = {
     'twist bias': 'the bias of the angular velocity: more motion tells it (odometry.angular_velocity_bias_std)',
     'gravity gradient': 'an orbit that is not declared: orbit.mean_motion, or 0 for orbit.undeclared_rate',
     'orbit shape': 'an orbit that may be no circle: orbit.eccentricity, or 0 for orbit.undeclared_eccentricity',
+    'external torque': 'a torque from outside: shield it, or a longer motion tells it (disturbance.torque_std)',
     'target prior': 'what was given of the target (target_prior)',
     'momentum prior': 'what was given of the momentum (momentum.linear_prior_std)',
 }

@@ -52,7 +52,7 @@ class KnotAveraging:
         self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, oriented: bool = True
     ) -> None:
         self._oriented = oriented
-        self._course: Array = np.zeros(27)
+        self._course: Array = np.zeros(36)
         self._gyro = gyro
         self._noise = noise
         self._length = length

@@ -179,7 +179,8 @@ def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> A
         whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
         length = stack.windows[0].length
         for unknown, place in pushing:
-            rates = unknown.momentum_rates(whole, stack.windows[0].origin, stack.middles + 0.5 * length)
+            ends = stack.middles + 0.5 * length
+            rates = unknown.momentum_rates(whole, stack.windows[0].origin, ends, placed.rotation[:, 0])
             brought[..., place] = length * rates @ unknown.factor
     return brought
 

@@ -88,11 +88,13 @@ def pose_reset(belief: Belief, variables: Variables) -> Belief:
 def new_motion(belief: Belief, variables: Variables) -> Belief:
     """Return the belief at the begin of another motion: of pose error and momentum nothing is known.
 
-    Their rows go, which leaves what is known of all else whatever they were.
+    Their rows go, which leaves what is known of all else whatever they were, but of what every motion has of its own.
     """
     root, head = belief.root.copy(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
+    if variables.renewed.shape[1]:
+        root = _walked(root, variables.renewed, len(variables.scale))
     return belief.with_root(root)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base, skew
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.stacked import Stacked
@@ -42,7 +42,7 @@ class Knots(Stacked):
     stored : (J, c) readings of what stores momentum inside bodies
     tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
-    course : (J, 27) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
+    course : (J, 36) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
         axes, for each of the gyro's errors (3 x 9, rows first): bias, scale, turn; none where it is measured
     """
 
@@ -137,17 +137,17 @@ def at_the_base(knots: Knots, mount: Array) -> Knots:
 def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
     """Return knots of a base whose orientation is that of the gyro alone, with what its errors have made of it.
 
-    And what they have by the end of the last knot, (27,).
+    And what they have by the end of the last knot, (36,).
 
     Parameters
     ----------
     knots : in a row
     spacing : s
-    begin : (27,) before the first of them
+    begin : (36,) before the first of them
     """
     rate = np.gradient(knots.gyro, spacing, axis=0)
-    errors = np.zeros((len(knots), 3, 9))
-    errors[:, :, :3], errors[:, :, 6:] = np.eye(3), skew(rate)
+    errors = np.zeros((len(knots), 3, 12))
+    errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
     errors[:, [0, 1, 2], [3, 4, 5]] = rate
     # Where a knot is empty nothing is known: the chain begins anew after it.
     steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
@@ -156,8 +156,8 @@ def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Arra
 
 
 def turned_back(knots: Knots, errors: Array) -> Knots:
-    """Return knots whose orientation and angular velocity are those of a gyro without (9,) errors."""
-    away = knots.course.reshape(*knots.course.shape[:-1], 3, 9) @ errors
+    """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
+    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
     return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
 
 

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, skew
+from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
 from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction
 from mbaid_ros.core.trajectory.state import Layout, Point
@@ -65,12 +65,14 @@ def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slo
     relative = around.imu_rate
     rate, axes = own[..., 3:] + relative[inside], around.imu_axes[inside]
     changing = slope[..., 3:] + gradient(relative)[inside] / spacing
+    within = rotate_back(axes, rate)
     return ImuMotion(
         rate=seen.twist[..., :3] + _total(weight * relative[inside]),
         slope=_total(weight * changing),
         axes=_total(weight[..., None] * axes),
-        stretching=_total(weight[..., None] * axes * rotate_back(axes, rate)[..., None, :]),
+        stretching=_total(weight[..., None] * axes * within[..., None, :]),
         turning=_total(weight[..., None] * (skew(rate) @ axes)),
+        crossing=_total(weight[..., None] * (axes @ crossed(within))),
     )
 
 

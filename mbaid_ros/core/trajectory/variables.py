@@ -37,6 +37,7 @@ class Variables:
     known : (e, e) square-root information of the unknowns then
     typical_momentum : (6,) typical sizes, whatever is known of it
     walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
+    renewed : (e, w) factor of what they change by from one motion to the next
     left : (v, v + 1) square-root information that the run has left before its target changed, and beside it what that
         makes of the mean; None where nothing has changed
     """
@@ -50,6 +51,7 @@ class Variables:
     known: Array
     typical_momentum: Array
     walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
     left: Array | None = None
 
     @property
@@ -166,7 +168,9 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
-    return Variables(basis, scale, measured, force, mean, factor, known, typical[10:16], _walks(layout))
+    return Variables(
+        basis, scale, measured, force, mean, factor, known, typical[10:16], _walks(layout), _renewed(layout)
+    )
 
 
 def _walks(layout: Layout) -> Array:
@@ -174,6 +178,12 @@ def _walks(layout: Layout) -> Array:
     if not any(unknown.walk.shape[1] for unknown in layout.unknowns):
         return np.zeros((0, 0))
     return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
+
+
+def _renewed(layout: Layout) -> Array:
+    """Return the (e, w) factor of by how much those that every motion has of its own are others than in the last."""
+    own = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
+    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool)])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:

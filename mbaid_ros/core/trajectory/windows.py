@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, rotate_back
+from mbaid_ros.core.geometry import Array, cross, crossed, rotate_back
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.trajectory.gyro_link import on_link
 from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
@@ -110,7 +110,8 @@ class Stack:
         if side.gyro.any() and self.knots.course.shape[-1]:
             middle = midpoints(turned_back(self.knots, side.gyro), self.windows[0].spacing)
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
-            errors = side.gyro[:3] + side.gyro[3:6] * read + cross(read, np.broadcast_to(side.gyro[6:], read.shape))
+            bias, scale, turn, shared = side.gyro.reshape(4, 3)
+            errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
             middle = replace(middle, gyro=middle.gyro - errors)
         if side.mount.any():
             middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)

@@ -9,6 +9,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.external_torque import external_torque
 from mbaid_ros.core.unknowns.gravity import gravity
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
@@ -44,6 +45,7 @@ class Uncertainty:
     twist_bias : rad/s, of its angular velocity
     orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle : the orbit that is declared, where it may be no circle
+    torque : N m, of a torque from outside in base axes
     """
 
     zeros: Sequence[float] = ()
@@ -66,6 +68,7 @@ class Uncertainty:
     twist_bias: float = 0.0
     orbit: float = 0.0
     circle: Circle | None = None
+    torque: float = 0.0
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -92,6 +95,7 @@ def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
         gravity(uncertainty.orbit),
+        external_torque(uncertainty.torque),
         *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
     return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())

@@ -46,6 +46,7 @@ class ImuMotion:
     slope : (B, 3) its weighted mean slope
     axes : (B, 3, 3) weighted mean of R, its axes to the odometry's
     stretching, turning : (B, 3, 3) weighted means of R diag(R^T w) and of [w]x R
+    crossing : (B, 3, 3) weighted mean of R X(R^T w), X as in `geometry.crossed`
     """
 
     rate: Array
@@ -53,6 +54,7 @@ class ImuMotion:
     axes: Array
     stretching: Array
     turning: Array
+    crossing: Array
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,8 @@ class Unknown:
     in_equations = True
     # Whether it changes the momentum as time goes by.
     pushes = False
+    # Whether every motion has one of its own.
+    of_a_motion = False
     # Whether it adds to the joints' motion.
     of_joints = False
 
@@ -149,7 +153,7 @@ class Unknown:
             raise NotImplementedError(type(self).__name__)
         return columns
 
-    def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return how fast (P, L) change by it, (B, 6, k), where they do.
 
         Parameters
@@ -157,6 +161,7 @@ class Unknown:
         whole : (B, 10) standard parameters of the whole robot in odometry axes, about the point that L is about
         origin : (3,) m, that point in the odometry frame
         time : (B,) s since the begin
+        rotation : (B, 3, 3) of the base
         """
         raise NotImplementedError(type(self).__name__)
 

@@ -41,8 +41,9 @@ class Gravity(Linear):
     in_equations = True
     pushes = True
 
-    def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each of them."""
+        del rotation
         rates = rates_by(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
 

@@ -1,6 +1,7 @@
-"""What an IMU's angular velocity is wrong by: bias, which walks, scale, how it is mounted, and how late it is stamped.
+"""What an IMU's angular velocity is wrong by: bias, which walks, scale and cross-axis, how it is mounted, its delay.
 
-It reads (1 + diag(k)) Exp(-e) w(t - d) + b in the axes that its frame is said to have, w in those of its link.
+It reads (1 + diag(k) + C) Exp(-e) w(t - d) + b, C symmetric without a diagonal, in the axes that its frame is said to
+have, w in those of its link.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
-BIAS, STRETCH, TURN, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro delay')
+BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
+_LATE = 12  # place of the delay
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class GyroErrors:
     ----------
     bias, scale, orientation, delay : rad/s, relative, rad, s
     walk : rad/s/sqrt(s), of the bias
+    cross : relative, of one axis in another
     alone : whether it alone tells the orientation, which windows are linearised along
     oriented : whether the IMU measures the orientation, too, in the same axes
     link : that the IMU is on, where joints move it; None on the base
@@ -36,6 +39,7 @@ class GyroErrors:
     orientation: float = 0.0
     delay: float = 0.0
     walk: float = 0.0
+    cross: float = 0.0
     alone: bool = False
     oriented: bool = False
     link: Link | None = None
@@ -43,17 +47,17 @@ class GyroErrors:
 
 @dataclass(frozen=True, eq=False)
 class Gyro(Unknown):
-    """Bias (rad/s), scale, turn (rad) of its axes in those of its link, (3,) each, and delay of its stamps (s).
+    """Bias (rad/s), scale, turn (rad) of its axes, what pairs of them have in common, (3,) each, and delay (s).
 
     Attributes
     ----------
-    wandering : (10, w) factor of what the bias changes by in a second
+    wandering : (13, w) factor of what the bias changes by in a second
     alone : whether it alone tells the orientation
     oriented : whether the IMU measures the orientation, too, in the same axes
     link : that it is on, where joints move it
     """
 
-    wandering: Array = field(default_factory=lambda: np.zeros((10, 0)))
+    wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     alone: bool = False
     oriented: bool = False
     link: Link | None = None
@@ -70,7 +74,7 @@ class Gyro(Unknown):
         """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
         if not self.oriented:
             return None
-        pose, twist = np.zeros((2, len(motion.rotation), 6, 10))
+        pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
         pose[:, :3, 6:9] = motion.rotation
         return pose, twist
 
@@ -78,29 +82,29 @@ class Gyro(Unknown):
         """Return what it reads by each."""
         assert motion.imu is not None, 'there is an IMU'
         own = motion.imu
-        return np.concatenate((own.axes, own.stretching, own.turning, -own.slope[..., None]), axis=-1)
+        return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
 
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
 
-        Of a gyro alone they are those that it has led to, less what is known of bias, scale and turn.
+        Of a gyro alone they are those that it has led to, less what is known of its errors.
         """
         del deviation
         if not self.alone:
             return np.zeros_like(value)
         numbers = self.factor @ value
-        numbers[9] = 0.0
+        numbers[_LATE] = 0.0
         return np.asarray(np.linalg.pinv(self.factor) @ numbers)
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:
         """Return the known side with these errors."""
-        return replace(side, gyro=side.gyro + value[:9]) if self.alone else side
+        return replace(side, gyro=side.gyro + value[:_LATE]) if self.alone else side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return bias and scale of what it reads about the normal, and the delay."""
         normal = self._normal(detector)
-        basis = np.zeros((10, 3))
-        basis[:3, 0], basis[3:6, 1], basis[9, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
+        basis = np.zeros((13, 3))
+        basis[:3, 0], basis[3:6, 1], basis[_LATE, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
         return basis
 
     def _normal(self, detector: PlaneDetector) -> Array:
@@ -115,7 +119,7 @@ class Gyro(Unknown):
         """Return it as a planar motion depends on it; what of the bias does not matter walks no more."""
         seen = super().in_plane(detector)
         normal = self.plane_basis(detector)[:3, :1]
-        wandering = np.zeros((10, 1))
+        wandering = np.zeros((13, 1))
         wandering[:3] = normal * np.sqrt(np.sum((normal.T @ self.wandering[:3]) ** 2))
         return replace(
             self,
@@ -128,9 +132,9 @@ class Gyro(Unknown):
 def gyro(errors: GyroErrors | None) -> Gyro:
     """Return what an IMU is wrong by as an unknown; None is that there is none."""
     own = errors or GyroErrors()
-    deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation), 3), own.delay])
-    wandering = np.zeros((10, 3))
+    deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
+    wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
-    labels = (*np.repeat(GYRO[:3], 3).tolist(), LATE)
+    labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
     factor = np.diag(deviations)[:, deviations > 0.0]
     return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.oriented, own.link)

@@ -22,7 +22,7 @@ class KnownSide:
     mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
     delay : s, by how much the joints' stamps are late
     thrust : (5 f,) by how much each thruster is off its command: scale, turn, delay; empty is not at all
-    gyro : (9,) bias, scale and turn of a gyro that alone tells the orientation
+    gyro : (12,) bias, scale, turn and what axes have in common, of a gyro that alone tells the orientation
     """
 
     kernel: MomentumKernel
@@ -30,7 +30,7 @@ class KnownSide:
     mount: Array
     delay: float
     thrust: Array = field(default_factory=lambda: np.zeros(0))
-    gyro: Array = field(default_factory=lambda: np.zeros(9))
+    gyro: Array = field(default_factory=lambda: np.zeros(12))
 
     @staticmethod
     def nominal(kernel: MomentumKernel) -> KnownSide:

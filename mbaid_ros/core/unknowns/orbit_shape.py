@@ -54,8 +54,9 @@ class OrbitShape(Linear):
     in_equations = True
     pushes = True
 
-    def momentum_rates(self, whole: Array, origin: Array, time: Array) -> Array:
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return what gravity brings otherwise than that of the circle does."""
+        del rotation
         orbit = self.circle.orbit
         gradient, normal = orbit.gradient(time), skew(orbit.normal)
         brought = rates_by(gradient[:, None], whole, origin)

@@ -9,6 +9,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.orbit import orbit_fixed_frame
 from mbaid_ros.core.unknowns.clock_drift import CLOCK
+from mbaid_ros.core.unknowns.external_torque import TORQUE
 from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
 from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -31,6 +32,7 @@ _KINDS = {
     'axis': "the joints' axes",
     'mount': 'position and orientation of the odometry mount',
     SHAPE: 'eccentricity and mean motion of the orbit',
+    TORQUE: 'torques from outside',
 }
 _DECLARED_BY = {
     'link': 'known_links.relative_std',
@@ -38,6 +40,7 @@ _DECLARED_BY = {
     'origin': 'known_joints.origin_std',
     'axis': 'known_joints.axis_std',
     'mount': 'odometry_mount.position_std, .orientation_std',
+    TORQUE: 'disturbance.torque_std',
     SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
 }
 
@@ -118,6 +121,7 @@ def of_suspect(cause: str, value: Array) -> str:
         SCALE: f'the scale of the odometry is off: lengths {1e2 * float(np.sum(value)):+.2g} % too long; '
         'calibrate it, or raise odometry.scale_std',
         TURNING: orbit_fixed_frame(size),
+        TORQUE: f'a torque of {size:.2g} N m acts from outside: find what pushes, or raise disturbance.torque_std',
         GRAVITY: f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion',
         SHAPE: 'the orbit is no circle, or orbit.mean_motion is off: set orbit.eccentricity and orbit.true_anomaly',
         CLOCK: f'the clocks drift apart by {1e6 * float(np.sum(value)):+.3g} ppm: synchronise them, or raise '

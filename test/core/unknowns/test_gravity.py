@@ -41,7 +41,7 @@ def test_it_changes_the_momentum_as_an_orbit_does(seed: int) -> None:
     bodies = servicer.with_target(np.array([70.0, 7.0, -3.0, 20.0, 30.0, 1.0, -2.0, 32.0, 1.0, 12.0]))
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)
     time = np.array([0.0, 10.0, 20.0, 30.0])  # s, in which it turns by 0.07 rad
-    found = gravity(RATE).momentum_rates(whole, origin, time) @ numbers(around)
+    found = gravity(RATE).momentum_rates(whole, origin, time, rotation) @ numbers(around)
     expected = of_bodies(momentum_rates(around, time, placed, origin + place), bodies)
     expected[:, 3:] -= np.cross(origin, expected[:, :3])
     size = np.abs(expected).max()

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from floating import float_freely
-from mbaid_ros.core.geometry import Array, exp, rotate_back
+from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
@@ -20,7 +20,7 @@ from observed import MID, observe
 from windowed import JOINT, residuals, window_model, window_of
 
 LINK = 'link4'
-SIZES = np.array([*(1e-3,) * 3, *(1e-3,) * 6, 1e-3])  # rad/s; relative, rad; s
+SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
 
 
 @pytest.fixture(scope='module')
@@ -35,17 +35,18 @@ def measured(kernel: MomentumKernel, exact: Samples, value: Array) -> Samples:
     base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
     bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
     rate = CubicSpline(exact.time, rotate_back(placed.link(link)[0], bodies[:, link.body, 3:]))
-    late = CubicSpline(exact.time, rate(exact.time - value[9]) @ exp(value[6:9]))
-    turned = late.antiderivative()(exact.time) * (1.0 + value[3:6]) + exact.time[:, None] * value[:3]
+    late = CubicSpline(exact.time, rate(exact.time - value[12]) @ exp(value[6:9]))
+    mixed = np.diag(1.0 + value[3:6]) + crossed(value[9:12])
+    turned = late.antiderivative()(exact.time) @ mixed + exact.time[:, None] * value[:3]
     return replace(exact, gyro=turned)
 
 
 def model_of(kernel: MomentumKernel, samples: Samples, start: Array, known: Array) -> tuple[WindowModel, Array]:
     """Return a window's model where some of the errors are known, and the state."""
-    errors = GyroErrors(1.0, 1.0, 1.0, 1.0, link=kernel.model.link(LINK))
+    errors = GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=kernel.model.link(LINK))
     layout = replace(Layout.of(kernel, (gyro(errors),)), imu=errors.link)
     state = np.concatenate((np.zeros(6), start, kernel.target.parameters, known))
-    assert len(state) == BODY.stop + 10
+    assert len(state) == BODY.stop + 13
     return window_model(layout, window_of(samples, 0.05), layout.point(state)), state
 
 
@@ -55,17 +56,17 @@ def left(kernel: MomentumKernel, exact: Samples, start: Array, value: Array, kno
 
 
 def test_exact_readings_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
-    assert np.abs(left(servicer7, exact, start, np.zeros(10), np.zeros(10))).max() < 1e-6
+    assert np.abs(left(servicer7, exact, start, np.zeros(13), np.zeros(13))).max() < 1e-6
 
 
-@pytest.mark.parametrize('component', range(10))
+@pytest.mark.parametrize('component', range(13))
 def test_readings_are_off_as_the_columns_say(
     servicer7: MomentumKernel, exact: Samples, start: Array, component: int
 ) -> None:
-    value = np.zeros(10)
+    value = np.zeros(13)
     value[component] = SIZES[component]
-    none = left(servicer7, exact, start, np.zeros(10), np.zeros(10))
-    off = left(servicer7, exact, start, value, np.zeros(10))
+    none = left(servicer7, exact, start, np.zeros(13), np.zeros(13))
+    off = left(servicer7, exact, start, value, np.zeros(13))
     rest = left(servicer7, exact, start, value, value)
     assert np.abs(off).max() > 1e-6
     assert np.abs(rest - none).max() < 1e-2 * np.abs(off).max()
@@ -75,10 +76,10 @@ def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
     servicer7: MomentumKernel, exact: Samples, start: Array
 ) -> None:
     rng = np.random.default_rng(0)
-    read, errors = measured(servicer7, exact, np.zeros(10)), []
+    read, errors = measured(servicer7, exact, np.zeros(13)), []
     for _ in range(150):
         noisy = read.joint_position + JOINT * rng.normal(size=read.joint_position.shape)
-        model, state = model_of(servicer7, replace(read, joint_position=noisy), start, np.zeros(10))
+        model, state = model_of(servicer7, replace(read, joint_position=noisy), start, np.zeros(13))
         errors.append(residuals(model, state)[1])
     # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
     expected, found = model.twist_covariance, np.cov(np.array(errors).T)

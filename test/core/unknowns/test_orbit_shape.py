@@ -110,7 +110,7 @@ def test_gravity_brings_what_the_true_orbit_does(frame: str, number: int) -> Non
     expected = brought(true, whole_turn) - brought(around, back)
     placed = servicer.kinematics.configure(rotation, angles)
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)
-    found = shape(around).momentum_rates(whole, ORIGIN, TIME) @ numbers
+    found = shape(around).momentum_rates(whole, ORIGIN, TIME, rotation) @ numbers
     assert found == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
 
 
