@@ -45,6 +45,7 @@ class Inquiries:
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
         self._inquiry = Errand[Found](suspicion.layout.size)
         self._found: Found | None = None
+        self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
 
     def take(self, window: Window | None, samples: Samples) -> None:
         """Take the next window into those that an inquiry is over, and the samples of the one after it."""
@@ -64,6 +65,8 @@ class Inquiries:
         if not self._inquiry.under_way and suspicious and self._seen >= self._next and not early:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
             point = run.point if run.started else None
+            since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
+            self._about = tuple(time for time in run.jumped if time >= since)
             self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
         self._inquiry.owe(_SHARE_BESIDE if run.searching else _SHARE)
 
@@ -72,6 +75,11 @@ class Inquiries:
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
             self._found = self._inquiry.work_off() or self._found
         return self._inquiry.owing
+
+    @property
+    def open_jumps(self) -> tuple[float, ...]:
+        """When the momentum seemed to jump, s, where an inquiry is under way into what that was."""
+        return self._about if self._inquiry.under_way else ()
 
     def _since_a_jump(self, run: FilterRun) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""

@@ -128,7 +128,7 @@ class TargetRuns:
             innovations=belief.innovations,
             distances={all_of(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(track.jumps),
-            unconfirmed=run.unconfirmed,
+            unconfirmed=run.unconfirmed or self.inquiries.open_jumps,
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
             odometry_drifts=hypothesis.position > 0.0,
