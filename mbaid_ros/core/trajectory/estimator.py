@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import Estimate, Event, Status, Thruster
+from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -17,21 +16,18 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
-from mbaid_ros.core.trajectory.bank import Track
-from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.events import forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
+from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, without_linear_momentum
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
 from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
 from mbaid_ros.core.trajectory.windows import Window
-from mbaid_ros.core.unknowns.thrusters import Thrusters
-from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.words import of_size
-from mbaid_ros.core.verdict.judgement import Judgement, judge
+from mbaid_ros.core.verdict.judgement import judge
 
 _AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
 _TUMBLING = (
@@ -40,25 +36,6 @@ _TUMBLING = (
 )
 # (body, momentum) of the state.
 _ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """What a run has led to by an instant.
-
-    `mean` is the state, `track` the best hypothesis, `delay` value and standard deviation of the joints' delay, s.
-    """
-
-    mean: Array
-    solution: Solution
-    instant: Instant
-    thrusters: tuple[Thruster, ...]
-    track: Track
-    judgement: Judgement
-    events: tuple[Event, ...]
-    delay: tuple[float, float]
-    budget: ErrorBudget
-    warnings: tuple[str, ...]
 
 
 class TrajectoryEstimator:
@@ -90,12 +67,12 @@ class TrajectoryEstimator:
         taken = self._averaging.take(windows)
         coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
         found = [self._follow(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
-        solved = [one for one in found if isinstance(one, _Solved)]
+        solved = [one for one in found if isinstance(one, Solved)]
         self._last = windows[-1] if windows else self._last
         estimates = iter(self._reported(solved))
         return [
             next(estimates).after_thrust(self._brought(window, one.mean))
-            if isinstance(one, _Solved)
+            if isinstance(one, Solved)
             else one.after_thrust(window.impulse[-1])
             for window, one in zip(windows, found, strict=True)
         ]
@@ -164,7 +141,7 @@ class TrajectoryEstimator:
         state[MOMENTUM], state[BODY] = momentum, standard(body)
         return self._runs.layout.point(state)
 
-    def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> _Solved | Estimate:
+    def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> Solved | Estimate:
         """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
         while self.work_off():
             pass
@@ -205,7 +182,7 @@ class TrajectoryEstimator:
             warnings=(warning,),
         )
 
-    def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> _Solved:
+    def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> Solved:
         """Return the solution of the best hypothesis, and what its run says beside it."""
         track, origin = run.best, self._averaging.origin
         moments = run.moments()
@@ -227,80 +204,25 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
-        budget = error_budget(moments, layout, self._settings.uncertainty, sizes.each)
-        return _Solved(
+        return Solved(
             moments.mean,
             solution,
             now,
-            self._thrusters(moments),
-            track,
+            track.hypothesis,
             judgement,
             found,
-            self._delay(moments),
-            budget,
+            error_budget(moments, layout, self._settings.uncertainty, sizes.each),
+            thrusters(moments, layout),
+            joint_delay(moments, layout),
             tuple(of_size(*each) for each in sizes.sure),
         )
 
-    def _delay(self, moments: Moments) -> tuple[float, float]:
-        """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-        for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
-            if isinstance(unknown, TimeOffset):
-                value = unknown.factor @ moments.mean[place]
-                deviation = np.abs(unknown.factor @ _deviation(moments, place))
-                return float(value[0]), float(deviation[0])
-        return np.nan, np.nan
-
-    def _thrusters(self, moments: Moments) -> tuple[Thruster, ...]:
-        """Return by how much thrusters have turned out to be off their commands."""
-        found: list[Thruster] = []
-        for unknown, place in zip(self._runs.layout.unknowns, self._runs.layout.places, strict=True):
-            if isinstance(unknown, Thrusters):
-                # Each number of the state is one of these, in units of its prior.
-                stds = np.abs(unknown.factor @ _deviation(moments, place))
-                found += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
-        return tuple(found)
-
-    def _reported(self, solved: list[_Solved]) -> list[Estimate]:
+    def _reported(self, solved: list[Solved]) -> list[Estimate]:
         """Return the estimates of solutions."""
         if not solved:
             return []
         estimates = self._reporting.estimates(
             self.method, [one.solution for one in solved], [one.instant for one in solved]
         )
-        judged = [_judged(estimate, one) for estimate, one in zip(estimates, solved, strict=True)]
-        return judged if self._settings.located else [_without_linear_momentum(estimate) for estimate in judged]
-
-
-def _deviation(moments: Moments, place: slice) -> Array:
-    """Return the standard deviations of a part of the state."""
-    return np.sqrt(moments.covariance(np.arange(place.start, place.stop)).diagonal())
-
-
-def _judged(estimate: Estimate, solved: _Solved) -> Estimate:
-    """Return the estimate with what its run says against it."""
-    judgement = solved.judgement
-    warnings = [*estimate.warnings, *solved.warnings]
-    if solved.track.hypothesis.disturbed and solved.track.hypothesis.physical:
-        warnings.append(f'{solved.track.hypothesis.name}; estimated along, which widens the intervals')
-    known = estimate.status != 'not_identifiable'
-    shares = np.where(estimate.identifiable[:, None], solved.budget.shares, np.nan)
-    budget = replace(solved.budget, shares=shares)
-    return replace(
-        estimate,
-        stage='trajectory',
-        status='inconsistent' if known and not judgement.adequate else estimate.status,
-        budget=budget if known else None,
-        causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
-        events=solved.events,
-        thrusters=solved.thrusters,
-        warnings=(*warnings, *judgement.reasons),
-        time_offset=solved.delay[0],
-        time_offset_std=solved.delay[1],
-    )
-
-
-def _without_linear_momentum(estimate: Estimate) -> Estimate:
-    """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
-    momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
-    momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
-    return replace(estimate, momentum=momentum, momentum_covariance=covariance)
+        judged = [one.judged(estimate) for estimate, one in zip(estimates, solved, strict=True)]
+        return judged if self._settings.located else [without_linear_momentum(estimate) for estimate in judged]

@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.errand import Errand
+from mbaid_ros.core.trajectory.held_point import HeldPoint
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.multi_start import Found, MultiStart
 from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
-from mbaid_ros.core.trajectory.state import BODY, Layout, Point, near_part
+from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -30,10 +30,6 @@ _GROWN, _KNOWN = 40, 0.1
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _TELLING = 8  # windows that tell whether a jump was a push
-# Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere. Then what moves are
-# the directions known as well as this, relative to typical sizes, and those that are so far off that their square, what
-# is left of second order, is more than a tenth of a standard deviation. An unknown's unit is about 1 % of its size.
-_HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 
 class FilterRun:
@@ -75,8 +71,7 @@ class FilterRun:
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
-        self._point: Point | None = None  # at which windows are linearised at present
-        self._reference: Array = np.zeros(layout.size)  # the estimate then
+        self._held = HeldPoint(layout, variables)
         self.planar = len(variables.measured) < 6
         self.settled = False
 
@@ -99,7 +94,7 @@ class FilterRun:
     @property
     def delayed(self) -> bool:
         """Whether the joints' stamps have turned out late, or early."""
-        return self._point is not None and self._point.side.delay != 0.0
+        return self._held.point is not None and self._held.point.side.delay != 0.0
 
     @property
     def lead(self) -> float:
@@ -176,7 +171,7 @@ class FilterRun:
         if self._bank is None:
             return
         # Once for both windows: a point one window old is as good.
-        self._point = point = self._held(best(self._bank).belief)
+        point = self._held.moved_with(best(self._bank).belief)
         if ready is not None:
             self._bank = follow(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
         latest, newest = best(self._bank), still_open or ready
@@ -230,9 +225,8 @@ class FilterRun:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         young = self._young or []
         anew = not self.settled
-        self._bank, self._point, self.settled = found.bank, found.point, found.settled
-        self._reference[self._layout.parameters] = found.point.parameters
-        self._reference[self._layout.readings] = found.point.readings
+        self._bank, self.settled = found.bank, found.settled
+        self._held.begin(found.point)
         belief = best(self._bank).belief
         hopeless = belief.nis > HOPELESS * belief.measured
         self._next_pass = self._after(self._searched, soon=not (self.settled or hopeless))
@@ -267,38 +261,3 @@ class FilterRun:
             return None
         moments = Moments.of(best(self._bank).belief, self._variables)
         return self._layout.point(moments.mean, moments.deviation)
-
-    def _held(self, belief: Belief) -> Point:
-        """Return the point at which windows are linearised: held until the estimate has moved, then moved along.
-
-        Each window sees nothing along some directions g: of all masses and momenta growing together, say, or of CoM
-        and odometry mount displaced together. Linearised at another point these are others, and together the windows
-        would tell of either (trajectory.md, eq. 6). So what is well known stays near the estimate in every combination
-        of its numbers, and what is hardly known stays where it is, unless it is far.
-        """
-        assert self._point is not None, 'there is a bank'
-        moments = Moments.of(belief, self._variables)
-        first, count = self._variables.poses, len(self._variables.scale)
-        gather, root = self._variables.gather[first:], belief.root[first:, first:count]
-        distance = root @ (gather @ (moments.mean - self._reference))
-        if distance @ distance <= _HELD:
-            return self._point
-        state = moments.mean.copy()
-        state[self._layout.parameters] = self._point.parameters
-        state[self._layout.readings] = self._point.readings
-        # Beside a body that is heavier than the robot, what is typical of the robot is little.
-        heavier = float(moments.mean[BODY.start] / self._variables.typical_momentum[0])
-        unit = np.full(count - first, 1.0 / max(1.0, heavier))
-        unit[self._variables.own - first :] = _UNIT
-        information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
-        deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
-        offset = directions.T @ (unit * (gather @ (moments.mean - state)))
-        moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
-        state += self._variables.spread[:, first:] @ (directions @ np.where(moving, offset, 0.0) / unit)
-        step = state[self._layout.parameters] - self._point.parameters
-        part = near_part(self._point.parameters, step)
-        state[self._layout.parameters] = self._point.parameters + part * step
-        if part == 1.0:
-            self._reference = moments.mean.copy()
-        # What follows has to be linked to the windows before: at their readings.
-        return self._layout.beside(state, self._point)
