@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.simulation.run import total_momentum
-from mbaid_ros.simulated_run import make_simulation
+from mbaid_ros.simulated_robot import make_simulation
 
 PLACE = np.array([0.3, 0.2, -0.3])  # m, on the base
 STEP = 0.05  # s, over which velocity changes are added up

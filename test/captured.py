@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.simulated_run import make_motion
+from mbaid_ros.simulated_setup import make_motion
 from observed import MID, kernel
 from simulated import CONFIG, robot
 

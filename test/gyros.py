@@ -22,7 +22,8 @@ from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import SimulatedRun, TimedMessage, make_simulation
+from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from observed import MID
 from simulated import CONFIG, robot
 from streams import urdf

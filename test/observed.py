@@ -25,7 +25,7 @@ from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.session import make_estimator
-from mbaid_ros.simulated_run import make_initial_state, make_motion
+from mbaid_ros.simulated_setup import make_initial_state, make_motion
 from simulated import CONFIG, robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.

@@ -16,7 +16,7 @@ from mbaid_ros.core.planning.search import Criterion
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.session.meshes import mesh_points
 from mbaid_ros.session.methods import make_reporting
-from mbaid_ros.session.session import UNSOLVABLE
+from mbaid_ros.session.segment import UNSOLVABLE
 
 
 def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:

@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
-
-import numpy as np
 
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.identifier import Estimator, Identifier
-from mbaid_ros.core.intake.found_noise import FoundNoise
-from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.base_source import BaseSource
 from mbaid_ros.session.inbox import Inbox
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, gyro_of
-from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
-from mbaid_ros.session.pace import PART, Pace
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY
 from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
+from mbaid_ros.session.segment import UNSOLVABLE, MakeEstimator, Segment
 from mbaid_ros.session.survey import Survey, survey
 
-MakeEstimator = Callable[..., Estimator]
-# Nothing that is known of leads to these. A node in a robot's graph has to go on even so, and to say it.
-UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
 
 _RESTARTS_KEPT = 20
@@ -47,7 +35,7 @@ class Session:
     urdf : str
         Text of the robot description.
     make : callable, optional
-        What makes the method of a run, and again after a restart; the one that the parameters name where not given.
+        What makes the method of each segment; the one that the parameters name where not given.
 
     Attributes
     ----------
@@ -55,8 +43,8 @@ class Session:
     restarts : why it has started again by itself since the last `reset`; the latest of them
     restarted : how often
     base_source : what of the messages that may locate the base does
-    intake : what the run reads its messages with
-    thrust : what commanded thrust has brought since the run began
+    intake : what the segment reads its messages with
+    thrust : what commanded thrust has brought since the segment began
     inbox : what has come and waits to be worked through
 
     Raises
@@ -67,8 +55,7 @@ class Session:
 
     def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
         self.config = config
-        self._make = make or partial(make_estimator, judge=self._judge)
-        self._judged: list[Reporting] = []
+        self._make = make
         self.robot = Robot(config, urdf)
         self.reset()
 
@@ -130,7 +117,7 @@ class Session:
         self.thrust.command(frame, stamp, wrench, newest)
         for told, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
             if told:
-                self._identifier.note(text)
+                self._segment.identifier.note(text)
 
     def add_stored_momentum(self, message: Any) -> None:
         """Take a Vector3Stamped of what wheels or gyros store."""
@@ -165,20 +152,19 @@ class Session:
         Return whether some is left to do before the next window. When it is done makes no difference to the numbers.
         """
         try:
-            return self._identifier.work_off()
+            return self._segment.identifier.work_off()
         except UNSOLVABLE as error:
             self._unsolved(error)
             return False
 
     def knowledge(self) -> Knowledge | None:
         """Return what the run has come to know; None where its method does not tell, or not yet."""
-        return self._identifier.knowledge()
+        return self._segment.identifier.knowledge()
 
     @property
     def closing(self) -> int | None:
         """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
-        end, newest = self._identifier.end_of_window, self.inbox.newest[JOINTS]
-        return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
+        return self._segment.closing(self.inbox.newest[JOINTS])
 
     @property
     def problem(self) -> str:
@@ -188,23 +174,22 @@ class Session:
     @property
     def used(self) -> int:
         """Number of samples that went into the windows."""
-        return self._used + self._identifier.used
+        return self._used + self.taken
 
     @property
     def taken(self) -> int:
-        """Number of samples since the run began, with those of the window that is open."""
-        return self._identifier.used
+        """Number of samples since the segment began, with those of the window that is open."""
+        return self._segment.identifier.used
 
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by cause."""
-        return self._earlier + self._dropped_now() + self.inbox.dropped + self.base_source.dropped
+        return self._earlier + self._segment.dropped + self.inbox.dropped + self.base_source.dropped
 
     def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
         """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
         self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
-        for reporting in self._judged:
-            set_thresholds(reporting, convergence)
+        self._segment.judge_by(convergence)
 
     def capture(self) -> str:
         """Take it that the body has just been captured, and return when that was, in a sentence.
@@ -216,88 +201,31 @@ class Session:
         DataError
             The run did not begin before a capture, has had it, or has no samples yet.
         """
-        capture = self._capture
-        if capture is None:
-            raise DataError(
-                'this run began after the capture; accepted: a capture in one that begins with capture.phase: '
-                'pre_capture'
-            )
         self._ready += self._work()
-        newest = self.inbox.latest
-        if newest is None or not self._identifier.used:
-            raise DataError('there are no samples yet; accepted: a capture after the first')
-        time, before = (newest - self._identifier.origin) * 1e-9, capture.time
-        if before is None:
-            capture.time = time
-            return f'captured {time:.3f} s after the first sample'
-        if not time > before:
-            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
-        capture.move(time)
-        return (
-            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
-        )
+        return self._segment.captured(self.inbox.latest)
 
     def _begin(self) -> None:
-        """Make anew what a run works with."""
-        config = self.config
-        self.intake = Intake(config, self.robot)
-        model, described = self.robot.model, self.robot.described
-        self._pace = Pace(config.window)
-        self._judged = []
-        make = partial(self._make, config)
-        self._capture = capture_of(config, described, make)
-        self.robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
-        method = self._capture or make(described)
-        self._identifier = Identifier(
-            method,
-            config.window,
-            config.maximum_gap,
-            config.twist_frame,
-            self.thrust,
-            FoundNoise(
-                config.noise.declared,
-                described.model.joints,
-                config.noise.undeclared,
-                estimate=config.noise.estimate,
-            ),
-            falling=falling_frame(config.orbit, model),
-            gyro=gyro_of(config, model),
-        )
+        """Begin a segment."""
+        self._segment = Segment(self.config, self.robot, self._make)
+        self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts:
-            self._identifier.note(self.restarts[-1])
-
-    def _judge(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-        # By what counts now: a capture makes its method from the parameters of the run's begin.
-        self._judged.append(make_reporting(self.config, kernel))
-        return self._judged[-1]
+            self._segment.identifier.note(self.restarts[-1])
 
     def _add(self, name: str, message: Any) -> bool:
         stamp = stamp_of(message)
         jumped = self.inbox.take(name, stamp, message)
         if jumped is None:
-            return bool(self.problem) or self._is_time(name, stamp)
+            return bool(self.problem) or self._segment.is_time(name, stamp, self.inbox)
         if jumped:
             self._ready += self._work()
             self._start_again(jumped)
         self.inbox.settle(name, message)
         return True
 
-    def _is_time(self, name: str, stamp: int) -> bool:
-        """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete."""
-        waiting, intake = self.inbox.waiting, self.intake
-        if sum(waiting.values()) >= PART:
-            return True
-        end = self._identifier.end_of_window
-        both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
-        if end is None or (both and self._pace.is_due(stamp, end)):
-            return both
-        return stamp >= end and intake.completes(end, name, self.inbox.newest)
-
     def _start_again(self, reason: str) -> None:
         """Give up what has been learnt, and go on with what comes."""
-        self._earlier += self._dropped_now()
-        self._used += self._identifier.used
+        self._earlier += self._segment.dropped
+        self._used += self.taken
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
         self._begin()
@@ -305,20 +233,11 @@ class Session:
     def _work(self) -> list[Estimate]:
         messages = self.inbox.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
-        streams = self.intake.streams(messages)
-        self.thrust.odometry_frame = self.intake.odometry_reader.frame
         try:
-            estimates = self._identifier.push(*streams)
+            return self._segment.work(messages)
         except UNSOLVABLE as error:
             self._unsolved(error)
             return []
-        joints_there_are = self.robot.model.joint_names  # also those that follow others
-        others = [name for name in self.intake.joint_reader.others if name not in joints_there_are]
-        return suspecting(estimates, others)
 
     def _unsolved(self, error: Exception) -> None:
         self._start_again(f'the equations could not be solved ({error})')
-
-    def _dropped_now(self) -> Counter[str]:
-        """Return what the current run has dropped, by cause."""
-        return self.intake.dropped + self._identifier.dropped + self.thrust.dropped

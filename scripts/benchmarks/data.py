@@ -26,7 +26,7 @@ from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.simulated_run import make_initial_state, make_motion
+from mbaid_ros.simulated_setup import make_initial_state, make_motion
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 ROBOTS = {

@@ -32,7 +32,9 @@ from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import commands, make_motion, make_simulation
+from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_run import commands
+from mbaid_ros.simulated_setup import make_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
 

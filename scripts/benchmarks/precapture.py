@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.simulated_run import make_initial_state, make_motion
+from mbaid_ros.simulated_setup import make_initial_state, make_motion
 
 # The arm's own last link, without the target (the table in servicer7.urdf).
 BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])

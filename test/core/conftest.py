@@ -10,7 +10,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.simulated_run import make_motion
+from mbaid_ros.simulated_setup import make_motion
 from observed import configured_motion
 from simulated import CONFIG, robot
 

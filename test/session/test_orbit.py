@@ -15,7 +15,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import SimulatedRun, make_simulation
+from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_run import SimulatedRun
 from orbiting import AWAY, declared, identify, nees, session, simulated, urdf
 
 SECONDS = 30.0

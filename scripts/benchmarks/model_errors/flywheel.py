@@ -21,8 +21,8 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.simulation.drawn import draw, generator
 from mbaid_ros.core.simulation.run import Simulation
 from mbaid_ros.session import make_estimator
-from mbaid_ros.session.session import UNSOLVABLE
-from mbaid_ros.simulated_run import make_initial_state, make_motion
+from mbaid_ros.session.segment import UNSOLVABLE
+from mbaid_ros.simulated_setup import make_initial_state, make_motion
 
 _SECONDS = 60.0
 BASE = 'base_link'

@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth, total_momentum
-from mbaid_ros.simulated_run import make_motion
+from mbaid_ros.simulated_setup import make_motion
 from observed import MID, configured_motion, estimator, identify, kernel, nees, observe, true_body, windows
 from simulated import CONFIG
 

@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.rows import momentum_rows
 from mbaid_ros.core.robot.tide import about, brought, momentum_rates, of_bodies, of_link
 from mbaid_ros.core.simulation.run import total_momentum
-from mbaid_ros.simulated_run import make_simulation
+from mbaid_ros.simulated_robot import make_simulation
 from observed import MID, configured_motion, observe
 from orbiting import declared, orbit
 from random_robots import random_state, random_urdf

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.run import Simulation
-from mbaid_ros.simulated_run import make_initial_state, make_motion
+from mbaid_ros.simulated_setup import make_initial_state, make_motion
 from observed import MID, estimator, observe, windows
 
 SEED = 2  # of a robot whose odometry is mounted two standard deviations off
