@@ -14,6 +14,7 @@ half a per cent.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -71,11 +72,19 @@ CONDITIONS: dict[str, tuple[dict[str, object], dict[str, object], bool]] = {
     ),
 }
 
+_AIR = 3e-4  # N m, of air on a thrown body: some percent of its angular momentum in half a second
 ALONE: dict[str, object] = {**KNOWN_GYRO, 'imu.alone': True, 'imu.orientation_std': 1e-3}
 
 
-def thrown(seed: int, folder: Path) -> tuple[Array, Array]:
-    """Return errors and standard deviations of the six moments of a body that is thrown at 15 rad/s, kg m^2."""
+def thrown(seed: int, folder: Path, air: float = 0.0) -> tuple[Array, Array]:
+    """Return errors and standard deviations of the six moments of a body that is thrown at 15 rad/s, kg m^2.
+
+    Parameters
+    ----------
+    seed : of noise, spin and URDF
+    folder : for the throw
+    air : N m, standard deviation of a torque that is drawn for it about each axis, and declared
+    """
     rng = np.random.default_rng(seed)
     spin = rng.normal(size=3)
     values: dict[str, object] = {
@@ -85,9 +94,17 @@ def thrown(seed: int, folder: Path) -> tuple[Array, Array]:
         'imu.scale': (2e-3 * rng.normal(size=3)).tolist(),
         'initial.base_angular_velocity': (15.0 * spin / np.linalg.norm(spin)).tolist(),
     }
-    record(folder, values, 0.57)
     drawn = [value * (1.0 + rng.uniform(-0.1, 0.1)) for value in list(INERTIA.values())[:3]]
-    result = calibrated(folder, [*drawn, 0.0, 0.0, 0.0])
+    parameters = 'window: 0.02'
+    if air > 0.0:
+        values |= {
+            'thrust.duration': 1.0,
+            'thrust.torque': (air * rng.normal(size=3)).tolist(),
+            'thrust.publish': False,
+        }
+        parameters = f'window: 0.005\n    disturbance: {{torque_std: {air}}}'
+    record(folder, values, 0.57)
+    result = calibrated(folder, [*drawn, 0.0, 0.0, 0.0], parameters)
     if result is None:
         return np.full(6, np.nan), np.full(6, np.nan)
     link = result['links']['base_link']
@@ -124,6 +141,7 @@ def thrown_bodies(throws: int) -> int:
     size = float(np.mean(list(INERTIA.values())[:3]))
     for what, throw, unit in (
         ('thrown body, moments', thrown, size),
+        ('thrown body in air, moments', partial(thrown, air=_AIR), size),
         ('thrown body, wheel at rest, ratios of the moments', tumbling, 1.0 / 3.0),
     ):
         results = []

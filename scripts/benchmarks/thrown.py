@@ -29,7 +29,6 @@ _URDF = """<robot name="thrown">
 INERTIA = {'ixx': 2.2e-4, 'iyy': 3.1e-4, 'izz': 4e-4, 'ixy': 1e-5, 'ixz': -2e-5, 'iyz': 1.5e-5}  # kg m^2
 _CALIBRATE = """calibrate:
   ros__parameters:
-    window: 0.02
     imu: {alone: true, noise_density: 1.0e-4, bias_std: 3.0e-3, bias_walk: 1.0e-4, scale_std: 2.0e-3,
           orientation_std: 1.0e-3}
     noise: {joint_position: 1.0e-3, joint_velocity: 1.0}
@@ -72,7 +71,7 @@ def record(folder: Path, values: Mapping[str, object], seconds: float, name: str
 
 
 def calibrated(
-    folder: Path, believed: Sequence[float], parameters: str = '', bags: Sequence[str] = ('throw',)
+    folder: Path, believed: Sequence[float], parameters: str = 'window: 0.02', bags: Sequence[str] = ('throw',)
 ) -> dict[str, Any] | None:
     """Return what `calibrate` finds of the throws in a folder, as its JSON; None where it finds nothing.
 
@@ -80,7 +79,7 @@ def calibrated(
     ----------
     folder : as of `record`
     believed : kg m^2, elements of the body's inertia in the order of INERTIA, as the URDF has them
-    parameters : a line of YAML, more of them
+    parameters : a line of YAML, the rest of them
     bags : names, a throw each
     """
     (folder / 'drawn.urdf').write_text(_URDF.format(*believed), encoding='utf-8')

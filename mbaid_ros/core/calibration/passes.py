@@ -233,7 +233,7 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> Passed:
             belief = update(pose_reset(belief, own) if window.fresh else belief, white)
             if window is not motion.windows[-1]:
                 belief = advance(belief, white, own, _STILL)
-        heads.append(belief.root[own.poses : own.head])
+        heads.append(_of_momentum(belief, own))
     assert belief is not None, 'there is a motion'
     head = motions[0].variables.head
     rest = belief.with_root(belief.root[head:, head:])
@@ -248,6 +248,23 @@ def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, Whitened
     linearised = LinearisationCache(motion.layout, motion.variables)
     for begin in range(0, len(motion.windows), _TOGETHER):
         yield from linearised.all_whitened(stacked(motion.windows[begin : begin + _TOGETHER]), point)
+
+
+def _of_momentum(belief: Belief, own: Variables) -> Array:
+    """Return the (p, v + 2) rows that tell the momentum at a motion's end, given all that other motions share.
+
+    What the motion has of its own is eliminated: its columns are zero, as those of the next motion are other numbers.
+    """
+    root, mine = belief.root, own.renewed.any(axis=1)
+    if not mine.any():
+        return root[own.poses : own.head]
+    first = np.concatenate((np.zeros(own.own, dtype=bool), mine, np.zeros(2, dtype=bool)))
+    count = int(np.sum(mine))
+    order = np.concatenate((np.flatnonzero(first), np.flatnonzero(~first)))
+    triangle = np.asarray(np.linalg.qr(root[:, order], mode='r'))
+    rows = np.zeros((own.head - own.poses, root.shape[1]))
+    rows[:, ~first] = triangle[count + own.poses : count + own.head, count:]
+    return rows
 
 
 def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[Array, Array]:
