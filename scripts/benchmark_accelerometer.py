@@ -18,9 +18,9 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, cross, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.robot.whole import whole
 from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.simulated_robot import make_simulation
 
@@ -44,7 +44,7 @@ def information(name: str, duration: float, density: float, bias: float) -> Arra
     joints = kernel.kinematics.body_twists(placed, truth.joint_velocity, np.zeros((len(rotation), 6)))
 
     def velocity(parameters: Array) -> Array:
-        mobility, moving = whole(kernel.with_target(parameters), placed, joints)
+        mobility, moving = mobility_and_momentum(kernel.with_target(parameters), placed, joints)
         twist = (mobility @ (total - moving)[..., None])[..., 0]
         return np.asarray(twist[:, :3] + cross(twist[:, 3:], rotation @ PLACE))
 

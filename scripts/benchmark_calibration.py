@@ -172,7 +172,7 @@ def attainable() -> Array:
 
 def _learnt(own: MomentumKernel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
     """Return a robot that goes on from a calibration, and what is uncertain of it."""
-    return own.doubted(found.prior.errors(1)), replace(UNCERTAIN, carried=found.carried)
+    return own.with_uncertainty(found.prior.errors(1)), replace(UNCERTAIN, carried=found.carried)
 
 
 def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty | None = None) -> Estimate:

@@ -142,7 +142,7 @@ def make(
     """Return an estimator with the defaults of the parameters."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
     return TrajectoryEstimator(
-        kernel.doubted(declared(kernel.known, known_std)),
+        kernel.with_uncertainty(declared(kernel.known, known_std)),
         TrajectorySettings(noise, WINDOW, 10, 40, uncertainty, adapt),
         reporting,
     )

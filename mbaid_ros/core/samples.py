@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.stacked import Stacked
 
 Stamps = npt.NDArray[np.int64]
 
@@ -53,7 +53,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class Samples(Stacked):
+class Samples(ArrayRecord):
     """A batch of N samples, joints and base at common stamps.
 
     Attributes
@@ -129,7 +129,7 @@ class Samples(Stacked):
 
 
 @dataclass(frozen=True)
-class JointStream(Stacked):
+class JointStream(ArrayRecord):
     """Joint measurements as they arrived.
 
     Attributes
@@ -157,7 +157,7 @@ class JointStream(Stacked):
 
 
 @dataclass(frozen=True)
-class BaseStream(Stacked):
+class BaseStream(ArrayRecord):
     """Base measurements as they arrived.
 
     Attributes
@@ -187,7 +187,7 @@ class BaseStream(Stacked):
 
 
 @dataclass(frozen=True)
-class ImuStream(Stacked):
+class ImuStream(ArrayRecord):
     """Measurements of an IMU as they arrived.
 
     Attributes

@@ -117,7 +117,7 @@ def make_settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> 
         uncertainty=_uncertainty(kernel.model, parameters),
         window=parameters.estimator.window,
         gyro=parameters.estimator.imu.noise_density,
-        oriented=not parameters.estimator.imu.alone or parameters.estimator.imu.orientation,
+        orientation_measured=not parameters.estimator.imu.alone or parameters.estimator.imu.orientation,
     )
 
 

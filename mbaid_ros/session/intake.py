@@ -14,7 +14,7 @@ from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.intake.gyro import Gyro
 from mbaid_ros.core.intake.joint_merge import JointMerge
-from mbaid_ros.core.intake.placeless import oriented
+from mbaid_ros.core.intake.orientation_only import measured_orientation
 from mbaid_ros.core.intake.reorder import Reorder
 from mbaid_ros.core.intake.stored_momentum import StoredMomentum
 from mbaid_ros.core.robot.model import RobotModel
@@ -82,7 +82,7 @@ class Intake:
         if not self.alone:
             located = self._reorder.push(base)
         elif self._orientation:
-            located = oriented(imu)
+            located = measured_orientation(imu)
             self.orientation_told |= located is not None
         else:
             located = self._reckoning.push(imu)

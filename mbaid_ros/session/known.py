@@ -53,14 +53,14 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
     link = kernel.target.parameters
     if not config.calibration:
         size = config.relative_std * body_sizes(link) if link[0] > 0.0 else np.zeros(10)
-        return kernel.doubted(declared_errors(kernel, config)), np.diag(size**2) if np.any(size) else None
+        return kernel.with_uncertainty(declared_errors(kernel, config)), np.diag(size**2) if np.any(size) else None
     found = _calibration(kernel.model, config)
     count = 10 * len(found.links)
     links = [kernel.model.link(name) for name in found.links]
     errors = calibrated(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
     place = 10 * found.links.index(kernel.target.name) if kernel.target.name in found.links else None
     own = None if place is None else found.covariance[place : place + 10, place : place + 10]
-    return kernel.doubted(errors), own
+    return kernel.with_uncertainty(errors), own
 
 
 def known_side(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:

@@ -106,7 +106,7 @@ def make_estimator(
     """
     _check_imu(config)
     if not kernel.errors.count:
-        kernel = kernel.doubted(declared_errors(kernel, config.known_links))
+        kernel = kernel.with_uncertainty(declared_errors(kernel, config.known_links))
     noise = config.noise.declared
     reporting = judge(config, kernel)
     if config.method == 'difference':
@@ -125,7 +125,7 @@ def make_estimator(
                 constant=_axes(config.disturbance.constant),
                 gyro=config.imu.noise_density,
                 located=not config.imu.alone,
-                oriented=not config.imu.alone or config.imu.orientation,
+                orientation_measured=not config.imu.alone or config.imu.orientation,
             ),
             reporting,
         )

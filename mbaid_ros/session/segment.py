@@ -21,8 +21,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.session.inbox import Inbox
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, gyro_of
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
-from mbaid_ros.session.pace import PART, Pace
 from mbaid_ros.session.robot import Robot
+from mbaid_ros.session.schedule import PART, Schedule
 from mbaid_ros.session.surroundings import falling_frame, suspecting, uncertain_thrusters
 
 MakeEstimator = Callable[..., Estimator]
@@ -55,7 +55,7 @@ class Segment:
         self._config = config
         self._robot = robot
         self._judged: list[Reporting] = []
-        self._pace = Pace(config.window)
+        self._schedule = Schedule(config.window)
         self.intake = Intake(config, robot)
         model, described = robot.model, robot.described
         method = partial(make or partial(make_estimator, judge=self._judge), config)
@@ -108,7 +108,7 @@ class Segment:
             return True
         end = self.identifier.end_of_window
         both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
-        if end is None or (both and self._pace.is_due(stamp, end)):
+        if end is None or (both and self._schedule.is_due(stamp, end)):
             return both
         return stamp >= end and intake.completes(end, name, inbox.newest)
 
@@ -120,7 +120,7 @@ class Segment:
         newest : ns, stamp of the joints; None before the first
         """
         end = self.identifier.end_of_window
-        return end if end is not None and newest is not None and self._pace.is_closing(newest, end) else None
+        return end if end is not None and newest is not None and self._schedule.is_closing(newest, end) else None
 
     def judge_by(self, convergence: ConvergenceConfig) -> None:
         """Judge estimates by other thresholds, from the next window on."""

@@ -75,9 +75,9 @@ def self_calibration(
                 'the data before it say nothing that the URDF does not; accepted: a run in which all joints move'
             )
         after = MomentumKernel(_learnt(model, found), target.name).storing(kernel.storage)
-        after = after.doubted(calibrated(links, found.covariance, [target.name]))
+        after = after.with_uncertainty(calibrated(links, found.covariance, [target.name]))
         # From here on the target link may be anything; all else is as it has been found, correlations and all.
-        before = kernel.doubted(found.prior.errors(1))
+        before = kernel.with_uncertainty(found.prior.errors(1))
         known = KnownRobot(before, replace(settings.uncertainty, carried=found.carried))
         return Handover(
             kernel=after,

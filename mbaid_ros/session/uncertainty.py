@@ -77,7 +77,7 @@ def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
     delay = 0.0 if imu.alone else imu.delay_std
     errors = GyroErrors(imu.bias_std, imu.scale_std, imu.orientation_std, delay, imu.bias_walk, imu.cross_axis_std)
     alone = imu.alone and not imu.orientation
-    return replace(errors, alone=alone, oriented=imu.orientation, link=imu_link(config, model))
+    return replace(errors, alone=alone, with_orientation=imu.orientation, link=imu_link(config, model))
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

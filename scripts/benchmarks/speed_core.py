@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model, parse
-from mbaid_ros.core.robot.rows import momentum_rows
+from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.motion import random_sinusoids

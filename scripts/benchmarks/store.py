@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.stacked import Stacked
 
 _KEPT_EVERY = 10  # runs
 
@@ -21,7 +21,7 @@ Work = TypeVar('Work')
 
 
 @dataclass(frozen=True)
-class Runs(Stacked):
+class Runs(ArrayRecord):
     """What runs said: each field of a subclass is an array with the runs as its leading axis."""
 
     @classmethod

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.stacked import Queue, Stacked
 
 
 @dataclass(frozen=True)
-class Pair(Stacked):
+class Pair(ArrayRecord):
     """Two arrays of different shapes."""
 
     one: Array

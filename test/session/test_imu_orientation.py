@@ -13,7 +13,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
 from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
-from mbaid_ros.core.intake.placeless import oriented
+from mbaid_ros.core.intake.orientation_only import measured_orientation
 from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.messages import ImuReader
 from mbaid_ros.session import Session, obstacles
@@ -105,11 +105,11 @@ def test_a_reader_gives_the_base_s_orientation_and_leaves_out_what_is_none() -> 
     assert stream.rotation_covariance[3] == pytest.approx(1e-4 * np.eye(3))
     assert np.isfinite(stream.angular_velocity).all()
     assert dropped == {'IMU: orientation is no unit quaternion': 1}
-    base = oriented(stream)
+    base = measured_orientation(stream)
     assert base is not None
     assert base.stamp.tolist() == stream.stamp[[0, 3]].tolist()
     assert np.isnan(base.pose_covariance[:, :3]).all()
-    assert oriented(stream[1:3]) is None
+    assert measured_orientation(stream[1:3]) is None
 
 
 @pytest.mark.parametrize('covariance', [-1.0, 0.0])

@@ -42,7 +42,7 @@ class CalibrationSettings:
     uncertainty : of joints, mount, stamps and linear momentum
     window : s, longest
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    oriented : whether anything but that tells the orientation of the base
+    orientation_measured : whether anything but that tells the orientation of the base
     """
 
     noise: SensorNoise
@@ -50,7 +50,7 @@ class CalibrationSettings:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     window: float = 0.5
     gyro: float = 0.0
-    oriented: bool = True
+    orientation_measured: bool = True
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
@@ -112,10 +112,10 @@ def _filtered(
     """Return what the filter comes to over all motions."""
     runs, detectors = seen
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
-    robot = MomentumKernel(detectors[0].model, prior.links[0].name).doubted(prior.errors(1))
+    robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
     robot = robot.storing(storage)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
-    sensing = (settings.noise, settings.window, settings.gyro, settings.oriented)
+    sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
     motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)

@@ -74,8 +74,8 @@ class Motion:
             else tells the orientation of the base
         """
         layout = layout_of(kernel, uncertainty, detector)
-        noise, length, gyro, oriented = sensing
-        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, oriented=oriented)
+        noise, length, gyro, orientation_measured = sensing
+        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, orientation_measured=orientation_measured)
         taken = averaging.take(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Blocks, Linearisation, White
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.stacked import Queue, Stacked
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class WindowEquations(Blocks):
 
 
 @dataclass(frozen=True)
-class _Own(Stacked):
+class _Own(ArrayRecord):
     """The information that noise alone brings to K windows, (K, u, u)."""
 
     information: Array

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.symmetric import inverse_factor, inverse_factors
 
 
 @dataclass(frozen=True)
-class Blocks(Stacked):
+class Blocks(ArrayRecord):
     """K blocks of r equations for u unknowns, with z error sources each.
 
     Attributes
@@ -82,7 +82,7 @@ class Linearisation:
 
 
 @dataclass(frozen=True)
-class White(Stacked):
+class White(ArrayRecord):
     """K blocks at one x in units of their noise.
 
     Attributes

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.rows import MomentumRows, momentum_rows
+from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.robot.tide import of_bodies, of_link
 from mbaid_ros.core.samples import Samples, SensorNoise

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp
-from mbaid_ros.core.intake.placeless import placeless
+from mbaid_ros.core.intake.orientation_only import orientation_only
 from mbaid_ros.core.samples import BaseStream, ImuStream
 
 _ONCE_MORE = 256  # rotations, after which rounding is taken off
@@ -29,7 +29,7 @@ class DeadReckoning:
         rotations = []
         for stamp, rate in zip(imu.stamp.tolist(), imu.angular_velocity, strict=True):
             rotations.append(self._turned(stamp, rate))
-        return placeless(imu.stamp, np.array(rotations))
+        return orientation_only(imu.stamp, np.array(rotations))
 
     def _turned(self, stamp: int, rate: Array) -> Array:
         """Return the orientation at the next measurement: with a rate that changes evenly, to fourth order."""

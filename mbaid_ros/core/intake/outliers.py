@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.stacked import Stacked
 
 OUTLIER = 'pose far from those before and after'
 
@@ -30,7 +30,7 @@ _QUARTILE = 1.10  # a quarter of the vectors of three independent numbers of uni
 
 
 @dataclass(frozen=True)
-class _Looked(Stacked):
+class _Looked(ArrayRecord):
     """Odometry that has been looked at: whether it is suspicious, and the scale (N, 2) of position and orientation."""
 
     base: BaseStream

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.stacked import Stacked
 
 # Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
 _DEGREE = 4
@@ -27,7 +27,7 @@ Places = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Fit(Stacked):
+class Fit(ArrayRecord):
     """A polynomial fitted to N instants, for any number of signals; of many windows at once with leading axes.
 
     Attributes

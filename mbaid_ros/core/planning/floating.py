@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
-from mbaid_ros.core.robot.whole import whole
-from mbaid_ros.core.stacked import Stacked
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.trajectory.prediction import in_plane
 from mbaid_ros.core.trajectory.state import Point
 
 
 @dataclass(frozen=True)
-class BaseMotion(Stacked):
+class BaseMotion(ArrayRecord):
     """The base at T instants, B motions side by side, odometry axes, positions from the run's origin.
 
     Attributes
@@ -85,7 +85,7 @@ class Floating:
         placed = kernel.kinematics.configure(upright, position)
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
-        mobility, moving = whole(kernel.with_target(self.point.parameters[6:16]), placed, twists)
+        mobility, moving = mobility_and_momentum(kernel.with_target(self.point.parameters[6:16]), placed, twists)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)

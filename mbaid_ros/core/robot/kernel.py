@@ -128,7 +128,7 @@ class MomentumKernel:
         other.kinematics = Kinematics(other.model)
         return other
 
-    def doubted(self, errors: KnownErrors) -> MomentumKernel:
+    def with_uncertainty(self, errors: KnownErrors) -> MomentumKernel:
         """Return a kernel whose known bodies may be off by these errors."""
         other = copy(self)
         other.errors = errors

@@ -12,7 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
-from mbaid_ros.core.simulation.effects import Effect, Instant
+from mbaid_ros.core.simulation.effects import BodyPoses, Effect
 from mbaid_ros.core.simulation.one_quaternion import rotate, rotation_vector_rate, turned
 from mbaid_ros.core.simulation.push import Push
 
@@ -200,7 +200,7 @@ class Dynamics:
             pinocchio.forwardKinematics(self._pinocchio, self._data, configuration)
             places = list(self._data.oMi)[1:]
             rotation, position = (np.array([getattr(each, part) for each in places]) for part in _OF_A_PLACE)
-            now = Instant(time, rotation, position, state.velocity[3:6])
+            now = BodyPoses(time, rotation, position, state.velocity[3:6])
             wrenches = self._pushed + sum(effect.wrenches(now) for effect in self._effects)
             if inertial is not None:
                 wrenches[0] += np.concatenate(inertial)

@@ -9,7 +9,7 @@ from mbaid_ros.core.geometry import Array
 
 
 @dataclass(frozen=True)
-class Instant:
+class BodyPoses:
     """Where the n + 1 bodies are at an instant.
 
     Attributes
@@ -29,6 +29,6 @@ class Instant:
 class Effect(Protocol):
     """Something that acts on bodies."""
 
-    def wrenches(self, now: Instant) -> Array:
+    def wrenches(self, now: BodyPoses) -> Array:
         """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
         ...

@@ -22,7 +22,7 @@ _SLOPES = _BASIS[:, 1:] * np.arange(1.0, 6.0)
 
 
 @dataclass(frozen=True)
-class Nodes:
+class HermiteSpline:
     """A curve known at equally spaced nodes with its first two derivatives.
 
     Attributes

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, cross, rotation_from_quaternion
 from mbaid_ros.core.robot.kinematics import Kinematics
@@ -13,19 +14,18 @@ from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.dynamics import Dynamics, State
-from mbaid_ros.core.simulation.hermite import Nodes
+from mbaid_ros.core.simulation.hermite import HermiteSpline
 from mbaid_ros.core.simulation.motion import Motion
 from mbaid_ros.core.simulation.push import Push
 from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.core.simulation.wheels import Wheels
-from mbaid_ros.core.stacked import Stacked
 
 # An instant this close to a step of the integrator (in steps) is that step.
 _ON_GRID = 1e-9
 
 
 @dataclass(frozen=True)
-class Truth(Stacked):
+class Truth(ArrayRecord):
     """The true motion at N instants.
 
     Attributes
@@ -122,7 +122,7 @@ class Simulation:
             raise DataError('the simulation was asked for a past instant; instants in order are accepted')
         last = int(whole[-1]) if len(whole) else self._first
         self._integrate_to(last + 1)
-        curve = _nodes(self.step, self._states, self._accelerations)
+        curve = _spline(self.step, self._states, self._accelerations)
         values, rates = curve.at(whole - self._first, np.maximum(instants / self.step - whole, 0.0))
         del self._states[: last - self._first], self._accelerations[: last - self._first]
         self._first = last
@@ -164,7 +164,7 @@ class Simulation:
         )
 
 
-def _nodes(step: float, states: list[State], accelerations: list[Array]) -> Nodes:
+def _spline(step: float, states: list[State], accelerations: list[Array]) -> HermiteSpline:
     """Return base position, quaternion and joints (K, 7 + n) with their first two derivatives."""
     position = np.array([state.base_position for state in states])
     orientation = np.array([state.base_orientation for state in states])
@@ -180,7 +180,7 @@ def _nodes(step: float, states: list[State], accelerations: list[Array]) -> Node
     # d/dt (R v) = R (v' + w x v)
     push = quaternions.rotate(orientation, acceleration[:, :3] + cross(angular, linear))
     pace = quaternions.rotate(orientation, linear)
-    return Nodes(
+    return HermiteSpline(
         step,
         value=np.concatenate((position, orientation, joints), axis=1),
         rate=np.concatenate((pace, turning, velocity[:, 6:]), axis=1),

@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, unvec
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.effects import Instant
+from mbaid_ros.core.simulation.effects import BodyPoses
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Tide:
         values[massive] = [physical(body) for body in bodies[massive]]
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
-    def wrenches(self, now: Instant) -> Array:
+    def wrenches(self, now: BodyPoses) -> Array:
         """Return m G x at each centre of mass and 3 mu / r^3 up x I up, about the body's origin, in its axes."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))

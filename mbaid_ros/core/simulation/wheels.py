@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation.effects import Instant
+from mbaid_ros.core.simulation.effects import BodyPoses
 
 _TERMS = 3  # sinusoids of a wheel that wanders
 _PERIODS = (8.0, 40.0)  # s
@@ -70,7 +70,7 @@ class Wheels:
         """Return the (N, 3) angular momentum that they store at (N, w) speeds, N m s, base axes."""
         return np.asarray((self.spin_inertias * speeds) @ self.axes)
 
-    def wrenches(self, now: Instant) -> Array:
+    def wrenches(self, now: BodyPoses) -> Array:
         """Return what their motors and their gyroscopic reaction do to the base: -(h' + w x h)."""
         angle = self.rate * now.time + self.phase
         slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)

@@ -41,7 +41,7 @@ class KnotAveraging:
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
-    oriented : whether anything but that tells the orientation of the base
+    orientation_measured : whether anything but that tells the orientation of the base
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class KnotAveraging:
     """
 
     def __init__(
-        self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, oriented: bool = True
+        self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, orientation_measured: bool = True
     ) -> None:
-        self._oriented = oriented
+        self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
         self._gyro = gyro
         self._noise = noise
@@ -74,7 +74,7 @@ class KnotAveraging:
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
-        if not self._oriented:
+        if not self._orientation_measured:
             own = self._followed(own, count)
         knots = own if self._kept is None else Knots.concatenate([self._kept, own])
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]

@@ -75,15 +75,15 @@ def best(bank: Bank) -> Track:
     return leading if leading.belief.log_likelihood > bank[0].belief.log_likelihood + MARGIN else bank[0]
 
 
-def follow(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
+def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return the hypotheses at the first knot after a window; a momentum that must have jumped is let jump, once."""
     return tuple(
         track.after(advance(track.belief, white, variables, track.hypothesis))
-        for track in (met(each, window, white, variables) for each in bank)
+        for track in (update_track(each, window, white, variables) for each in bank)
     )
 
 
-def met(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
+def update_track(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
     """Return a hypothesis at the window's first knot."""
     before = pose_reset(track.belief, variables) if window.fresh else track.belief
     after = update(before, white)

@@ -21,7 +21,7 @@ from mbaid_ros.core.trajectory.events import forces, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
-from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, without_linear_momentum
+from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, with_linear_momentum_unknown
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
 from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
@@ -50,7 +50,11 @@ class TrajectoryEstimator:
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
         self._averaging = KnotAveraging(
-            kernel.model.joints, settings.noise, settings.window, settings.gyro, oriented=settings.oriented
+            kernel.model.joints,
+            settings.noise,
+            settings.window,
+            settings.gyro,
+            orientation_measured=settings.orientation_measured,
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
@@ -225,4 +229,4 @@ class TrajectoryEstimator:
             self.method, [one.solution for one in solved], [one.instant for one in solved]
         )
         judged = [one.judged(estimate) for estimate, one in zip(estimates, solved, strict=True)]
-        return judged if self._settings.located else [without_linear_momentum(estimate) for estimate in judged]
+        return judged if self._settings.located else [with_linear_momentum_unknown(estimate) for estimate in judged]

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mbaid_ros.core.robot.known_errors import body_sizes
-from mbaid_ros.core.trajectory.bank import Bank, Track, best, follow, met
+from mbaid_ros.core.trajectory.bank import Bank, Track, best, update_bank, update_track
 from mbaid_ros.core.trajectory.belief import Belief, Moments
-from mbaid_ros.core.trajectory.errand import Errand
+from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.held_point import HeldPoint
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.multi_start import Found, MultiStart
+from mbaid_ros.core.trajectory.multi_start import MultiStart, Start
 from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
@@ -66,7 +66,7 @@ class FilterRun:
         self._young: list[Window] | None = []
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
-        self._search = Errand[Found](layout.size)
+        self._search = DeferredTask[Start](layout.size)
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
@@ -173,7 +173,7 @@ class FilterRun:
         # Once for both windows: a point one window old is as good.
         point = self._held.moved_with(best(self._bank).belief)
         if ready is not None:
-            self._bank = follow(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
+            self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
         latest, newest = best(self._bank), still_open or ready
         if newest is not None:
             self._begun, self._length = newest.start, newest.length
@@ -181,9 +181,9 @@ class FilterRun:
             white = self._linearised.whitened(still_open, point)
             # Where nothing acts or drifts, the pose error alone goes on from its first knot.
             if latest.hypothesis.disturbed:
-                (latest,) = follow((latest,), still_open, white, self._variables)
+                (latest,) = update_bank((latest,), still_open, white, self._variables)
             else:
-                latest = met(latest, still_open, white, self._variables)
+                latest = update_track(latest, still_open, white, self._variables)
         self._latest = latest
 
     def offer(self, point: Callable[[], Point]) -> None:
@@ -221,7 +221,7 @@ class FilterRun:
         elif len(young) > self._kept and not self.settled:
             self._young = young[len(young) // 2 :]
 
-    def _take_over(self, found: Found) -> None:
+    def _take_over(self, found: Start) -> None:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         young = self._young or []
         anew = not self.settled

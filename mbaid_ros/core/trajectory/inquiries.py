@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.errand import Errand
+from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.suspicion import Change, Found, Suspicion
 from mbaid_ros.core.trajectory.windows import Window
@@ -43,7 +43,7 @@ class Inquiries:
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
-        self._inquiry = Errand[Found](suspicion.layout.size)
+        self._inquiry = DeferredTask[Found](suspicion.layout.size)
         self._found: Found | None = None
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, exp, log
-from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.knots import Knots
 
 
 @dataclass(frozen=True)
-class Midpoints(Stacked):
+class Midpoints(ArrayRecord):
     """The motion midway between J knots (J - 1 intervals), and what was measured from one knot to the next.
 
     Attributes

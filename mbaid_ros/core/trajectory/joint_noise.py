@@ -13,9 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.trajectory.state import Layout
@@ -23,7 +23,7 @@ from mbaid_ros.core.trajectory.windows import Stack
 
 
 @dataclass(frozen=True)
-class JointNoise(Stacked):
+class JointNoise(ArrayRecord):
     """The joints' noise in B windows, (angular, linear).
 
     Attributes

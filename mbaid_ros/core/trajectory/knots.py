@@ -13,10 +13,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.stacked import Stacked
 
 Integers = npt.NDArray[np.int64]
 
@@ -27,7 +27,7 @@ _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) /
 
 
 @dataclass(frozen=True)
-class Knots(Stacked):
+class Knots(ArrayRecord):
     """J consecutive knots, equally spaced; all NaN where one has no sample.
 
     Attributes

@@ -29,7 +29,7 @@ _STACK = 10  # windows linearised at a time: one piece of work
 
 
 @dataclass(frozen=True)
-class Found:
+class Start:
     """What a search has come to.
 
     Attributes
@@ -45,7 +45,7 @@ class Found:
 
 
 # What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
-Search = Iterator[int | Found]
+Search = Iterator[int | Start]
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ class MultiStart:
             more = windows[count : count + _STACK]
             passed = yield from self.passes.over([stacked(more)], passed.point)
             count += len(more)
-            bank = yield from self.passes.follow(passed, bank)
-        yield Found(bank, passed.point, settled)
+            bank = yield from self.passes.run(passed, bank)
+        yield Start(bank, passed.point, settled)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[Result]]:
         """Return what the windows lead to with the guessed masses, and from the best of these with any mass.
@@ -128,7 +128,7 @@ class MultiStart:
         passed, longest = result.passed, result.track.longest
         bank: Bank = (result.track,)
         if others:
-            beside = yield from self.passes.follow(passed, tuple(self.passes.fresh(each, longest) for each in others))
+            beside = yield from self.passes.run(passed, tuple(self.passes.fresh(each, longest) for each in others))
             bank = (result.track, *beside)
         leading = best(bank).hypothesis
         if leading is first:
@@ -139,7 +139,7 @@ class MultiStart:
         needed = not result.sound or self._plain(other)
         if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
             return passed, clamped(bank), False
-        bank = yield from self.passes.follow(
+        bank = yield from self.passes.run(
             other.passed, tuple(self.passes.fresh(each, longest) for each in self.hypotheses)
         )
         return other.passed, bank, True

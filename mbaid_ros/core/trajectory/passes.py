@@ -11,7 +11,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, follow
+from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, update_bank
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point, near_part
@@ -141,7 +141,7 @@ class Passes:
     ) -> Generator[int, None, Result]:
         """Pass over the windows once."""
         passed = yield from self.over(stacks, point)
-        (track,) = yield from self.follow(passed, (fresh,))
+        (track,) = yield from self.run(passed, (fresh,))
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
         state, correction = self._real(moments)
@@ -183,10 +183,10 @@ class Passes:
         extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
         return Track(hypothesis, Belief.prior(self.variables, extra, mass), longest=longest)
 
-    def follow(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
+    def run(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""
         for window, white in passed.windows:
-            bank = follow(bank, window, white, self.variables)
+            bank = update_bank(bank, window, white, self.variables)
             for _ in bank:
                 yield 1
         return bank

@@ -14,16 +14,16 @@ from functools import cached_property
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import Link, express
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.robot.storage import Storage
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about, of_bodies, of_link
-from mbaid_ros.core.robot.whole import whole
-from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import Layout, Point
@@ -33,7 +33,7 @@ ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 @dataclass(frozen=True)
-class Prediction(Stacked):
+class Prediction(ArrayRecord):
     """The predicted twist (v, w) of the base at N instants, odometry axes.
 
     Attributes
@@ -128,7 +128,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-    mobility, moving = whole(known, placed, body_twist)
+    mobility, moving = mobility_and_momentum(known, placed, body_twist)
     if kernel.storage.count:
         moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     if layout.plane is not None:

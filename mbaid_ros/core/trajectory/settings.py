@@ -24,7 +24,7 @@ class TrajectorySettings:
     constant : axes of a constant force and torque that is taken to act
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     located : whether anything locates the base; linear momentum means nothing where not
-    oriented : whether anything but a gyro tells how it is oriented
+    orientation_measured : whether anything but a gyro tells how it is oriented
     """
 
     noise: SensorNoise
@@ -36,4 +36,4 @@ class TrajectorySettings:
     constant: Axes = 'none'
     gyro: float = 0.0
     located: bool = True
-    oriented: bool = True
+    orientation_measured: bool = True

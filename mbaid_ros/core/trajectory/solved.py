@@ -90,7 +90,7 @@ def thrusters(moments: Moments, layout: Layout) -> tuple[Thruster, ...]:
     return tuple(found)
 
 
-def without_linear_momentum(estimate: Estimate) -> Estimate:
+def with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
     """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
     momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
     momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan

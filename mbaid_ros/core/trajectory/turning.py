@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.whole import whole
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
 _FIRST = 5  # windows
@@ -33,7 +33,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-        mobility, moving = whole(known, placed, joints)
+        mobility, moving = mobility_and_momentum(known, placed, joints)
         if kernel.storage.count:
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
         # With V = M^-1 (h - b) and no linear momentum: the angular part of M^-1 alone makes the rate of what is left.

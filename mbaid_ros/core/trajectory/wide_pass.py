@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.bank import Track, follow
+from mbaid_ros.core.trajectory.bank import Track, update_bank
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.grasp import target_changed
 from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, LinearisationCache
@@ -77,7 +77,7 @@ class WidePass:
         track = begin or Track(hypothesis, self.fresh(hypothesis), longest=longest)
         own = self.variables
         for window, white in passed:
-            (track,) = follow((track,), window, white, own)
+            (track,) = update_bank((track,), window, white, own)
             yield 1
         return track
 

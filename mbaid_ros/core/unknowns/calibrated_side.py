@@ -66,7 +66,7 @@ class CalibratedSide:
         known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
         sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
         known = known.beside(sensing, before=len(known.mean))
-        doubted = kernel.doubted(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
+        doubted = kernel.with_uncertainty(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
         return doubted, replace(
             uncertainty,
             zeros=zeros.tolist(),

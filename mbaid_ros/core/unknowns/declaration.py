@@ -12,15 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.stacked import Stacked
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
 
 @dataclass(frozen=True)
-class JointMotion(Stacked):
+class JointMotion(ArrayRecord):
     """What n joints do at N instants.
 
     Attributes

@@ -30,7 +30,7 @@ class GyroErrors:
     walk : rad/s/sqrt(s), of the bias
     cross : relative, of one axis in another
     alone : whether it alone tells the orientation, which windows are linearised along
-    oriented : whether the IMU measures the orientation, too, in the same axes
+    with_orientation : whether the IMU measures the orientation, too, in the same axes
     link : that the IMU is on, where joints move it; None on the base
     """
 
@@ -41,7 +41,7 @@ class GyroErrors:
     walk: float = 0.0
     cross: float = 0.0
     alone: bool = False
-    oriented: bool = False
+    with_orientation: bool = False
     link: Link | None = None
 
 
@@ -53,13 +53,13 @@ class Gyro(Unknown):
     ----------
     wandering : (13, w) factor of what the bias changes by in a second
     alone : whether it alone tells the orientation
-    oriented : whether the IMU measures the orientation, too, in the same axes
+    with_orientation : whether the IMU measures the orientation, too, in the same axes
     link : that it is on, where joints move it
     """
 
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     alone: bool = False
-    oriented: bool = False
+    with_orientation: bool = False
     link: Link | None = None
 
     read = True
@@ -72,7 +72,7 @@ class Gyro(Unknown):
 
     def reading(self, motion: Reading) -> tuple[Array, Array] | None:
         """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
-        if not self.oriented:
+        if not self.with_orientation:
             return None
         pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
         pose[:, :3, 6:9] = motion.rotation
@@ -137,4 +137,4 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
     factor = np.diag(deviations)[:, deviations > 0.0]
-    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.oriented, own.link)
+    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.with_orientation, own.link)

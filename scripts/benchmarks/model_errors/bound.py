@@ -69,7 +69,7 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     """
     config = build(EstimatorConfig, settings(sizes))
     own = kernel(robot)
-    own = own.doubted(declared_errors(own, config.known_links))
+    own = own.with_uncertainty(declared_errors(own, config.known_links))
     uncertainty = declared_uncertainty(config, own.model)
     windows, origin, detector = _windows(robot, truth, errors, config.window)
     layout = layout_of(own, uncertainty, detector)

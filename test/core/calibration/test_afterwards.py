@@ -35,7 +35,7 @@ def servicers() -> list[MomentumKernel]:
         values = found.theta.reshape(-1, 10)
         links = tuple(replace(link, parameters=own) for link, own in zip(cad.links, values, strict=True))
         robot = MomentumKernel(replace(cad, links=links), 'link7')
-        made.append(robot.doubted(calibrated(links, found.covariance, ['link7'])))
+        made.append(robot.with_uncertainty(calibrated(links, found.covariance, ['link7'])))
     return made
 
 

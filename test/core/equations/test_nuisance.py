@@ -50,7 +50,7 @@ def test_the_columns_of_known_bodies_are_what_their_errors_do(spatial: Truth) ->
     servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:4]
     rng = np.random.default_rng(0)
     factor = rng.normal(size=(20, 3))
-    doubtful = servicer.doubted(KnownErrors((0, 3), factor))
+    doubtful = servicer.with_uncertainty(KnownErrors((0, 3), factor))
     considered = ConsiderParameters(doubtful, [bodies_of(doubtful)])
     assert considered.labels == ['link:base_link', 'link:link3']
     error = rng.normal(size=3)
@@ -122,7 +122,9 @@ def test_the_share_of_a_part_is_what_knowing_it_would_take_away() -> None:
 
 def test_several_unknowns_stand_beside_each_other(spatial: Truth) -> None:
     servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
-    servicer = servicer.doubted(declared(servicer.known, 0.0, {0: BodyDeviations.relative(servicer.known[0], 0.01)}))
+    servicer = servicer.with_uncertainty(
+        declared(servicer.known, 0.0, {0: BodyDeviations.relative(servicer.known[0], 0.01)})
+    )
     bodies, given, nothing = bodies_of(servicer), np.arange(12.0).reshape(6, 2), np.zeros(10)
     stated = Stated(np.diag([0.5, 2.0]), ('first', 'second'), given)
     both = ConsiderParameters(servicer, [bodies, stated, time_offset(0.02)])

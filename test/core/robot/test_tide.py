@@ -16,7 +16,7 @@ from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.rows import momentum_rows
+from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.tide import about, brought, momentum_rates, of_bodies, of_link
 from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.simulated_robot import make_simulation

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation.hermite import Nodes
+from mbaid_ros.core.simulation.hermite import HermiteSpline
 
 
-def sine(step: float) -> Nodes:
+def sine(step: float) -> HermiteSpline:
     time = step * np.arange(round(2.0 / step) + 1)[:, None]
-    return Nodes(step, np.sin(time), np.cos(time), -np.sin(time))
+    return HermiteSpline(step, np.sin(time), np.cos(time), -np.sin(time))
 
 
 def errors(step: float) -> tuple[float, float]:
@@ -30,7 +30,7 @@ def test_a_quintic_is_exact() -> None:
         return values[:, None]
 
     ends = np.array([0.0, 0.5, 1.0])
-    nodes = Nodes(0.5, of(ends, 0), of(ends, 1), of(ends, 2))
+    nodes = HermiteSpline(0.5, of(ends, 0), of(ends, 1), of(ends, 2))
     time = np.array([0.0, 0.1, 0.499, 0.5, 0.8])
     interval = np.array([0, 0, 0, 1, 1])
     value, rate = nodes.at(interval, time / 0.5 - interval)

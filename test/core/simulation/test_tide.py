@@ -10,7 +10,7 @@ from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, vec
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.effects import Instant
+from mbaid_ros.core.simulation.effects import BodyPoses
 from mbaid_ros.core.simulation.motion import Passive
 from mbaid_ros.core.simulation.run import Simulation
 from mbaid_ros.core.simulation.surroundings import Surroundings
@@ -33,7 +33,7 @@ def test_a_body_is_pulled_as_its_points_are(seed: int) -> None:
     about = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
     origin, place, rotation = rng.normal(size=3), rng.normal(size=3), exp(rng.normal(size=3))
     tide = Tide(around, origin, body[:1], body[None, 1:4], about[None])
-    found = tide.wrenches(Instant(time, rotation[None], place[None], np.zeros(3)))[0]
+    found = tide.wrenches(BodyPoses(time, rotation[None], place[None], np.zeros(3)))[0]
     at = origin + place + points @ rotation.T
     up = around.upward(np.array([time]))[0]
     pulls = 0.03**2 * masses[:, None] * (3.0 * (at @ up)[:, None] * up - at)

@@ -16,7 +16,7 @@ from wrong_robots import LINKS
 def servicer7() -> MomentumKernel:
     """Return the seven-joint servicer."""
     robot = kernel('servicer7')
-    return robot.doubted(declared(robot.known, LINKS))
+    return robot.with_uncertainty(declared(robot.known, LINKS))
 
 
 @pytest.fixture(scope='session')

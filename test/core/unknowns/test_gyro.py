@@ -56,7 +56,7 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
 ) -> None:
     value = np.zeros(13)
     value[component] = SIZES[component]
-    layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, oriented=True)),))
+    layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
     state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
     read = measured(exact, value)
     read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))

@@ -63,7 +63,7 @@ class Case:
         target = np.zeros_like(bodies)
         placed = kernel.target
         target[placed.body] = express(placed.parameters, placed.rotation, placed.position)
-        self.kernel = kernel.corrected(target).doubted(declared(bodies, 0.01))
+        self.kernel = kernel.corrected(target).with_uncertainty(declared(bodies, 0.01))
         if seed % 2 and not in_plane:
             self.kernel = self.kernel.storing(random_storage(rng, model))
         self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))

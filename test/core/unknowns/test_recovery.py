@@ -72,7 +72,7 @@ def runs(request: pytest.FixtureRequest, servicer7: MomentumKernel, joints: Sinu
 
 def _run(case: Case, seed: int) -> Run:
     robot = case.robot
-    unknowns = catalogue(robot.doubted(declared(robot.known, LINKS)), case.uncertainty)
+    unknowns = catalogue(robot.with_uncertainty(declared(robot.known, LINKS)), case.uncertainty)
     if case.planar:
         unknowns = tuple(unknown.in_plane(PlaneDetector(robot.model)) for unknown in unknowns)
     rng = np.random.default_rng([seed, 3])

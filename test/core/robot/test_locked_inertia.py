@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.robot.whole import whole
 from random_robots import random_state, random_urdf
 
 COUNT = 33
@@ -22,7 +22,7 @@ def test_the_whole_is_the_sum_of_the_bodies(seed: int) -> None:
     kinematics, parameters = Kinematics(model), model.body_parameters()
     bodies = kinematics.configure(rotation, position)
     twists = kinematics.body_twists(bodies, velocity, twist)
-    mobility, total = whole(parameters, bodies, twists)
+    mobility, total = mobility_and_momentum(parameters, bodies, twists)
     expressed = express(parameters, bodies.rotation, bodies.position)
     locked = np.sum(inertia_matrix(expressed), axis=1)
     assert mobility @ locked == pytest.approx(np.broadcast_to(np.eye(6), locked.shape), abs=1e-11)
@@ -31,7 +31,7 @@ def test_the_whole_is_the_sum_of_the_bodies(seed: int) -> None:
         for begin in range(0, COUNT, size):
             part = slice(begin, begin + size)
             alone = kinematics.configure(rotation[part], position[part])
-            found = whole(parameters, alone, kinematics.body_twists(alone, velocity[part], twist[part]))
+            found = mobility_and_momentum(parameters, alone, kinematics.body_twists(alone, velocity[part], twist[part]))
             assert np.array_equal(found[0], mobility[part])
             assert np.array_equal(found[1], total[part])
 
@@ -45,4 +45,4 @@ def test_mass_on_a_line_is_told() -> None:
     point = np.zeros_like(model.body_parameters())
     point[0, 0] = 1.0  # all of it in the base's origin
     with pytest.raises(np.linalg.LinAlgError, match='no inertia'):
-        whole(point, bodies, kinematics.body_twists(bodies, velocity, twist))
+        mobility_and_momentum(point, bodies, kinematics.body_twists(bodies, velocity, twist))

@@ -8,11 +8,11 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-S = TypeVar('S', bound='Stacked')
+S = TypeVar('S', bound='ArrayRecord')
 Index = int | slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
 
 
-class Stacked:
+class ArrayRecord:
     """A frozen dataclass of arrays whose first axes go together; the base of such classes."""
 
     __slots__ = ()

@@ -1,4 +1,4 @@
-"""A base that is nowhere in particular: of which an orientation is told, or a course, and no place."""
+"""A base of which the orientation alone is known, measured or integrated, and no position."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import BaseStream, ImuStream, Stamps
 
 
-def placeless(stamp: Stamps, rotation: Array, covariance: Array | None = None) -> BaseStream:
+def orientation_only(stamp: Stamps, rotation: Array, covariance: Array | None = None) -> BaseStream:
     """Return N orientations as those of a base in a frame that stays with the common centre of mass.
 
     Parameters
@@ -26,14 +26,14 @@ def placeless(stamp: Stamps, rotation: Array, covariance: Array | None = None) -
     return BaseStream(stamp, np.zeros((count, 3)), rotation, unknown, unknown, pose, np.tile(np.eye(6), (count, 1, 1)))
 
 
-def oriented(imu: ImuStream | None) -> BaseStream | None:
+def measured_orientation(imu: ImuStream | None) -> BaseStream | None:
     """Return what an IMU tells of the base's orientation, where it does; None where it does not."""
     if imu is None:
         return None
     told = np.isfinite(imu.rotation).all(axis=(1, 2))
     if not np.any(told):
         return None
-    base = placeless(imu.stamp[told], imu.rotation[told], imu.rotation_covariance[told])
+    base = orientation_only(imu.stamp[told], imu.rotation[told], imu.rotation_covariance[told])
     declared = base.declared.copy()
     declared[:, 1] = imu.declared[told]
     return replace(base, declared=declared)

@@ -9,7 +9,7 @@ _LEFT = (0.75, 0.5, 0.3, 0.05)
 _CLOSING = 0.1  # of a window, before its end
 
 
-class Pace:
+class Schedule:
     """Tells when a part of a window is to be worked through, so that little is left to do at its end.
 
     That makes no difference to the numbers.

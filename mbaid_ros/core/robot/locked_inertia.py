@@ -11,7 +11,7 @@ from mbaid_ros.core.robot.kinematics import Configuration
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # the cyclic neighbours of each axis
 
 
-def whole(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
+def mobility_and_momentum(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
     """Return the inverse of the locked inertia and the momentum of all bodies, about the base's origin, odometry axes.
 
     A point y of a body is at x = P (y, 1) and moves with v = V (y, 1), for P = (R, r) and V = [w]x P + (0, u). With the

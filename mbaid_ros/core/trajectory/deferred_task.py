@@ -11,7 +11,7 @@ SLICE = 30  # steps of the filter, more or less, that are done at a time: a few 
 _UNKNOWNS = 96  # numbers of the state, for as many of which a step counts once more
 
 
-class Errand(Generic[Result]):
+class DeferredTask(Generic[Result]):
     """Something to find out, which yields how much work each bit was, in steps of the filter, and at last its result.
 
     Parameters
