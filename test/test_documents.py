@@ -133,6 +133,21 @@ def test_files_that_are_named_exist(document: str) -> None:
         assert place.exists(), path
 
 
+def test_equations_that_are_cited_exist() -> None:
+    """By page and number: `docs/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
+    equations = {
+        path.name: re.findall(r'^    .*\S  +\((\d+)\)$', path.read_text(encoding='utf-8'), re.MULTILINE)
+        for path in DOCUMENTS
+    }
+    for numbers in equations.values():
+        assert numbers == [str(place) for place in range(1, len(numbers) + 1)]
+    cited = re.compile(r'(\w[\w-]*\.md)(?:#[\w-]+)?\)?, eq\. (\d+)')
+    texts = [*DOCUMENTS, *(ROOT / 'mbaid_ros').rglob('*.py')]
+    found = [pair for path in texts for pair in cited.findall(path.read_text(encoding='utf-8'))]
+    assert {'method.md', 'trajectory.md'} <= {page for page, _ in found}
+    assert [(page, number) for page, number in found if number not in equations[page]] == []
+
+
 def test_no_text_names_the_machine_it_was_written_on() -> None:
     foreign = re.compile('|'.join(['/wor' + 'k/', r'\bshare' + 'd/', '/ro' + r'ot/\.', '/ho' + 'me/']))
     folders = ('.ci', 'bags', 'config', 'docs', 'mbaid_ros', 'msg_defs', 'scripts', 'test')

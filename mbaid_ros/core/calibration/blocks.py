@@ -86,7 +86,7 @@ class Normals:
         return PriorSizes.of(self.belief.mean, self.belief.factor, causes)
 
     def as_far_off(self) -> Normals:
-        """Return what is known where they may be so (docs/trajectory.md, eq. 8); what no window sees stays."""
+        """Return what is known where they may be so (docs/trajectory.md, eq. 7); what no window sees stays."""
         mean, factor = self.belief.mean, self.belief.factor
         seen = factor[:, len(mean) :]
         return replace(self, belief=Carried(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1)))

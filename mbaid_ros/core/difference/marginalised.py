@@ -45,7 +45,7 @@ class MarginalisedPrior:
 
     def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
         """Take a quadratic form around x, without the noise's own information, and that by itself."""
-        # (7): cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
+        # docs/method.md, eq. 7: cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
         self._sum = self._sum + linear.information
         self._sum_right = self._sum_right + linear.information @ x - linear.gradient
         self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)

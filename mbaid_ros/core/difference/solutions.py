@@ -80,7 +80,7 @@ def _of_one_run(posteriors: list[Posterior]) -> list[tuple[Solution, Array]]:
         spread = plain @ cross
         if margin == 1.0 and cross.shape[2]:
             shares = [_shares(*pair, run) for pair in zip(plain, spread, strict=True)]
-        whole = plain + spread @ np.swapaxes(spread, 1, 2)  # (8)
+        whole = plain + spread @ np.swapaxes(spread, 1, 2)  # docs/method.md, eq. 8
         covariances.append(run.space.lift(whole, run.open_variance))
     return [
         (

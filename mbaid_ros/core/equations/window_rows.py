@@ -1,7 +1,7 @@
 """The standard form, averaged over windows: six momentum equations a window, with the noise in each of their terms.
 
-    P_0 - P_k = m v + [w]x R h                                                    (1)
-    L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)    (2)
+    P_0 - P_k = m v + [w]x R h                                                    (docs/method.md, eq. 1)
+    L_0 - L_k = m p x v + ([p]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)    (eq. 2)
 
 The unknowns are x = (m, h, I_o, P_0, L_0): ten standard parameters of the target link (of each unknown link, where
 there are several) and the total momentum about a fixed origin near the base. The equations are written about the base
@@ -51,7 +51,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     rows = momentum_rows(kernel, samples)
     known, target = _mean_rows(rows, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
-    equations = np.concatenate((target, -_transport(position)), axis=2)  # f = A x + y (3)
+    equations = np.concatenate((target, -_transport(position)), axis=2)  # f = A x + y (docs/method.md, eq. 3)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples stand for all of them, at
     # Gauss's points: the mid one alone leaves out how much the equations change in a window (23 % of the variance of a
     # fast arm's estimate after a minute). What they have in common weighs the errors' mean, their difference the tilt.

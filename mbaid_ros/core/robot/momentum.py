@@ -71,11 +71,11 @@ def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     shape = np.broadcast_shapes(rotation.shape[:-2], twist.shape[:-1])
     spin = skew(angular)
     matrix = np.zeros((*shape, 6, 10))
-    # P = m v + [w]x R h
+    # P = m v + [w]x R h (docs/method.md, eq. 1)
     first = spin @ rotation
     matrix[..., :3, 0] = velocity
     matrix[..., :3, 1:4] = first
-    # L_b = m r x v + ([r]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o)
+    # L_b = m r x v + ([r]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o) (eq. 2, about the base's origin)
     matrix[..., 3:, 0] = cross(position, velocity)
     matrix[..., 3:, 1:4] = skew(position) @ first - skew(velocity) @ rotation
     matrix[..., 3:, 4:] = rotation @ bracket(rotate_back(rotation, angular))

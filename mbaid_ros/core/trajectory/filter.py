@@ -50,7 +50,7 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
         belief.measured + count,
         nis,
         count,
-        belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),
+        belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
     )
 
 

@@ -46,7 +46,7 @@ class HeldPoint:
         self._reference[self._layout.readings] = point.readings
 
     def moved_with(self, belief: Belief) -> Point:
-        """Return the point for what is believed now: another one where (6) of docs/trajectory.md holds."""
+        """Return the point for what is believed now: another one where docs/trajectory.md, eq. 6, holds."""
         assert self.point is not None, 'there is a start'
         moments = Moments.of(belief, self._variables)
         first, count = self._variables.poses, len(self._variables.scale)

@@ -3,7 +3,7 @@
 Numbers of a kind, the zeros of all joints, say, are declared by one standard deviation. The windows see combinations of
 them. Where those are as far off as k times that would make them, what the windows do not see is likely to be as well.
 And a single thing may be mistaken where all others of its kind are right: the inertial of one link. The estimate stays
-what it is: of its errors, the part that comes from the kind or thing is k times as large (docs/trajectory.md, eq. 8).
+what it is: of its errors, the part that comes from the kind or thing is k times as large (docs/trajectory.md, eq. 7).
 In geodesy these are variance components (Koch 1999, section 3.6).
 """
 
@@ -79,7 +79,7 @@ class PriorSizes:
         """Return what a covariance's factor grows by, (m, n): columns, of what each number contributes, (e, m).
 
         An estimate errs by that for each number of unit variance; where they are s times as far off, its variance has
-        s^2 - 1 times the square beside what it had (docs/trajectory.md, eq. 8).
+        s^2 - 1 times the square beside what it had (docs/trajectory.md, eq. 7).
         """
         larger = self.each > 1.0
         return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))

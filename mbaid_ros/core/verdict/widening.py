@@ -3,7 +3,7 @@
 Of n numbers with a prior of unit variance about zero, the posterior has the mean m and the covariance P. If the prior
 is right, m varies about zero with S = 1 - P (its prior predictive distribution), and m^T S^-1 m is chi-square
 distributed; if the numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior
-information falls by D = 1 - 1/k^2, and the log-likelihood of the data grows by
+information falls by D = 1 - 1/k^2, and the log-likelihood of the data grows by (docs/trajectory.md, eq. 8)
 
     1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
 

@@ -167,7 +167,7 @@ _LADDER = """
 else is exact. Default parameters. Largest error of {seeds} runs in standard deviations, coverage, status at
 the end. Where what the windows see of a kind (the zeros of all joints, say) is further off than declared, the intervals
 allow for as much in what they do not see, and a warning names the parameter
-([trajectory.md](trajectory.md#verdict-coreverdict), eq. 8).
+([trajectory.md](trajectory.md#verdict-coreverdict), eq. 7).
 """
 
 _WHEEL = """
