@@ -127,7 +127,8 @@ class Identifier:
         self._thrust = thrust
         self._falling = falling
         self._window = window
-        self._contradictions: dict[float, str] = {}  # of the twist's frame, by the end of the latest windows, s
+        # Of the twist's frame, and how much better the other one is, by the end of the latest windows, s.
+        self._contradictions: dict[float, tuple[str, float]] = {}
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
@@ -227,8 +228,12 @@ class Identifier:
     def _with_notes(self, estimate: Estimate) -> Estimate:
         """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""
         notes = [text for text, since in self._notes.items() if since <= estimate.time]
-        if contradiction := self._contradictions.get(estimate.time, ''):
+        contradiction, better = self._contradictions.get(estimate.time, ('', 0.0))
+        if contradiction:
             notes.append(contradiction)
+            if estimate.causes or estimate.status == 'inconsistent':
+                # Poses and twist tell without a model of the robot: what else may be wrong comes after it.
+                estimate = replace(estimate, causes=((contradiction, better), *estimate.causes))
         if self._misread is not None and self._misread[0] <= estimate.time and self._estimator.method == 'trajectory':
             _, told, gain = self._misread
             estimate = replace(estimate, status='inconsistent', causes=((told, gain), *estimate.causes))

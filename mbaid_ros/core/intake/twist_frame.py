@@ -41,8 +41,8 @@ class TwistFrame:
         self._squares, self._count = 0.0, 0.0  # of the disagreements, weighted
         self._waiting: list[Samples] = []  # the last window, while nothing has looked at it
 
-    def update(self, windows: Sequence[Samples]) -> list[str]:
-        """Take windows, and return what `contradiction` is before each; without a measured twist one says nothing."""
+    def update(self, windows: Sequence[Samples]) -> list[tuple[str, float]]:
+        """Take windows; return `contradiction` and `gain` before each. One without a measured twist says nothing."""
         if not windows:
             return []
         told = self._look([*self._waiting, *windows[:-1]])
@@ -55,18 +55,18 @@ class TwistFrame:
             self._look(self._waiting)
             self._waiting = []
 
-    def _look(self, windows: Sequence[Samples]) -> list[str]:
-        """Look at windows, and return what `contradiction` is before the first and after each."""
+    def _look(self, windows: Sequence[Samples]) -> list[tuple[str, float]]:
+        """Look at windows, and return `contradiction` and `gain` before the first and after each."""
         said = np.zeros((len(windows), 4))
         for places in _alike(windows):
             said[places] = _said([windows[place] for place in places], self._declared)
-        told = [self.contradiction]
+        told = [(self.contradiction, self.gain)]
         for information, weighted, squares, count in said.tolist():
             self._information += information
             self._weighted += weighted
             self._squares += squares
             self._count += count
-            told.append(self.contradiction)
+            told.append((self.contradiction, self.gain))
         return told
 
     @property
@@ -77,6 +77,11 @@ class TwistFrame:
         share = self._weighted / self._information
         left = (self._squares - share * self._weighted) / max(self._count - 1.0, 1.0)
         return share, (max(left, 1.0) / self._information) ** 0.5
+
+    @property
+    def gain(self) -> float:
+        """Log-likelihood by which the other reading is better."""
+        return self._weighted - 0.5 * self._information
 
     @property
     def contradiction(self) -> str:

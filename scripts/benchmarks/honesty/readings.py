@@ -77,6 +77,12 @@ def swapped(one: int, other: int, truth: Truth) -> Truth:
     return replace(truth, joint_position=truth.joint_position[:, order], joint_velocity=truth.joint_velocity[:, order])
 
 
+def misgeared(joint: int, factor: float, truth: Truth) -> Truth:
+    """Return a motion of which a joint is read larger by a factor, as with the wrong gear ratio."""
+    factors = 1.0 + (factor - 1.0) * np.eye(truth.joint_position.shape[1])[joint]
+    return replace(truth, joint_position=factors * truth.joint_position, joint_velocity=factors * truth.joint_velocity)
+
+
 def mounted(position: Array, turn: Array, truth: Truth) -> Truth:
     """Return the motion of a frame elsewhere on the base, at (3,) m and turned by a (3,) rotation vector."""
     rotation = rotation_from_quaternion(truth.base_orientation)
@@ -121,6 +127,15 @@ def twist_late(delay: float, truth: Truth) -> Truth:
         for values in (truth.base_linear_velocity, truth.base_angular_velocity)
     )
     return replace(truth, base_linear_velocity=linear, base_angular_velocity=angular)
+
+
+def twist_in_odometry_axes(truth: Truth) -> Truth:
+    """Return a motion whose twist is given in the axes of the odometry frame, not in the base's."""
+    rotation = rotation_from_quaternion(truth.base_orientation)
+    linear, angular = truth.base_linear_velocity, truth.base_angular_velocity
+    return replace(
+        truth, base_linear_velocity=rotate(rotation, linear), base_angular_velocity=rotate(rotation, angular)
+    )
 
 
 # --- Defects of what is read.
@@ -205,6 +220,27 @@ def dropout(begin: float, end: float, readings: Readings, _rng: np.random.Genera
     """Lose the odometry for a while (s)."""
     time = readings.base.time
     return replace(readings, base=_some(readings.base, np.flatnonzero((time < begin) | (time >= end))))
+
+
+def lossy(share: float, readings: Readings, rng: np.random.Generator) -> Readings:
+    """Leave out a share of all odometry messages, at random."""
+    return replace(
+        readings, base=_some(readings.base, np.flatnonzero(rng.uniform(size=len(readings.base.time)) > share))
+    )
+
+
+def jittering(most: float, readings: Readings, rng: np.random.Generator) -> Readings:
+    """Stamp the odometry up to so much (s) early or late, at random, in order."""
+    time = readings.base.time + rng.uniform(-most, most, len(readings.base.time))
+    return replace(readings, base=replace(readings.base, time=np.maximum.accumulate(np.maximum(time, 0.0))))
+
+
+def frozen(joint: int, begin: float, end: float, readings: Readings, _rng: np.random.Generator) -> Readings:
+    """Let a joint's reading stay where it is between two times (s)."""
+    joints, position, velocity = readings.joints, readings.joints.position.copy(), readings.joints.velocity.copy()
+    within = (joints.time >= begin) & (joints.time < end)
+    position[within, joint], velocity[within, joint] = position[np.argmax(within), joint], 0.0
+    return replace(readings, joints=replace(joints, position=position, velocity=velocity))
 
 
 def _some(base: BaseReadings, rows: Indices) -> BaseReadings:

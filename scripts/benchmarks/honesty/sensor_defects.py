@@ -68,4 +68,12 @@ SENSORS = (
     _spoilt('no odometry for 3 s', partial(readings.dropout, 30.0, 33.0)),
     _viewed('odometry 1 % too long', partial(readings.scaled, 1.01)),
     _spoilt('odometry wanders by 1 mm / sqrt(s)', partial(readings.wandering, 1e-3)),
+    *(
+        _viewed(f'a joint read {size:g} % too large', partial(readings.misgeared, 2, 1.0 + 1e-2 * size))
+        for size in (0.3, 1.0, 3.0)
+    ),
+    _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes),
+    _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
+    _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3)),
+    _spoilt("a joint's reading frozen for 15 s", partial(readings.frozen, 1, 20.0, 35.0)),
 )
