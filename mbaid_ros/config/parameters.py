@@ -93,12 +93,19 @@ def specification(name: str, known: Mapping[str, ParameterSpec], of_things: Iter
     ParameterError
         No parameter has that name.
     """
+    found = specification_of(name, known, of_things)
+    if found is None:
+        raise unknown_parameter(name, {**known, **{spec.name: spec for spec in of_things}})
+    return found
+
+
+def specification_of(
+    name: str, known: Mapping[str, ParameterSpec], of_things: Iterable[ParameterSpec]
+) -> ParameterSpec | None:
+    """Return what `specification` does, None where no parameter has that name."""
     if name in known:
         return known[name]
-    for spec in of_things:
-        if _fits(name, spec.name):
-            return replace(spec, name=name)
-    raise unknown_parameter(name, {**known, **{spec.name: spec for spec in of_things}})
+    return next((replace(spec, name=name) for spec in of_things if _fits(name, spec.name)), None)
 
 
 def _fits(name: str, pattern: str) -> bool:

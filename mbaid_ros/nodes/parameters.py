@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mbaid_ros.config.parameters import build, named_specifications, specification, specifications, values_of
+from mbaid_ros.config.parameters import (
+    build,
+    named_specifications,
+    specification,
+    specification_of,
+    specifications,
+    values_of,
+)
 from mbaid_ros.config.specification import ParameterSpec
-from mbaid_ros.core.errors import ParameterError
 
 T = TypeVar('T')
 
@@ -66,19 +72,11 @@ def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
         A value is not accepted.
     """
     known, of_things = specifications(cls), tuple(named_specifications(cls).values())
-    declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))
-    values = {name: parameter.value for name, parameter in declared.items() if _is_of(name, known, of_things)}
+    declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))  # those of ROS itself among them
+    own = (name for name in declared if specification_of(name, known, of_things))
+    values = {name: declared[name].value for name in own}
     values |= {parameter.name: parameter.value for parameter in parameters if parameter.name in values}
     return build(cls, values)
-
-
-def _is_of(name: str, known: Mapping[str, ParameterSpec], of_things: Sequence[ParameterSpec]) -> bool:
-    """Tell whether a parameter is one of the dataclass, and not of ROS itself."""
-    try:
-        specification(name, known, of_things)
-    except ParameterError:
-        return False
-    return True
 
 
 def _declare_empty_list(node: Node, spec: ParameterSpec, *, settable: bool) -> None:

@@ -1,7 +1,7 @@
 """The executables' entry points: what a signal does while a node is still being imported, which takes seconds.
 
 Nothing has begun by then, so that there is nothing to complete: the process ends at once, as a shell expects. This is
-why the nodes' modules are imported in a function.
+why all that takes time is imported in a function.
 """
 
 from __future__ import annotations
@@ -12,9 +12,6 @@ import sys
 from importlib import import_module
 from types import FrameType
 
-from mbaid_ros.cli import run
-from mbaid_ros.nodes.arguments import PARSERS
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -24,10 +21,13 @@ def _leave(number: int, _frame: FrameType | None) -> None:
 
 def _start(name: str) -> int:
     """Import a node and run it; it has its own way with signals from `runner.ros` on."""
-    if not {'-h', '--help'}.isdisjoint(sys.argv):
-        return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
     for number in _SIGNALS:
         signal.signal(number, _leave)
+    if not {'-h', '--help'}.isdisjoint(sys.argv):
+        from mbaid_ros.cli import run  # noqa: PLC0415 - after the signals
+        from mbaid_ros.nodes.arguments import PARSERS  # noqa: PLC0415
+
+        return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
     code: int = import_module(f'mbaid_ros.nodes.{name}').main()
     return code
 

@@ -153,6 +153,13 @@ def test_what_may_change_is_checked_by_the_same_rules() -> None:
             changed(made, EstimatorConfig, [setting])
 
 
+def test_parameters_of_ros_itself_are_not_taken_for_misspelt_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    with node('use_sim_time:=true') as made:
+        declared = declare_parameters(made, EstimatorConfig, settable=True)
+        monkeypatch.delattr('difflib.SequenceMatcher')  # a suggestion for each took a quarter of a second
+        assert changed(made, EstimatorConfig, []) == declared
+
+
 def test_what_is_known_of_single_things_stays_as_it_was_declared() -> None:
     with node('known_links.arm.com_std:=0.5', 'known_joints.elbow.zero_std:=0.25') as made:
         declared = declare_parameters(made, EstimatorConfig, settable=True)

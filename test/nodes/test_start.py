@@ -31,6 +31,12 @@ def takes_signals(process: subprocess.Popen[str]) -> bool:
     return caught is not None and bool(int(caught[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
+def test_what_comes_before_the_signals_are_handled_takes_no_time() -> None:
+    program = 'import sys, mbaid_ros.nodes.start; print(*(name for name in sys.modules if "mbaid_ros." in name))'
+    ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=True)
+    assert set(ended.stdout.split()) == {'mbaid_ros.nodes', 'mbaid_ros.nodes.start'}
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('name', ARGUMENTS)
 def test_an_interrupt_at_any_time_of_the_start(name: str, number: signal.Signals, tmp_path: Path) -> None:
