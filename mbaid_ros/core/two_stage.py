@@ -52,7 +52,7 @@ class SecondStage(Estimator, Protocol):
 
     @property
     def changed(self) -> bool:
-        """Whether the target has changed since the run began: stage 1 would take both bodies for one."""
+        """Whether stage 1 is left behind: the target has changed, or the twist is wrong, which it cannot do without."""
         ...
 
     def offer(self, estimate: Estimate) -> None:

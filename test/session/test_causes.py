@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,6 @@ from shortened import shorten
     [
         pytest.param("a joint's zero 30 mrad off", 32.0, marks=pytest.mark.long),
         pytest.param("a joint's sign flipped", 32.0, marks=pytest.mark.long),
-        ('twist 50 ms late', 24.0),
         ('noise of the joints declared 10 x too small', 32.0),
     ],
 )
@@ -35,6 +36,17 @@ def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves(monkeypa
     told = run((condition, 'trajectory', 0))
     assert told.status in {'inconsistent', 'not_identifiable'}
     assert rank(condition, told.causes.split('\n')) <= 2
+
+
+def test_a_twist_that_contradicts_the_poses_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    condition = 'twist 50 ms late'
+    shorten(monkeypatch, condition, 32.0)
+    told = run((condition, 'trajectory', 1))
+    assert told.status == 'estimating'
+    assert re.match(r'the twist is left out, for it contradicts the poses: the twist is \+(49|50)', told.named)
+    assert 0 < told.alarms < 16
+    assert told.worst < 4.0
+    assert np.all(np.abs(told.error) < 3.0 * told.std)
 
 
 @pytest.mark.parametrize(

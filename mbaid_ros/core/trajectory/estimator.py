@@ -121,7 +121,7 @@ class TrajectoryEstimator:
 
     @property
     def changed(self) -> bool:
-        """Whether the target has changed since the run began."""
+        """Whether the target has changed since the run began, or the twist has been left out."""
         return self._runs.changed
 
     def offer(self, estimate: Estimate) -> None:
@@ -152,9 +152,10 @@ class TrajectoryEstimator:
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)
-        run.expect(coming)
-        run.take(taken.ready, taken.still_open, moved=taken.moved)
-        self._runs.inquiries.take(taken.ready, window)
+        run.expect([self._runs.taken(each) for each in coming])
+        ready, still_open = (each and self._runs.taken(each) for each in (taken.ready, taken.still_open))
+        run.take(ready, still_open, moved=taken.moved)
+        self._runs.inquiries.take(ready, window)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         return self._waiting(run, taken, instant) or self._solved(run, instant, window)
@@ -183,7 +184,7 @@ class TrajectoryEstimator:
             samples=now.samples,
             causes=causes,
             events=self._runs.past(None),
-            warnings=(warning,),
+            warnings=(warning, *self._runs.notes),
         )
 
     def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> Solved:
@@ -218,7 +219,7 @@ class TrajectoryEstimator:
             error_budget(moments, layout, self._settings.uncertainty, sizes.each),
             thrusters(moments, layout),
             joint_delay(moments, layout),
-            tuple(of_size(*each) for each in sizes.sure),
+            (*self._runs.notes, *(of_size(*each) for each in sizes.sure)),
         )
 
     def _reported(self, solved: list[Solved]) -> list[Estimate]:

@@ -90,7 +90,14 @@ class Inquiries:
     @property
     def change(self) -> Change | None:
         """What has become of the target, if the latest inquiry has found that to be what is wrong."""
-        return None if self._found is None else self._found.change
+        leading = None if self._found is None else self._found.leading
+        return None if leading is None else leading.change
+
+    @property
+    def wrong_twist(self) -> str:
+        """What is wrong with the base's twist, if the latest inquiry has found that to be it; else empty."""
+        leading = None if self._found is None else self._found.leading
+        return leading.text if leading is not None and leading.of_twist else ''
 
     def since(self, time: float) -> list[Window]:
         """Return the windows that begin at a time, s, or later."""

@@ -33,7 +33,7 @@ class Solved:
     budget : parts of the variance
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
-    warnings : of declarations that are too small
+    warnings : of the run, and of declarations that are too small
     """
 
     mean: Array

@@ -27,7 +27,7 @@ from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
-from mbaid_ros.core.unknowns.suspects import line, suspects
+from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
 from mbaid_ros.core.unknowns.words import of_change, of_hypothesis, of_line, of_suspect
 from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
@@ -72,12 +72,14 @@ class Suspected:
     gain : how much likelier that makes the data (log-likelihood)
     physical : whether it says what happens
     change : what has become of the target, where that leaves nothing unexplained
+    of_twist : whether it is something wrong with the base's twist, which poses can do without
     """
 
     text: str
     gain: float
     physical: bool = True
     change: Change | None = None
+    of_twist: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,15 +98,14 @@ class Found:
     misfit: float
 
     @property
-    def change(self) -> Change | None:
-        """What has become of the target, if nothing else explains the data nearly as well."""
+    def leading(self) -> Suspected | None:
+        """What happens, if nothing of another kind explains the data nearly as well."""
         first = next((each for each in self.causes if each.physical), None)
-        if first is None or first.change is None:
+        if first is None:
             return None
-        rivals = (
-            each.gain + _WORTH if each.physical else CATCH_ALL * each.gain for each in self.causes if each is not first
-        )
-        return first.change if first.gain > max(rivals, default=0.0) else None
+        others = (each for each in self.causes if each is not first and not (each.of_twist and first.of_twist))
+        rivals = (each.gain + _WORTH if each.physical else CATCH_ALL * each.gain for each in others)
+        return first if first.gain > max(rivals, default=0.0) else None
 
 
 Inquiry = Iterator['int | Found']
@@ -248,7 +249,8 @@ class Suspicion:
             using = self.extended(*suspected).widened(cause, factor)
             track = yield from _tried(using.repeated(windows, point, self.hypotheses[0]))
             if track is not None:
-                found += _gained(of_suspect(cause, using.value(track, cause)), track, base)
+                text = of_suspect(cause, using.value(track, cause))
+                found += [replace(each, of_twist=cause in OF_TWIST) for each in _gained(text, track, base)]
         return found
 
 

@@ -1,4 +1,4 @@
-"""The runs of the filter over one stream: another one begins where the target has changed."""
+"""The runs of the filter over one stream: another one begins where the target has changed, or the twist is wrong."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.trajectory.windows import Window, without_twist
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.hypotheses import hypotheses
 from mbaid_ros.core.unknowns.words import all_of, of_change
@@ -55,11 +56,23 @@ class TargetRuns:
         self.inquiries: Inquiries
         self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
         self._changed: ChangedTarget | None = None
+        self._wrong_twist = ''  # why the twist has been left out
 
     @property
     def changed(self) -> bool:
-        """Whether the target has changed since the first run began."""
-        return self._changed is not None
+        """Whether the target has changed since the first run began, or what is taken of the data."""
+        return self._changed is not None or bool(self._wrong_twist)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the present run."""
+        return (
+            (f'the twist is left out, for it contradicts the poses: {self._wrong_twist}',) if self._wrong_twist else ()
+        )
+
+    def taken(self, window: Window) -> Window:
+        """Return what of a window is taken into the run."""
+        return without_twist(window) if self._wrong_twist else window
 
     def past(self, now: Moments | None) -> tuple[Event, ...]:
         """Return what happened in the runs before this one, and why it began.
@@ -71,7 +84,7 @@ class TargetRuns:
         return self._earlier if self._changed is None else (*self._earlier, self._changed.event(now))
 
     def present(self, origin: Array) -> FilterRun:
-        """Return the run for the next window: another one where motion has turned out spatial, or the target changed.
+        """Return the run for the next window: another one where motion, target or twist are not as was thought.
 
         Parameters
         ----------
@@ -83,6 +96,9 @@ class TargetRuns:
             self.run = self._begun()
         elif (change := self.inquiries.change) is not None:
             self.run = self._begun_again(self.run, change, origin)
+        elif (wrong := self.inquiries.wrong_twist) and not self._wrong_twist:
+            self._wrong_twist = wrong
+            self.run = self._begun_over([self.taken(window) for window in self.inquiries.since(-np.inf)])
         return self.run
 
     def _begun(self) -> FilterRun:
@@ -108,7 +124,10 @@ class TargetRuns:
             carried = Carried(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
             self.layout = replace(self.layout, known=carried)
             self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
-        windows = self.inquiries.since(change.time + slack)
+        return self._begun_over(self.inquiries.since(change.time + slack))
+
+    def _begun_over(self, windows: list[Window]) -> FilterRun:
+        """Return a filter that has met nothing but some windows."""
         begun = self._begun()
         begun.expect(windows)
         for window in windows:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -74,6 +74,13 @@ class Window:
     def length(self) -> float:
         """Of its own intervals, s."""
         return (self.inside.stop - self.inside.start) * self.spacing
+
+
+@lru_cache(maxsize=256)
+def without_twist(window: Window) -> Window:
+    """Return a window of poses alone, the same one whenever it is asked for."""
+    nothing = np.full_like(window.knots.base_twist, np.nan)
+    return replace(window, knots=replace(window.knots, base_twist=nothing))
 
 
 @dataclass(frozen=True)

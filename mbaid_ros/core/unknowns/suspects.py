@@ -16,9 +16,10 @@ from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Linear, Reading
 from mbaid_ros.core.unknowns.flexible_joints import flexible_joints
 from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
-from mbaid_ros.core.unknowns.twist_bias import twist_bias
+from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS, twist_bias
 
 TURNING, LATE = 'odometry turning', 'twist late'
+OF_TWIST = (LATE, TURNS, SPEEDS)  # what is wrong with the twist alone
 
 _MINUTE = 60.0  # s
 
