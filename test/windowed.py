@@ -9,7 +9,8 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.trajectory.state import Layout, Point
-from mbaid_ros.core.trajectory.windows import Stack, Window, WindowNoise
+from mbaid_ros.core.trajectory.window_noise import WindowNoise
+from mbaid_ros.core.trajectory.windows import Stack, Window
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s

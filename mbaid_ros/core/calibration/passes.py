@@ -25,7 +25,7 @@ from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Window, stacked
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 
 _PASSES = 24
 _SETTLED = 0.1  # standard deviations
@@ -34,7 +34,6 @@ _FEW = 60  # windows of the first passes
 _PARTS, _FEWEST = (8, 4, 2), 3  # of the windows where no pose holds the base, and how few tell anything
 _HALVINGS = 20
 _BACK = -0.5  # cosine of the angle between two steps, of which the second goes back
-_STILL = Hypothesis('nothing drifts')
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +231,7 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> Passed:
         for window, white in _linearised(motion, point):
             belief = update(pose_reset(belief, own) if window.fresh else belief, white)
             if window is not motion.windows[-1]:
-                belief = advance(belief, white, own, _STILL)
+                belief = advance(belief, white, own, UNDISTURBED)
         heads.append(_of_momentum(belief, own))
     assert belief is not None, 'there is a motion'
     head = motions[0].variables.head

@@ -25,7 +25,8 @@ from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.trajectory.knowledge import FIRST, Knowledge
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
-from mbaid_ros.core.trajectory.windows import Stack, Window, WindowNoise
+from mbaid_ros.core.trajectory.window_noise import WindowNoise
+from mbaid_ros.core.trajectory.windows import Stack, Window
 from mbaid_ros.core.verdict.innovations import Innovations
 
 _NOTHING = 1e-6  # of its size, by which what a motion leaves open must not move a parameter that it tells

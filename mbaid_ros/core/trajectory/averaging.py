@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,8 +10,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST
-from mbaid_ros.core.trajectory.windows import Window, WindowNoise
+from mbaid_ros.core.trajectory.window_noise import WindowNoise, window_noises
+from mbaid_ros.core.trajectory.windows import Window
 
 _KNOT = 0.05  # s, wanted spacing of knots
 _FEWEST_KNOTS = 5
@@ -166,21 +165,6 @@ def knots_a_window(window: Samples, length: float) -> int:
     """
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
     return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
-
-
-def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
-    """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
-    poses, twists = (
-        np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
-            :, ANGULAR_FIRST[:, None], ANGULAR_FIRST
-        ]
-        for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
-    )
-    return [
-        WindowNoise(len(window), own.joint_position, pose, twist, gyro, own.base_correlation_time)
-        for window, pose, twist in zip(windows, poses, twists, strict=True)
-        for own in [noise.found_in(window)]
-    ]
 
 
 def _by_window(values: Array, count: int) -> Array:

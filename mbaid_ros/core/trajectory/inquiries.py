@@ -12,7 +12,6 @@ from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.suspicion import Change, Found, Suspicion
 from mbaid_ros.core.trajectory.windows import Window
-from mbaid_ros.core.unknowns.words import of_hypothesis
 from mbaid_ros.core.verdict.correlated import seen_in
 from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.ranking import ranked
@@ -114,7 +113,7 @@ class Inquiries:
             # Over all of the run, not its latest windows alone: what explains anything is no likelier for that.
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
-            inquired.setdefault(of_hypothesis(leading), (lead, leading.physical))
+            inquired.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.found_in(self._samples[-1])
         rough = roughness(self._samples, latest.joint_position)
         correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else seen_in(self._samples[-1])

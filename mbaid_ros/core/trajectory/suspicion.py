@@ -28,7 +28,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
-from mbaid_ros.core.unknowns.words import of_change, of_hypothesis, of_line, of_suspect
+from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect
 from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.ranking import CATCH_ALL
@@ -161,7 +161,7 @@ class Suspicion:
         for hypothesis in self.hypotheses[1:]:
             track = yield from wide.passed(passed, hypothesis, 0)
             gained = track.belief.log_likelihood - base.log_likelihood
-            found.append(Suspected(of_hypothesis(hypothesis), gained, hypothesis.physical))
+            found.append(Suspected(hypothesis.cause, gained, hypothesis.physical))
         return found
 
     def _changed(

@@ -17,29 +17,8 @@ from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.trajectory.gyro_link import on_link
 from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
 from mbaid_ros.core.trajectory.knots import Knots, at_the_base, turned_back
+from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.unknowns.known_side import KnownSide
-
-
-@dataclass(frozen=True)
-class WindowNoise:
-    """Noise of the means of a window's measurements.
-
-    Attributes
-    ----------
-    samples : number in the window
-    joint_position : one standard deviation of one sample, rad or m
-    pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
-    twist : (6, 6) of one sample, (angular, linear), base axes
-    gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
-    correlation_time : s, over which the errors of the poses are correlated; 0 for independent ones
-    """
-
-    samples: int
-    joint_position: float
-    pose: Array
-    twist: Array
-    gyro: float = 0.0
-    correlation_time: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

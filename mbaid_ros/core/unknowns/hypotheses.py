@@ -24,6 +24,7 @@ class Hypothesis:
     Attributes
     ----------
     name : in words
+    cause : what it may be, and what to do
     momentum : N s and N m s: an external force
     position, orientation : m, rad: the odometry's own drift
     force : axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
@@ -31,6 +32,7 @@ class Hypothesis:
     """
 
     name: str
+    cause: str = ''
     momentum: float = 0.0
     position: float = 0.0
     orientation: float = 0.0
@@ -57,6 +59,21 @@ class Hypothesis:
         return np.repeat((self.orientation, self.position, self.momentum), (3, 3, 6))
 
 
+UNDISTURBED = Hypothesis('nothing drifts')
+_CONSTANT_IN_INERTIAL_AXES = Hypothesis(
+    'a constant force or torque acts, in inertial axes',
+    'a constant force or torque acts, in inertial axes: a tilted table, drag or a leak; set disturbance.constant to '
+    'inertial',
+    force='inertial',
+)
+_CONSTANT_IN_BASE_AXES = Hypothesis(
+    'a constant force or torque acts, in base axes',
+    'a constant force or torque acts, in base axes: a leak or thrust, or wheels that nobody reads spin up; set '
+    'disturbance.constant to body',
+    force='body',
+)
+
+
 def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
     """Return the hypotheses of a run; the first is the one to beat.
 
@@ -67,17 +84,24 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
     constant : axes of a force that is taken to act; it is then the only hypothesis
     adapt : whether others than the first are followed
     """
-    inertial = Hypothesis('a constant force or torque acts, in inertial axes', force='inertial')
-    body = Hypothesis('a constant force or torque acts, in base axes', force='body')
     if constant != 'none':
-        return (body if constant == 'body' else inertial,)
-    still = Hypothesis('nothing drifts')
+        return (_CONSTANT_IN_BASE_AXES if constant == 'body' else _CONSTANT_IN_INERTIAL_AXES,)
     if not adapt:
-        return (still,)
+        return (UNDISTURBED,)
     return (
-        still,
-        inertial,
-        body,
-        Hypothesis('the momentum drifts', momentum=_CHANGING_FORCE * known_mass, physical=False),
-        Hypothesis('the odometry position drifts', position=position_std, physical=False),
+        UNDISTURBED,
+        _CONSTANT_IN_INERTIAL_AXES,
+        _CONSTANT_IN_BASE_AXES,
+        Hypothesis(
+            'the momentum drifts',
+            'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+            momentum=_CHANGING_FORCE * known_mass,
+            physical=False,
+        ),
+        Hypothesis(
+            'the odometry position drifts',
+            'the odometry position drifts: check the sensor, or give noise.base_correlation_time',
+            position=position_std,
+            physical=False,
+        ),
     )

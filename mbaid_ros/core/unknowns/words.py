@@ -12,18 +12,11 @@ from mbaid_ros.core.unknowns.clock_drift import CLOCK
 from mbaid_ros.core.unknowns.external_torque import TORQUE
 from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
 from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.odometry_scale import SCALE
 from mbaid_ros.core.unknowns.orbit_shape import SHAPE
 from mbaid_ros.core.unknowns.suspects import LATE, TURNING
 from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS
 
-_MOVING = 'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts'
-_DRIFTING = 'the odometry position drifts: check the sensor, or give noise.base_correlation_time'
-_CONSTANT = {
-    'inertial': 'a tilted table, drag or a leak; set disturbance.constant to inertial',
-    'body': 'a leak or thrust, or wheels that nobody reads spin up; set disturbance.constant to body',
-}
 # By kind of cause, all of it, and where that is declared.
 _KINDS = {
     'link': 'the links',
@@ -43,13 +36,6 @@ _DECLARED_BY = {
     TORQUE: 'disturbance.torque_std',
     SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
 }
-
-
-def of_hypothesis(hypothesis: Hypothesis) -> str:
-    """Return what acts or drifts."""
-    if hypothesis.force != 'none':
-        return f'{hypothesis.name}: {_CONSTANT[hypothesis.force]}'
-    return _DRIFTING if hypothesis.position > 0.0 else _MOVING
 
 
 def of_change(time: float, *, exchanged: bool) -> str:

@@ -10,7 +10,7 @@ from mbaid_ros.core.calibration.words import base_parameter, formula
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import Calibrated
 from mbaid_ros.replay.calibrated_text import HEAD, JOINTS_HEAD, headline, joint_rows, rows, told
-from mbaid_ros.replay.report.markup import STYLE, listed, number, paragraph, table, text
+from mbaid_ros.replay.report.markup import listed, number, page, paragraph, table, text
 
 
 def html(result: Calibrated) -> str:
@@ -36,10 +36,7 @@ def html(result: Calibrated) -> str:
         table(('what', 'directions'), [(each.words, str(each.directions.shape[1])) for each in result.exchanges]),
     ]
     title = f'Calibration of {text(result.kernel.model.name)}'
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
-    body = '\n'.join(part for part in parts if part)
-    head += f'<style>{STYLE}</style>'
-    return f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'
+    return page(title, parts)
 
 
 def _look(result: Calibrated) -> str:

@@ -96,3 +96,11 @@ def listed(items: Sequence[str], kind: str = '') -> str:
     if not items:
         return ''
     return f'<ul class="{kind}">{"".join(f"<li>{text(item)}</li>" for item in items)}</ul>'
+
+
+def page(title: str, parts: Sequence[str]) -> str:
+    """Return an HTML page that needs nothing else, of a title that is HTML text and the parts of its body."""
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
+    body = '\n'.join(part for part in parts if part)
+    head += f'<style>{STYLE}</style>'
+    return f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.replay.report.canvas import FAINT, FIRST, INK, SECOND, SERIES, THIRD, entitle, legend, new_axes, svg
-from mbaid_ros.replay.report.markup import NO_NUMBER, STYLE, figure, listed, number, paragraph, table, text
+from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, page, paragraph, table, text
 
 _POSES = 7  # of the robot, from the begin of the motion to its end
 _INSTANTS = 200  # of a curve
@@ -68,10 +68,7 @@ def html(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str]) ->
         figure(_base(plan), 'Away from where the base would be with the joints at rest; dashed: the limit.'),
         listed((f'best of {plan.compared} motions', *made_by), 'model'),
     ]
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
-    body = '\n'.join(part for part in parts if part)
-    head += f'<style>{STYLE}</style>'
-    return f'<!DOCTYPE html>\n<html lang="en">\n<head>{head}</head>\n<body>\n{body}\n</body>\n</html>\n'
+    return page(title, parts)
 
 
 def _percent(value: float) -> str:

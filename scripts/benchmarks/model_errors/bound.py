@@ -32,7 +32,7 @@ from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window, stacked
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
 from mbaid_ros.core.unknowns.known_bodies import KnownBodies
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
@@ -40,7 +40,6 @@ from mbaid_ros.session.known import declared_errors
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
 _ROUNDING = 1e-9
-_STILL = Hypothesis('nothing drifts')
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def _followed(layout: Layout, own: Variables, windows: list[Window], state: Arra
     steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
     belief = Belief.prior(own)
     for place, (_, step) in enumerate(steps):
-        belief = update(belief if place == 0 else advance(belief, steps[place - 1][1], own, _STILL), step)
+        belief = update(belief if place == 0 else advance(belief, steps[place - 1][1], own, UNDISTURBED), step)
     return belief
 
 

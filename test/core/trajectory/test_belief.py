@@ -15,10 +15,9 @@ from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from observed import kernel
 
-STILL = Hypothesis('nothing drifts')
 MEASURED = 12
 
 
@@ -34,7 +33,7 @@ class Case:
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
         belief = Belief.prior(self.space)
         for white in self.windows:
-            belief = advance(update(belief, white), white, self.space, STILL)
+            belief = advance(update(belief, white), white, self.space, UNDISTURBED)
         self.moments = Moments.of(belief, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:

@@ -15,13 +15,12 @@ from mbaid_ros.core.trajectory.filter import advance, momentum_inflation, pose_r
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import prepare
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED, Hypothesis
 from mbaid_ros.core.verdict.innovations import Innovations
 
 UNKNOWNS = 3  # of the known side
 NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on
 STATE = BODY.stop + UNKNOWNS
-STILL = Hypothesis('nothing drifts')
 
 
 def variables(rng: np.random.Generator) -> Variables:
@@ -113,7 +112,7 @@ def test_the_filter_is_least_squares(seed: int) -> None:
     belief = Belief.prior(space)
     for model in models:
         white = prepare(model, space)
-        belief = advance(update(belief, white), white, space, STILL)
+        belief = advance(update(belief, white), white, space, UNDISTURBED)
     mean, covariance, likelihood, shift = batch(models, space)
     moments = Moments.of(belief, space)
     assert space.spread @ belief.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
@@ -183,7 +182,7 @@ def test_walks_add_their_variance() -> None:
     belief = Belief.prior(space)
     still, walked = (
         covariance_of(advance(belief, white, space, hypothesis), space)
-        for hypothesis in (STILL, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
+        for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
     )
     expected = np.zeros(STATE)
     expected[:3], expected[3:6], expected[6:12] = 0.5, 2.0, 4.5
@@ -263,7 +262,9 @@ def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None
     space = replace(variables(rng), walks=walks)
     white = prepare(window(rng), space)
     before = update(Belief.prior(space), white)
-    still, after = (advance(before, white, each, STILL) for each in (replace(space, walks=np.zeros((0, 0))), space))
+    still, after = (
+        advance(before, white, each, UNDISTURBED) for each in (replace(space, walks=np.zeros((0, 0))), space)
+    )
     more: Array = np.zeros((STATE, STATE))
     more[-UNKNOWNS:, -UNKNOWNS:] = 0.5 * walks @ walks.T  # in half a second
     assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
