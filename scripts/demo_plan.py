@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS, best_of_sinusoids
-from demo import CONFIG, ROOT, Processes, Spectator, running  # first: it chooses the graph
+from demo_graph import CONFIG, ROOT, Processes, Spectator, running  # it chooses the graph, before rclpy begins
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file

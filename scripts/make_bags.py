@@ -169,7 +169,7 @@ def run_graph(recipe: Recipe, bag: Path, work: Path) -> None:
     from rclpy.utilities import try_shutdown  # noqa: PLC0415
     from sensor_msgs.msg import JointState  # noqa: PLC0415
 
-    from demo import Spectator, running  # noqa: PLC0415
+    from demo_graph import Spectator, running  # noqa: PLC0415
 
     parameters = {'robot_description_file': f'{CONFIG}/{recipe.robot}.urdf', **recipe.parameters}
     words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]

@@ -29,7 +29,7 @@ def solve_symmetric(information: Array, right_side: Array) -> Array:
 
 
 def solve_definite(information: Array, right_side: Array) -> Array:
-    """Return the same in less time where every direction has information enough."""
+    """Return the same (n,) in less time where every direction has information (n, n) enough."""
     root = inverse_root(information)
     return solve_symmetric(information, right_side) if root is None else np.asarray(root.T @ (root @ right_side))
 

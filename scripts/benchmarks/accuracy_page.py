@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.accuracy_words import ERRORS, FRAMES, INTERVALS, INTRODUCTION, LINKED, SENSORS, UNITS
 from benchmarks.data import ROBOTS, Case
 from benchmarks.methods import METHODS
 from benchmarks.pages import number, percent, provenance, table
@@ -55,20 +56,20 @@ class Report:
 def page(report: Report, figure: str) -> str:
     """Return the page as Markdown."""
     parts = [
-        _INTRODUCTION.format(provenance=provenance(_seeds(report)), figure=figure),
-        _ERRORS,
+        INTRODUCTION.format(provenance=provenance(_seeds(report)), figure=figure),
+        ERRORS,
         *(_errors(report, robot) for robot in report.robots()),
-        _INTERVALS,
+        INTERVALS,
         _intervals(report),
-        _UNITS,
+        UNITS,
         _units(report),
     ]
     if 'trajectory' in report.methods:
-        parts += [_LINKED, _linked(report)]
+        parts += [LINKED, _linked(report)]
     if any(_poor(case) for case in report.plan):
-        parts += [_SENSORS, _sensors(report)]
+        parts += [SENSORS, _sensors(report)]
     if any(case.drift or case.offset for case in report.plan):
-        parts += [_FRAMES.format(seeds=_fewest(report)), _frames(report)]
+        parts += [FRAMES.format(seeds=_fewest(report)), _frames(report)]
     return '\n'.join(parts) + '\n'
 
 
@@ -230,73 +231,3 @@ def _seeds(report: Report) -> str:
         fewer = [f'{METHODS[name].runs(most)} for {name}' for name in report.methods if METHODS[name].runs(most) < most]
         parts.append(f'{most} seeds for {robot}' + (f' ({", ".join(fewer)})' if fewer else ''))
     return ', '.join(parts)
-
-
-_INTRODUCTION = """\
-# Accuracy
-
-How far the estimates are from the truth, beside the smallest error that the data allow, and whether the intervals that
-are reported hold what they promise. {provenance}
-
-![Error over the bound and coverage]({figure})
-
-The data: the robots of `config/`, moving as their `*_simulator.yaml` says; joints and odometry at 100 Hz with white
-noise, fresh for every robot, level and seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the
-encoders 1e-5 rad and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each
-run is one pass of 60 s; what it says after 10, 20 and 60 s is compared.
-
-The bound is the Cramér-Rao bound of the model that takes each sample by itself: the momentum equations of every sample,
-the noise of its sensors in all of their terms, unknown body and unknown total momentum (in the plane: four unknowns of
-the body and three of momentum). A method that links the samples, as `trajectory` does, knows more and may lie below.
-`paper_main` is *given* the true total angular momentum, and the methods of the paper assume that the linear momentum is
-zero: they know things that the bound does not; their recursion, with its forgetting factor of 0.99 a sample, is the
-paper's.
-"""
-
-_ERRORS = """\
-## Error over the bound
-
-RMSE over the bound: the median over the parameters and (in brackets) the worst of them. A dash: the method determined
-nothing in any run. A star: it published every parameter in fewer than half of the runs, chosen by what their estimates
-looked like; method `difference unasked` of the script publishes all of them, however uncertain.
-"""
-
-_INTERVALS = """\
-## Reported uncertainty
-
-How often the reported 95 % intervals hold the truth (over all parameters, and for the parameter with the fewest and
-the most), and the error in the metric of the reported covariance (NEES, a parameter: 1 is right, more is
-overconfident) with the band that holds 95 % of such averages. *Published*: the share of runs in which every parameter
-was.
-"""
-
-_UNITS = """\
-## In units
-
-RMSE at the end of the runs: mass, the CoM's worst coordinate, the inertia's worst element (relative to
-sqrt(I_ii I_jj)).
-"""
-
-_LINKED = """\
-## Over the bound of the whole trajectory
-
-What any method could reach that links all samples is less than the per-sample bound above: RMSE of `trajectory` over
-that limit, median (worst), and the limits themselves over the per-sample bound. They are computed from the information
-of all sensors about body, momentum, first pose and the paths of the joints, cubic splines with a knot each second
-(`scripts/benchmarks/trajectory_bound.py`).
-"""
-
-_SENSORS = """\
-## Fewer sensors, wandering odometry
-
-*Poses alone*: joint positions and base poses without any velocity. *Wander*: the odometry's position walks randomly by
-1 mm a square root of a second. RMSE is over the per-sample bound with all sensors, median (worst).
-"""
-
-_FRAMES = """\
-## Drifting, and far from the origin
-
-The same runs at *mid* noise, seen from a frame in which the system drifts, so that its linear momentum is not zero, or
-with the base far from the odometry's origin. RMSE over the bound at the end of the runs, median (worst), over
-{seeds} seeds in every row: the same seeds, so that rows of one robot can be compared closely.
-"""

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Inertia
+from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, ROOT
 
@@ -81,7 +82,6 @@ def inertia(**changed: float) -> Any:
 def test_the_demo_fails_where_a_parameter_is_off_or_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, 'environ', dict(os.environ))  # of which the script changes some
     demo = runpy.run_path(str(SCRIPT))
-    estimate = demo['InertiaEstimate']
-    assert demo['judge'](estimate(inertia=inertia(m=926.0)), inertia()) == ''
-    wrong = estimate(inertia=inertia(x=2.33, y=float('nan')))
+    assert demo['judge'](InertiaEstimate(inertia=inertia(m=926.0)), inertia()) == ''
+    wrong = InertiaEstimate(inertia=inertia(x=2.33, y=float('nan')))
     assert demo['judge'](wrong, inertia()) == 'x_c is off by +1.30 %, y_c is not determined'

@@ -71,7 +71,7 @@ def _of_links(mechanism: Mechanism, kinds: str, links: Sequence[Link]) -> str:
 
 
 def formula(links: Sequence[Link], factors: Array) -> str:
-    """Return a combination of standard parameters as a sum, cut after a few terms."""
+    """Return a combination (10 b,) of the links' standard parameters as a sum, cut after a few terms."""
     indices = np.flatnonzero(factors)
     terms = []
     for index in indices[:_LONGEST_FORMULA]:

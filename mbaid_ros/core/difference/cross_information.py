@@ -43,7 +43,7 @@ class CrossInformation:
         return CrossInformation(self.cross + other.cross, self.own + other.own)
 
     def forget(self, root: Array, factor: float) -> CrossInformation:
-        """Return the past discounted like an information N that becomes root^T N root, by up to a factor."""
+        """Return the past discounted like an information N that becomes root^T N root, (u, u), by up to a factor."""
         return CrossInformation(np.sqrt(factor) * root.T @ self.cross, factor * self.own)
 
     def surplus(self, covariance: Array) -> float:

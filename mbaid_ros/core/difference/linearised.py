@@ -92,14 +92,14 @@ class LinearisedWindows:
         return eiv.normal_equations(self.white)
 
     def at(self, x: Array) -> White | None:
-        """Return the windows whitened elsewhere, None where that cannot be computed."""
+        """Return the windows whitened at another x, (u,); None where that cannot be computed."""
         try:
             return eiv.whitened(self.equations, x)
         except FloatingPointError:
             return None
 
     def linearise(self, x: Array, white: White | None = None) -> None:
-        """Move the linearisation point; `white` are the windows there, where that is known already."""
+        """Move the linearisation point to x, (u,); `white` are the windows there, where that is known already."""
         self.x = x
         self._white = Queue(White.nothing() if white is None else white)
         self._own = Queue(_Own(np.zeros(0)))

@@ -44,7 +44,7 @@ class MarginalisedPrior:
         return self._windows
 
     def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
-        """Take a quadratic form around x, without the noise's own information, and that by itself."""
+        """Take a quadratic form around x (u,), without the noise's own information (u, u), and that by itself."""
         # docs/method.md, eq. 7: cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
         self._sum = self._sum + linear.information
         self._sum_right = self._sum_right + linear.information @ x - linear.gradient
@@ -55,11 +55,11 @@ class MarginalisedPrior:
         self._settle()
 
     def cost(self, x: Array) -> float:
-        """Return the cost at x."""
+        """Return the cost at x, (u,)."""
         return float(x @ self.information @ x - 2.0 * self.right_side @ x) + self._constant
 
     def gradient(self, x: Array) -> Array:
-        """Return half the derivative of the cost at x."""
+        """Return half the derivative of the cost at x, (u,)."""
         return self.information @ x - self.right_side
 
     def forget(self, factor: float, recent: Array, idle: Array) -> Array:

@@ -75,7 +75,7 @@ class Linearisation:
     equations: int
 
     def at(self, step: Array) -> Linearisation:
-        """Return the same form around x + step."""
+        """Return the same form around x + step, (u,)."""
         slope = self.information @ step
         cost = self.cost + float(step @ (2.0 * self.gradient + slope))
         return Linearisation(cost, self.gradient + slope, self.information, self.equations)
@@ -136,7 +136,7 @@ def costs(blocks: Blocks, several: Array) -> Array:
 
 
 def whitened(blocks: Blocks, x: Array) -> White:
-    """Return residuals and corrected rows at x in units of their noise.
+    """Return residuals and corrected rows at x (u,) in units of their noise.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
 
 
 def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
-    """Return residuals at x = 0 and rows as they are, with the weights of `compensated`.
+    """Return residuals at x = 0 and rows as they are, with the weights of `compensated` at x (u,) and spread (u, k).
 
     Raises
     ------

@@ -9,7 +9,7 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 
 
 def at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
-    """Return the samples of joints and base that were measured at the same stamps."""
+    """Return the samples of joints and base that were measured at the same stamps, N of them; time and weight (N,)."""
     return Samples(
         time=time,
         joint_position=joints.position,

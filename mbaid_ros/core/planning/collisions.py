@@ -24,7 +24,13 @@ _DENSE = 60  # instants of a motion at which distances are asked for
 
 
 def no_mesh(name: str) -> Array:
-    """Refuse a mesh, where no files are read."""
+    """Refuse a mesh, where no files are read.
+
+    Raises
+    ------
+    ModelError
+        Always.
+    """
     raise ModelError(f"the file of mesh '{name}' is not looked for")
 
 

@@ -55,13 +55,13 @@ class Grid:
 
     @cached_property
     def half_steps(self) -> Array:
-        """Instants of all knots and midway between them, s."""
+        """Instants of all knots and midway between them, (2 K - 1,) s."""
         count = self.windows * self.knots + BEFORE + AFTER
         return (np.arange(2 * count - 1) / 2.0 - BEFORE) * self.spacing
 
     @property
     def ends(self) -> Array:
-        """Of each window, s."""
+        """Of each window, (W,) s."""
         return np.arange(1, self.windows + 1) * self.knots * self.spacing
 
 

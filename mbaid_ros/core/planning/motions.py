@@ -126,7 +126,7 @@ class Motions:
         return np.where(self.limits.moved, self.efforts.use(position, rate, moved.rates(bend), twist), 0.0)
 
     def relative(self, waypoints: Array, grid: Grid, every: int = 0) -> Array:
-        """Return relative standard deviations of the ten parameters after motions, as `Information.after` does."""
+        """Return relative standard deviations of the body after motions (B, K, k), as `Information.after` does."""
         position, rate = self.joints(waypoints, grid.half_steps)
         base = self.floating.moved(position, rate, grid.spacing)
         return self.information.after(grid, (position[::2], rate[::2]), base, every)
@@ -179,7 +179,7 @@ class Motions:
         return times[::2], base, base.away_from(coasting)
 
     def gentle(self, waypoints: Array, most: BaseLimits) -> Array:
-        """Return motions made as much smaller as the limits of base and efforts ask for; they are then close to these.
+        """Return motions (B, K, k) as much smaller as the limits of base and efforts ask for: then close to these.
 
         A base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
         """

@@ -72,7 +72,7 @@ class ErrorBudget:
         return ', '.join(f'{short(cause)} ({", ".join(groups)})' for cause, groups in found.items())
 
     def dominant(self, std: Array) -> dict[str, dict[str, float]]:
-        """Return the causes other than sensor noise that make more than half of a group's variance: shares by group."""
+        """Return what, other than sensor noise, makes more than half of a group's variance: by group; std (10,)."""
         found: dict[str, dict[str, float]] = {}
         for group, shares in self.grouped(std).items():
             for cause, share in shares.items():

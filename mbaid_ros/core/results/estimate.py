@@ -144,7 +144,7 @@ class Estimate:
         return np.sqrt(np.diag(self.covariance))
 
     def after_thrust(self, impulse: Array) -> Estimate:
-        """Return the estimate with the momentum as known thrust has left it, from the one that the run began with."""
+        """Return the estimate with the momentum of the run's begin as an impulse (6,) of known thrust has left it."""
         if not np.any(impulse):
             return self
         return replace(self, momentum=self.momentum + impulse, impulse=impulse)

@@ -27,7 +27,7 @@ def turned(quaternion: Array, rotation_vector: Array) -> Array:
 
 
 def rotate(quaternion: Array, vector: Array) -> Array:
-    """Return the vector turned by a unit quaternion."""
+    """Return the vector (3,) turned by a unit quaternion (4,), x, y, z, w."""
     x, y, z, w = quaternion.tolist()
     a, b, c = vector.tolist()
     u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)

@@ -44,7 +44,7 @@ class Tide:
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return m G x at each centre of mass and 3 mu / r^3 up x I up, about the body's origin, in its axes."""
+        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the body's origin: (n + 1, 6)."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)

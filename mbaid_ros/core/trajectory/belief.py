@@ -92,7 +92,7 @@ class Belief:
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def with_root(self, root: Array) -> Belief:
-        """Return the same with other variables: what has been measured stays."""
+        """Return the same with other variables, (v, v + 2): what has been measured stays."""
         return Belief(root, *(value for name, value in vars(self).items() if name != 'root'))
 
 
@@ -150,12 +150,12 @@ class Moments:
         return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
     def covariance(self, rows: Integers) -> Array:
-        """Return the covariance of some numbers of the state."""
+        """Return the (r, r) covariance of some numbers (r,) of the state."""
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
     def as_far_off(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
-        """Return the same where the unknowns may be so many times as far off as declared."""
+        """Return the same, (r, r), where the unknowns may be so many times as far off as declared."""
         part = self.factor_of(self.variables.spread[rows])
         covariance = np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
         if sizes.as_declared:

@@ -130,7 +130,7 @@ def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoin
 
 
 def gradient(values: Array) -> Array:
-    """Return the slope per step along the first axis: half the difference of the neighbours, at the ends the step."""
+    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends the step."""
     slope = np.empty_like(values)
     slope[1:-1] = 0.5 * (values[2:] - values[:-2])
     slope[0], slope[-1] = values[1] - values[0], values[-1] - values[-2]

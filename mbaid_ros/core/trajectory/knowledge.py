@@ -69,7 +69,7 @@ class End:
 
     @staticmethod
     def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
-        """Return the end of a run by its last window, of a length in s."""
+        """Return the end of a run by its last window, of a length in s; origin (3,) m, normal (3,) of planar motion."""
         of_means = window_noises([window[-1:]], noise)[0]
         twist = np.full((6, 6), np.nan) if window.missing_rates[1] else of_means.twist
         sensing = Sensing(len(window) / length, noise.joint_position, of_means.pose, twist)

@@ -77,7 +77,7 @@ def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slo
 
 
 def state_rows(errors: Array, readings: Array) -> Array:
-    """Return the rows of the state of a composition: the column of the constant goes, the readings come."""
+    """Return the state's rows (..., r, s) of a composition (..., r, p + 1): the constant goes, the readings come."""
     return np.concatenate((errors[..., :-1], readings), axis=-1)
 
 

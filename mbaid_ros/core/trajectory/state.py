@@ -153,7 +153,7 @@ class Layout:
         return Point(values[self.parameters], values[self.readings], side)
 
     def beside(self, state: Array, point: Point) -> Point:
-        """Return the point of a state at the readings of another: windows that follow each other share these."""
+        """Return the point of a state (s,) at the readings of another: windows that follow each other share these."""
         values = state.copy()
         values[self.readings] = point.readings
         return self.point(values)

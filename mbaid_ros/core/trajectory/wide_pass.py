@@ -179,7 +179,7 @@ class WidePass:
         return replace(self, layout=replace(self.layout, known=Carried(known.mean, wider[:, None] * known.factor)))
 
     def value(self, track: Track, cause: str) -> Array:
-        """Return the numbers of a cause as they are estimated, SI units."""
+        """Return the numbers (k,) of a cause as they are estimated, SI units."""
         mean = Moments.of(track.belief, self.variables).mean
         found: list[Array] = []
         for unknown, place in zip(self.layout.unknowns, self.layout.places, strict=True):
