@@ -157,7 +157,7 @@ class SimulatedRun:
         ModelError
             The motion has diverged.
         """
-        joints, base, imu = self._sensed.read_all(until)
+        joints, base, imu = self._sensed.read(until)
         self._read = max(self._read, until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]

@@ -57,7 +57,6 @@ class OdometryReader:
         self._twist_default = noise.twist_covariance()
         self.other_child_frame = ''
         self.frame = ''
-        self.default_covariances = 0  # messages whose covariance, or a part of it, came from the parameters
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
         """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN.
@@ -148,9 +147,7 @@ class OdometryReader:
             distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
             which = inverse.ravel()
         checked = [_checked(row.tobytes(), default.tobytes()) for row in distinct]
-        declared = np.array([own for _, own in checked])[which]
-        self.default_covariances += int(np.sum(~np.all(declared, axis=1)))
-        return np.array([used for used, _ in checked])[which], declared
+        return np.array([used for used, _ in checked])[which], np.array([own for _, own in checked])[which]
 
 
 @lru_cache(maxsize=64)

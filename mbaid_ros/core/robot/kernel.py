@@ -117,22 +117,16 @@ class MomentumKernel:
 
     def corrected(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
-        other = copy(self)
-        other.known = self.known + change
-        return other
+        return self._with(known=self.known + change)
 
     def displaced(self, origins: Array, tilts: Array) -> MomentumKernel:
         """Return a kernel whose joints are elsewhere: (n, 3) m, (n, 3) rad as in `ModelErrors`."""
-        other = copy(self)
-        other.model = displaced(self.model, origins, tilts)
-        other.kinematics = Kinematics(other.model)
-        return other
+        model = displaced(self.model, origins, tilts)
+        return self._with(model=model, kinematics=Kinematics(model))
 
     def with_uncertainty(self, errors: KnownErrors) -> MomentumKernel:
         """Return a kernel whose known bodies may be off by these errors."""
-        other = copy(self)
-        other.errors = errors
-        return other
+        return self._with(errors=errors)
 
     def with_target(self, parameters: Array) -> Array:
         """Return the (n + 1, 10) standard parameters of all bodies, of (10,) those of the target link in its frame."""
@@ -142,8 +136,11 @@ class MomentumKernel:
 
     def storing(self, storage: Storage) -> MomentumKernel:
         """Return a kernel of a robot that stores momentum inside bodies."""
+        return self._with(storage=storage)
+
+    def _with(self, **changed: object) -> MomentumKernel:
         other = copy(self)
-        other.storage = storage
+        vars(other).update(changed)
         return other
 
     def states(self, samples: Samples) -> BodyStates:

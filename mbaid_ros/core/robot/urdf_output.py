@@ -36,7 +36,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
         The document is not XML or has no such link.
     """
     document = urdf.encode()
-    place = _find(document, link)
+    place = _find(document, link, 'link', 'inertial')
     names = ('m', 'x', 'y', 'z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
     # repr is the shortest text that reads back as the same number.
     element = _INERTIAL.format(**{name: repr(float(value)) for name, value in zip(names, parameters, strict=True)})
@@ -52,29 +52,18 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
     return _joined(document, place.content, text, place.content)
 
 
-def inertial_text(urdf: str, link: str) -> tuple[int, str]:
-    """Return where in a URDF a link's <inertial> begins, and its text; empty where the link has none.
+def part_text(urdf: str, name: str, kind: str = 'link', part: str = 'inertial') -> tuple[int, str]:
+    """Return where in a URDF a link's <inertial>, or a joint's <origin>, begins, or could, and its text.
+
+    That is empty where the link or joint has none.
 
     Raises
     ------
     ModelError
-        The document is not XML or has no such link.
+        The document is not XML or has no such link or joint.
     """
-    return _part_text(urdf.encode(), _find(urdf.encode(), link))
-
-
-def origin_text(urdf: str, joint: str) -> tuple[int, str]:
-    """Return where in a URDF a joint's <origin> begins, or could, and its text; empty where the joint has none.
-
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such joint.
-    """
-    return _part_text(urdf.encode(), _find(urdf.encode(), joint, 'joint', 'origin'))
-
-
-def _part_text(document: bytes, place: _Place) -> tuple[int, str]:
+    document = urdf.encode()
+    place = _find(document, name, kind, part)
     start = place.part_start if place.part_end else place.content
     text = document[start : place.part_end].decode() if place.part_end else ''
     return len(document[:start].decode()), text
@@ -103,7 +92,7 @@ class _Place:
     path: list[str] = field(default_factory=list)
 
 
-def _find(document: bytes, name: str, kind: str = 'link', part: str = 'inertial') -> _Place:
+def _find(document: bytes, name: str, kind: str, part: str) -> _Place:
     """Return where a link and its <inertial> stand, or a joint and its <origin>."""
     place = _Place()
     # The text is Unicode already: what its XML declaration says about an encoding no longer holds.

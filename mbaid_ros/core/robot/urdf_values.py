@@ -9,7 +9,7 @@ import pinocchio
 
 from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec, vec
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.urdf_output import inertial_text, origin_text, replace_inertial
+from mbaid_ros.core.robot.urdf_output import part_text, replace_inertial
 
 _COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -36,7 +36,7 @@ def change_inertial(urdf: str, link: str, parameters: Array) -> str:
     ModelError
         The document is not XML or has no such link.
     """
-    start, old = inertial_text(urdf, link)
+    start, old = part_text(urdf, link)
     new = _with_values(old, parameters)
     return urdf[:start] + new + urdf[start + len(old) :] if new else replace_inertial(urdf, link, parameters)
 
@@ -60,7 +60,7 @@ def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
     """
     if not (np.any(origin) or np.any(tilt)):
         return urdf
-    start, old = origin_text(urdf, joint)
+    start, old = part_text(urdf, joint, 'joint', 'origin')
     written = [_value(old, 'origin', key) for key in ('xyz', 'rpy')]
     xyz, rpy = (np.array([float(x) for x in each[2].split()]) if each else np.zeros(3) for each in written)
     rotation = pinocchio.rpy.rpyToMatrix(*rpy)

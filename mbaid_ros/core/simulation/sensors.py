@@ -156,11 +156,7 @@ class SensedSimulation:
         self._rates = (joint_rate, odometry_rate, 0.0 if imu is None else imu.rate)
         self._given = [0, 0, 0]
 
-    def read(self, until: float) -> tuple[JointReadings, BaseReadings]:
-        """Return what `read_all` does of joints and base alone, where there is no IMU."""
-        return self.read_all(until)[:2]
-
-    def read_all(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
+    def read(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
         """Return the readings that are due up to and including a time (s) and have not been returned before.
 
         Raises

@@ -156,11 +156,10 @@ class Moments:
 
     def as_far_off(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
         """Return the same, (r, r), where the unknowns may be so many times as far off as declared."""
-        part = self.factor_of(self.variables.spread[rows])
-        covariance = np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
+        covariance = self.covariance(rows)
         if sizes.as_declared:
             return covariance
-        more = sizes.beside(self.contributions(part, layout))
+        more = sizes.beside(self.contributions(self.factor_of(self.variables.spread[rows]), layout))
         return np.asarray(covariance + more @ more.T)
 
     def with_variables(self, own: Array) -> Array:
