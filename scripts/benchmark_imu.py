@@ -76,6 +76,18 @@ _AIR = 3e-4  # N m, of air on a thrown body: some percent of its angular momentu
 ALONE: dict[str, object] = {**KNOWN_GYRO, 'imu.alone': True, 'imu.orientation_std': 1e-3}
 
 
+def _throw(rng: np.random.Generator, seed: int, rate: float) -> dict[str, object]:
+    """Return a throw at 15 rad/s with an IMU of a rate (Hz) that has errors, as parameters."""
+    spin = rng.normal(size=3)
+    return {
+        'seed': seed,
+        'imu.rate': rate,
+        'imu.bias': (3e-3 * rng.normal(size=3)).tolist(),
+        'imu.scale': (2e-3 * rng.normal(size=3)).tolist(),
+        'initial.base_angular_velocity': (15.0 * spin / np.linalg.norm(spin)).tolist(),
+    }
+
+
 def thrown(seed: int, folder: Path, air: float = 0.0) -> tuple[Array, Array]:
     """Return errors and standard deviations of the six moments of a body that is thrown at 15 rad/s, kg m^2.
 
@@ -86,14 +98,7 @@ def thrown(seed: int, folder: Path, air: float = 0.0) -> tuple[Array, Array]:
     air : N m, standard deviation of a torque that is drawn for it about each axis, and declared
     """
     rng = np.random.default_rng(seed)
-    spin = rng.normal(size=3)
-    values: dict[str, object] = {
-        'seed': seed,
-        'imu.rate': 4000.0,
-        'imu.bias': (3e-3 * rng.normal(size=3)).tolist(),
-        'imu.scale': (2e-3 * rng.normal(size=3)).tolist(),
-        'initial.base_angular_velocity': (15.0 * spin / np.linalg.norm(spin)).tolist(),
-    }
+    values = _throw(rng, seed, 4000.0)
     drawn = [value * (1.0 + rng.uniform(-0.1, 0.1)) for value in list(INERTIA.values())[:3]]
     parameters = 'window: 0.02'
     if air > 0.0:
@@ -115,15 +120,7 @@ def thrown(seed: int, folder: Path, air: float = 0.0) -> tuple[Array, Array]:
 def tumbling(seed: int, folder: Path) -> tuple[Array, Array]:
     """Return errors and standard deviations of the inertia over its trace of a body thrown with the wheel at rest."""
     rng = np.random.default_rng(seed)
-    spin = rng.normal(size=3)
-    values: dict[str, object] = {
-        'seed': seed,
-        'imu.rate': 2000.0,
-        'imu.bias': (3e-3 * rng.normal(size=3)).tolist(),
-        'imu.scale': (2e-3 * rng.normal(size=3)).tolist(),
-        'initial.base_angular_velocity': (15.0 * spin / np.linalg.norm(spin)).tolist(),
-        **AT_REST,
-    }
+    values = _throw(rng, seed, 2000.0) | AT_REST
     record(folder, values, 0.57)
     drawn = [value * (1.0 + rng.uniform(-0.1, 0.1)) for value in list(INERTIA.values())[:3]]
     result = calibrated(folder, [*drawn, 0.0, 0.0, 0.0])

@@ -24,6 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS, best_of_sinusoids
 from demo_graph import CONFIG, ROOT, Processes, Spectator, running  # it chooses the graph, before rclpy begins
+from make_bags import MID_NOISE
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
@@ -49,14 +50,6 @@ from mbaid_ros.simulated_run import SimulatedRun
 WANTED = 0.01
 SPEED = float(np.radians(1.0))  # rad/s
 PLAN = {'joint_velocity': SPEED, 'base_rotation': float(np.radians(2.0)), 'relative_std': f'[{WANTED}]'}
-NOISE = {
-    'joint_position': 1e-4,  # rad
-    'joint_velocity': 1e-3,  # rad/s
-    'base_position': 1e-3,  # m
-    'base_orientation': 1e-4,  # rad
-    'base_linear_velocity': 1e-3,  # m/s
-    'base_angular_velocity': 1e-4,  # rad/s
-}
 START = np.array([0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2])  # rad
 FIRST = 8.0  # s, of the motion that nobody has planned
 ROUNDS = 5  # of planning, at most
@@ -143,7 +136,7 @@ class Loop(Spectator):
 def simulated(folder: Path) -> dict[str, object]:
     """Return the parameters of the simulated robot's first motion and sensors."""
     motion = {'motion.kind': 'trajectory', 'motion.trajectory_file': str(folder / 'first.yaml')}
-    return {**motion, **{f'noise.{channel}': value for channel, value in NOISE.items()}}
+    return {**motion, **{f'noise.{channel}': value for channel, value in MID_NOISE.items()}}
 
 
 def time_of_sinusoids(folder: Path) -> float:

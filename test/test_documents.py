@@ -133,6 +133,13 @@ def test_files_that_are_named_exist(document: str) -> None:
         assert place.exists(), path
 
 
+@pytest.mark.parametrize('document', ['docs/architecture.md', 'docs/method.md', 'docs/trajectory.md', 'docs/orbit.md'])
+def test_modules_that_are_named_without_their_folder_exist(document: str) -> None:
+    modules = {path.name for folder in ('mbaid_ros', 'scripts') for path in (ROOT / folder).rglob('*.py')}
+    named = re.findall(r'[`\s](\w+\.py)\b', (ROOT / document).read_text(encoding='utf-8'))
+    assert set(named) - {'setup.py'} <= modules
+
+
 def test_equations_that_are_cited_exist() -> None:
     """By page and number: `docs/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
     equations = {
