@@ -17,6 +17,11 @@ from shortened import shorten
     [
         pytest.param("a joint's zero 30 mrad off", 32.0, marks=pytest.mark.long),
         pytest.param("a joint's sign flipped", 32.0, marks=pytest.mark.long),
+        *(
+            pytest.param(condition, 24.0, marks=pytest.mark.long)
+            for condition in ('joints in degrees', 'positions in millimetres', 'quaternions with w first')
+        ),
+        ('orientation turned round', 20.0),
         ('noise of the joints declared 10 x too small', 32.0),
     ],
 )

@@ -1,4 +1,4 @@
-"""Robots that differ from the described one in more than a little: joints, stamps or units mistaken.
+"""Robots that differ from the described one in more than a little: joints, poses, stamps or units mistaken.
 
 None of these is near enough to be found from where the run is. Momentum is linear in body and momentum, so windows are
 fitted by least squares under each of them: that tells the likeliest, and where to linearise these.
@@ -16,12 +16,14 @@ from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.trajectory.knots import Integers
+from mbaid_ros.core.trajectory.misread_poses import MISREAD_POSES, PoseReading, as_read
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
-from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
+from mbaid_ros.core.trajectory.windows import Stack, Window, stacked, without_twist
 
 _MOST_PAIRS = 12  # joints, of which all pairs are tried
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
+_TURN = 2.0 * np.pi  # rad, which joints of an arm hardly turn by
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
 
@@ -32,21 +34,31 @@ class Misreading:
     Attributes
     ----------
     text : in words
-    order, sign : (n,) the joints' positions are sign times those of the joints in this order
+    order, scale : (n,) the joints' positions are scale times those of the joints in this order
     change : (n + 1, 10) that is added to the known bodies
     delay : s, by which the joints are stamped late
+    pose : what knots are, of poses that are meant otherwise
     """
 
     text: str
     order: Integers
-    sign: Array
+    scale: Array
     change: Array
     delay: float = 0.0
+    pose: PoseReading = as_read
+
+    def possible(self, windows: Sequence[Window]) -> bool:
+        """Tell whether windows may be of it: of joints in degrees, one would have made a whole turn in radians."""
+        if np.all(np.abs(self.scale) == 1.0):
+            return True
+        return any(np.max(np.nan_to_num(np.abs(each.knots.joint_position)), initial=0.0) > _TURN for each in windows)
 
     def windows(self, windows: Sequence[Window]) -> list[Window]:
-        """Return windows as that robot has them."""
+        """Return windows as that robot has them; a twist is in the axes of poses as they were read."""
+        if self.pose is not as_read:
+            return [replace(each, knots=self.pose(each.knots)) for each in map(without_twist, windows)]
         return [
-            replace(each, knots=replace(each.knots, joint_position=self.sign * positions[:, self.order]))
+            replace(each, knots=replace(each.knots, joint_position=self.scale * positions[:, self.order]))
             for each, positions in zip(windows, _stamped(windows, self.delay), strict=True)
         ]
 
@@ -69,6 +81,10 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         how = f'{1e3 * abs(delay):.0f} ms{more} {"late" if delay > 0.0 else "early"}'
         text = f'the joints are stamped some {how} against the poses: mend the stamps, or raise time_offset.prior_std'
         yield Misreading(text, order, sign, same, delay)
+    degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
+    yield Misreading('the joint positions are in degrees: in ROS they are in radians', order, degrees, same)
+    for text, pose in MISREAD_POSES:
+        yield Misreading(text, order, sign, same, pose=pose)
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
     heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}  # of what is fixed
     for link in heaviest.values():

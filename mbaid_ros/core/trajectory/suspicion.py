@@ -192,6 +192,8 @@ class Suspicion:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
         found = []
         for misreading in misreadings(self.layout.kernel):
+            if not misreading.possible(windows):
+                continue
             found.append(fitted(self.layout.kernel, windows, misreading, _EVERY))
             yield _FITTED // _EVERY
         return found

@@ -138,6 +138,27 @@ def twist_in_odometry_axes(truth: Truth) -> Truth:
     )
 
 
+def in_degrees(truth: Truth) -> Truth:
+    """Return a motion whose joints are read in degrees."""
+    position, velocity = np.rad2deg(truth.joint_position), np.rad2deg(truth.joint_velocity)
+    return replace(truth, joint_position=position, joint_velocity=velocity)
+
+
+def in_millimetres(truth: Truth) -> Truth:
+    """Return a motion whose positions, not velocities, are in millimetres."""
+    return replace(truth, base_position=1e3 * truth.base_position)
+
+
+def turned_round(truth: Truth) -> Truth:
+    """Return a motion whose orientation turns from the odometry frame to the base."""
+    return replace(truth, base_orientation=quaternions.conjugate(truth.base_orientation))
+
+
+def scalar_first(truth: Truth) -> Truth:
+    """Return a motion whose quaternions are (w, x, y, z)."""
+    return replace(truth, base_orientation=np.roll(truth.base_orientation, 1, axis=-1))
+
+
 # --- Defects of what is read.
 
 

@@ -73,6 +73,10 @@ SENSORS = (
         for size in (0.3, 1.0, 3.0)
     ),
     _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes),
+    _viewed('joints in degrees', readings.in_degrees),
+    _viewed('positions in millimetres', readings.in_millimetres),
+    _viewed('orientation turned round', readings.turned_round),
+    _viewed('quaternions with w first', readings.scalar_first),
     _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
     _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3)),
     _spoilt("a joint's reading frozen for 15 s", partial(readings.frozen, 1, 20.0, 35.0)),
