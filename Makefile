@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-live benchmark-model-errors benchmark-planning benchmark-speed benchmark-week demo-plan paper-table
+.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-live benchmark-model-errors benchmark-planning benchmark-speed benchmark-week demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -31,6 +31,7 @@ help:
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
+	@echo "make attack  set-up, then kills, garbage and calls of services on a live graph (ten minutes; ARGS=\"--kills N --calls N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
 	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"
@@ -72,6 +73,10 @@ test-long: install/.built
 fuzz: install/.built
 	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_files.py $(ARGS) \
 	  && python3 scripts/fuzz_messages.py $(ARGS)
+
+# What it writes is committed.
+attack: install/.built
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/live_attack.py --output docs $(ARGS)
 
 lint: install/.built
 	$(STEP) "ruff"

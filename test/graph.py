@@ -91,6 +91,11 @@ class Process:
         )
 
     @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def running(self) -> bool:
         """Whether it has not ended."""
         return self._process.poll() is None
@@ -109,10 +114,10 @@ class Process:
         """Wait for its end and return the exit code."""
         return self._process.wait(timeout)
 
-    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+    def stop(self, number: signal.Signals = signal.SIGINT, timeout: float = PATIENCE) -> int:
         """Send a signal, wait for the end and return the exit code."""
         self._process.send_signal(number)
-        return self.wait()
+        return self.wait(timeout)
 
     def close(self) -> None:
         """End it in any case."""
