@@ -177,11 +177,6 @@ def turned_about_z(angle: Array) -> Array:
     return np.stack((zero, zero, np.sin(angle / 2.0), np.cos(angle / 2.0)), axis=-1)
 
 
-def changes(values: Array) -> Array:
-    """Return which of (N, k) rows differ from the one before, (N,); the first one does."""
-    return np.concatenate(([True], np.any(values[1:] != values[:-1], axis=1)))
-
-
 def _between(part: Any, begin: float, end: float) -> Any:
     inside = (part.time >= begin) & (part.time <= end)
     cut = {name: value[inside] for name, value in vars(part).items() if isinstance(value, np.ndarray)}

@@ -170,19 +170,8 @@ def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
     return normal_equations(whitened(blocks, x))
 
 
-def noise_information(blocks: Blocks, x: Array) -> Array:
-    """Return the (u, u) part of the likelihood's information at x that the noise in the rows brings in expectation.
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite at this x.
-    """
-    return np.asarray(np.sum(own_information(blocks, whitened(blocks, x)), axis=0))
-
-
 def own_information(blocks: Blocks, white: White) -> Array:
-    """Return the part of `noise_information` that each block brings, (K, u, u), where the blocks were whitened."""
+    """Return what the noise in the rows brings in expectation of each block's information, (K, u, u)."""
     shape = blocks.noise_rows.shape
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.

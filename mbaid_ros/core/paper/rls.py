@@ -1,4 +1,4 @@
-"""Recursive least squares with forgetting factor, step by step and as a batch, with equal results."""
+"""Recursive least squares with forgetting factor, step by step."""
 
 from __future__ import annotations
 
@@ -59,23 +59,3 @@ class RecursiveLeastSquares:
             covariance = covariance * scale * scale[:, None]
         self.covariance = covariance
         return self.estimate
-
-
-def batch(rows: Array, right_side: Array, forgetting_factor: float, initial_covariance: float) -> Array:
-    """Return what RecursiveLeastSquares reaches after all steps, by one orthogonal factorisation.
-
-    Parameters
-    ----------
-    rows : (N, k, unknowns)
-    right_side : (N, k)
-
-    Returns
-    -------
-    (unknowns,) array
-    """
-    steps, _, unknowns = rows.shape
-    weight = np.sqrt(forgetting_factor) ** np.arange(steps - 1, -1, -1)
-    prior = np.eye(unknowns) * np.sqrt(forgetting_factor**steps / initial_covariance)
-    stacked = np.concatenate((prior, (rows * weight[:, None, None]).reshape(-1, unknowns)))
-    values = np.concatenate((np.zeros(unknowns), (right_side * weight[:, None]).ravel()))
-    return np.linalg.lstsq(stacked, values, rcond=None)[0]

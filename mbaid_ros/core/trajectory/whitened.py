@@ -55,12 +55,6 @@ class WhitenedWindow:
         return self.in_base_axes if axes == 'body' else self.inertial
 
 
-def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
-    """Return one window (see `prepared`)."""
-    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, variables)[0]
-
-
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
     told = np.isfinite(windows.pose_covariance)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from derivatives import central_difference
-from linear_problems import TRUE, UNKNOWNS, linear_blocks, noisy_blocks, quadratic
+from linear_problems import TRUE, UNKNOWNS, linear_blocks, noise_information, noisy_blocks, quadratic
 from mbaid_ros.core.difference.marginalised import MarginalisedPrior
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Linearisation
@@ -25,7 +25,7 @@ def marginalised_from(seed: int, steps: int = 6) -> MarginalisedPrior:
     for index in range(steps):
         x = TRUE + 0.1 * rng.normal(size=UNKNOWNS)
         blocks = noisy_blocks(3, 10 * seed + index)
-        linear, own = eiv.maximum_likelihood(blocks, x), eiv.noise_information(blocks, x)
+        linear, own = eiv.maximum_likelihood(blocks, x), noise_information(blocks, x)
         past.add(replace(linear, information=linear.information - own), own, x)
     return past
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linear_problems import TRUE, UNKNOWNS, exact_blocks, linear_blocks, noisy_blocks, with_errors
+from linear_problems import TRUE, UNKNOWNS, exact_blocks, linear_blocks, noise_information, noisy_blocks, with_errors
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Blocks
@@ -79,10 +79,10 @@ def test_the_window_is_bounded() -> None:
 def test_the_noise_of_all_windows_is_counted() -> None:
     blocks = noisy_blocks(20, 5)
     likelihood = slid(blocks, 50)
-    assert likelihood.noise_information == pytest.approx(eiv.noise_information(blocks, likelihood.windows.x), rel=1e-9)
+    assert likelihood.noise_information == pytest.approx(noise_information(blocks, likelihood.windows.x), rel=1e-9)
     # Marginalised windows keep what they had where they were linearised: near the same.
     few = slid(blocks, 10)
-    whole = eiv.noise_information(blocks, few.x)
+    whole = noise_information(blocks, few.x)
     assert few.noise_information == pytest.approx(whole, rel=0.05, abs=0.05 * np.abs(whole).max())
 
 

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from derivatives import central_difference
-from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, linear_blocks, noisy_blocks, with_errors
+from linear_problems import (
+    EQUATIONS,
+    TRUE,
+    UNKNOWNS,
+    exact_blocks,
+    linear_blocks,
+    noise_information,
+    noisy_blocks,
+    with_errors,
+)
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.equations.first_solutions import Sums
@@ -58,7 +67,7 @@ def test_exact_coefficients_leave_the_weighted_least_squares() -> None:
     compensated = Sums(blocks, TRUE).weighted(compensate=True)
     assert np.array_equal(compensated[0], information)
     assert np.array_equal(compensated[1], right_side)
-    assert not eiv.noise_information(blocks, TRUE).any()
+    assert not noise_information(blocks, TRUE).any()
 
 
 def test_what_noise_adds_to_the_information() -> None:
@@ -68,13 +77,13 @@ def test_what_noise_adds_to_the_information() -> None:
     draws = np.array([eiv.maximum_likelihood(with_errors(exact, rng), TRUE).information for _ in range(3000)])
     excess = np.mean(draws, axis=0) - eiv.maximum_likelihood(exact, TRUE).information
     error = np.std(draws, axis=0) / np.sqrt(len(draws))
-    assert (np.abs(excess - eiv.noise_information(exact, TRUE)) < 5.0 * error).all()
+    assert (np.abs(excess - noise_information(exact, TRUE)) < 5.0 * error).all()
     # It is no small matter here.
     assert np.trace(excess) > 0.3 * np.trace(eiv.maximum_likelihood(exact, TRUE).information)
 
 
 def test_the_noise_information_is_symmetric_and_not_negative() -> None:
-    found = eiv.noise_information(noisy_blocks(6, 4, 0.5, 0.5), TRUE)
+    found = noise_information(noisy_blocks(6, 4, 0.5, 0.5), TRUE)
     assert found == pytest.approx(found.T, rel=1e-9, abs=1e-9 * np.abs(found).max())
     assert np.linalg.eigvalsh(found)[0] > -1e-9 * np.abs(found).max()
 
@@ -94,7 +103,7 @@ def test_noise_in_the_coefficients_biases_plain_least_squares_only() -> None:
     for _ in range(5):
         linear = eiv.maximum_likelihood(blocks, x)
         x = x - np.linalg.solve(linear.information, linear.gradient)
-    own = linear.information - eiv.noise_information(blocks, x)
+    own = linear.information - noise_information(blocks, x)
     assert normalised(x - TRUE, own) < 18.0
     # As many squared residuals as there are equations: the noise is fully explained.
     redundancy = linear.equations - UNKNOWNS
@@ -170,7 +179,7 @@ def test_a_singular_covariance_is_told() -> None:
         eiv.compensated(flat, zero, spread)
     with pytest.raises(FloatingPointError, match='not positive definite'):
         eiv.uncertain_share(flat, zero, spread)
-    for function in (eiv.maximum_likelihood, eiv.noise_information):
+    for function in (eiv.maximum_likelihood, noise_information):
         with pytest.raises(FloatingPointError, match='not positive definite'):
             function(flat, zero)
     with pytest.raises(FloatingPointError, match='not positive definite'):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linear_problems import TRUE, UNKNOWNS, linear_blocks, noisy_blocks
+from linear_problems import TRUE, UNKNOWNS, linear_blocks, noise_information, noisy_blocks
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.equations.first_solutions import Sums, first_solutions
@@ -31,7 +31,7 @@ def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
     blocks = noisy_blocks(4000, seed, 0.3, 0.3)
     found = Sums(blocks, TRUE).total_least_squares(NOTHING, NOWHERE)
     linear = eiv.maximum_likelihood(blocks, TRUE)
-    own = linear.information - eiv.noise_information(blocks, TRUE)
+    own = linear.information - noise_information(blocks, TRUE)
     # Chi-square of four unknowns: 18 is exceeded once in a thousand draws. Plain least squares is 500 and more off.
     assert float((found - TRUE) @ own @ (found - TRUE)) < 18.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares, batch
+from mbaid_ros.core.paper.rls import RecursiveLeastSquares
 
 UNKNOWNS = 4
 PRIOR = 1e3
@@ -38,7 +38,6 @@ def test_step_by_step_is_the_weighted_least_squares_with_a_prior(factor: float) 
     # Condition numbers of ten, a hundred roundings.
     assert rls.estimate == pytest.approx(solution, rel=1e-12)
     assert rls.covariance == pytest.approx(np.linalg.inv(information), rel=1e-11, abs=1e-13)
-    assert batch(rows, right_side, factor, PRIOR) == pytest.approx(solution, rel=1e-12)
 
 
 def test_what_remains_of_the_start() -> None:

@@ -14,13 +14,19 @@ from mbaid_ros.core.trajectory.chain import WindowModel
 from mbaid_ros.core.trajectory.filter import advance, momentum_inflation, pose_reset, update
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.trajectory.variables import Variables
-from mbaid_ros.core.trajectory.whitened import prepare
+from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED, Hypothesis
 from mbaid_ros.core.verdict.innovations import Innovations
 
 UNKNOWNS = 3  # of the known side
 NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on
 STATE = BODY.stop + UNKNOWNS
+
+
+def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
+    """Return one window in the filter's variables."""
+    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
+    return prepared(several, variables)[0]
 
 
 def variables(rng: np.random.Generator) -> Variables:
