@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,23 +52,18 @@ class PriorSizes:
         causes : what each of them belongs to, 'zero:joint1'
         """
         sizes, distances, each = {}, {}, np.ones(len(values))
-        belongs = np.array(causes)
-        kinds = np.array([_kind(cause) for cause in causes])
-
-        def seen(own: Integers) -> BesidePrior:
-            return BesidePrior.of(values[own], factor[own] @ factor[own].T)
-
-        for kind in dict.fromkeys(kinds.tolist()):
-            own = np.flatnonzero(kinds == kind)
-            sizes[kind] = seen(own).likely_size(*_TOO_SMALL)
+        covariance = factor @ factor.T
+        kinds, things = _groups(tuple(causes))
+        for kind, own in kinds.items():
+            numbers = BesidePrior.of(values[own], covariance[np.ix_(own, own)])
+            sizes[kind] = numbers.likely_size(*_TOO_SMALL)
             each[own] = sizes[kind].factor
-        for cause in dict.fromkeys(causes):
-            own = np.flatnonzero(belongs == cause)
-            numbers = seen(own)
-            distances[cause] = numbers.distance
-            if cause not in sizes:
-                sizes[cause] = numbers.likely_size(*_MISTAKEN)
-                each[own] = np.maximum(each[own], sizes[cause].factor)
+        for thing, own in things.items():
+            numbers = BesidePrior.of(values[own], covariance[np.ix_(own, own)])
+            distances[thing] = numbers.distance
+            if thing not in sizes:
+                sizes[thing] = numbers.likely_size(*_MISTAKEN)
+                each[own] = np.maximum(each[own], sizes[thing].factor)
         return PriorSizes(sizes, distances, each)
 
     @property
@@ -102,3 +98,15 @@ class PriorSizes:
 def _kind(cause: str) -> str:
     """Return the kind of a cause of the error budget: of 'link:arm', 'link'."""
     return cause.partition(':')[0]
+
+
+@lru_cache(maxsize=8)  # a run asks at each window
+def _groups(causes: tuple[str, ...]) -> tuple[dict[str, Integers], dict[str, Integers]]:
+    """Return which numbers are of each kind, and of each single cause."""
+    kinds: dict[str, list[int]] = {}
+    things: dict[str, list[int]] = {}
+    for place, cause in enumerate(causes):
+        kinds.setdefault(_kind(cause), []).append(place)
+        things.setdefault(cause, []).append(place)
+    each, single = ({name: np.array(places) for name, places in found.items()} for found in (kinds, things))
+    return each, single
