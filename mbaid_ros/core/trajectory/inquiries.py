@@ -75,10 +75,9 @@ class Inquiries:
             self._found = self._inquiry.work_off() or self._found
         return self._inquiry.owing
 
-    @property
-    def open_jumps(self) -> tuple[float, ...]:
-        """When the momentum seemed to jump, s, where an inquiry is under way into what that was."""
-        return self._about if self._inquiry.under_way else ()
+    def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
+        """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was."""
+        return tuple(time for time in run.jumped if time in self._about) if self._inquiry.under_way else ()
 
     def _since_a_jump(self, run: FilterRun) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""

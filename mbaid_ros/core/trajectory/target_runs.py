@@ -147,7 +147,7 @@ class TargetRuns:
             innovations=belief.innovations,
             distances={all_of(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(track.jumps),
-            unconfirmed=run.unconfirmed or self.inquiries.open_jumps,
+            unconfirmed=run.unconfirmed or self.inquiries.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
             odometry_drifts=hypothesis.position > 0.0,
