@@ -34,9 +34,14 @@ def _in_millimetres(knots: Knots) -> Knots:
     return replace(knots, base_position=_MILLIMETRE * knots.base_position)
 
 
-# In words, and what knots are if it is so.
-MISREAD_POSES: tuple[tuple[str, PoseReading], ...] = (
-    ('the orientation of the odometry is the inverse: in ROS it turns from the base to the odometry frame', _inverse),
-    ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first),
-    ('the position of the odometry is in millimetres: in ROS it is in metres', _in_millimetres),
+# In words, what knots are if it is so, and how far (m) the base would seem to go at least: less of it is explained by
+# anything that makes it less.
+MISREAD_POSES: tuple[tuple[str, PoseReading, float], ...] = (
+    (
+        'the orientation of the odometry is the inverse: in ROS it turns from the base to the odometry frame',
+        _inverse,
+        0.0,
+    ),
+    ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first, 0.0),
+    ('the position of the odometry is in millimetres: in ROS it is in metres', _in_millimetres, 20.0),
 )

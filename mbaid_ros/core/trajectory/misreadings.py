@@ -6,7 +6,7 @@ fitted by least squares under each of them: that tells the likeliest, and where 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -38,6 +38,7 @@ class Misreading:
     change : (n + 1, 10) that is added to the known bodies
     delay : s, by which the joints are stamped late
     pose : what knots are, of poses that are meant otherwise
+    way : m, that the base goes at least, where it may be so
     """
 
     text: str
@@ -46,12 +47,13 @@ class Misreading:
     change: Array
     delay: float = 0.0
     pose: PoseReading = as_read
+    way: float = 0.0
 
     def possible(self, windows: Sequence[Window]) -> bool:
-        """Tell whether windows may be of it: of joints in degrees, one would have made a whole turn in radians."""
-        if np.all(np.abs(self.scale) == 1.0):
-            return True
-        return any(np.max(np.nan_to_num(np.abs(each.knots.joint_position)), initial=0.0) > _TURN for each in windows)
+        """Tell whether windows may be of it: joints in degrees make whole turns, lengths in millimetres are long."""
+        if np.any(np.abs(self.scale) != 1.0) and _largest(each.knots.joint_position for each in windows) < _TURN:
+            return False
+        return self.way == 0.0 or _largest(each.knots.base_position for each in windows) > self.way
 
     def windows(self, windows: Sequence[Window]) -> list[Window]:
         """Return windows as that robot has them; a twist is in the axes of poses as they were read."""
@@ -83,8 +85,8 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         yield Misreading(text, order, sign, same, delay)
     degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
     yield Misreading('the joint positions are in degrees: in ROS they are in radians', order, degrees, same)
-    for text, pose in MISREAD_POSES:
-        yield Misreading(text, order, sign, same, pose=pose)
+    for text, pose, way in MISREAD_POSES:
+        yield Misreading(text, order, sign, same, pose=pose, way=way)
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
     heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}  # of what is fixed
     for link in heaviest.values():
@@ -102,6 +104,11 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         yield Misreading(
             f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?', order, sign, change
         )
+
+
+def _largest(values: Iterable[Array]) -> float:
+    """Return the largest of all magnitudes; zero where nothing is known."""
+    return max((float(np.max(np.abs(np.nan_to_num(each)), initial=0.0)) for each in values), default=0.0)
 
 
 def _stamped(windows: Sequence[Window], delay: float) -> list[Array]:
