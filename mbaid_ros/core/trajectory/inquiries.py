@@ -18,6 +18,7 @@ from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
 _FIRST, _AFTER_A_JUMP = 24, 6  # windows before the first inquiry, and since what may be a change of the target
+_OPEN = 16  # windows, at most, that a jump is left open while an inquiry is under way
 _APART = 16  # windows from one inquiry to the next, at least
 _KEPT = 80  # windows that one is over
 _LATEST = 8  # windows whose samples tell how noisy the sensors are
@@ -77,7 +78,11 @@ class Inquiries:
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
         """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was."""
-        return tuple(time for time in run.jumped if time in self._about) if self._inquiry.under_way else ()
+        if not self._inquiry.under_way:
+            return ()
+        latest = self._windows[-1]
+        since = latest.start - _OPEN * latest.length
+        return tuple(time for time in run.jumped if time in self._about and time > since)
 
     def _since_a_jump(self, run: FilterRun) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
