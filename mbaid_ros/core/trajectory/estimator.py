@@ -152,7 +152,7 @@ class TrajectoryEstimator:
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)
-        run.expect([self._runs.taken(each) for each in coming])
+        run.expect(self._runs.expected(coming))
         ready, still_open = (each and self._runs.taken(each) for each in (taken.ready, taken.still_open))
         run.take(ready, still_open, moved=taken.moved)
         self._runs.inquiries.take(ready, window)

@@ -54,15 +54,17 @@ class PriorSizes:
         sizes, distances, each = {}, {}, np.ones(len(values))
         covariance = factor @ factor.T
         kinds, things = _groups(tuple(causes))
+        # A kind may be a single thing.
+        numbers = {
+            name: BesidePrior.of(values[own], covariance[np.ix_(own, own)]) for name, own in {**things, **kinds}.items()
+        }
         for kind, own in kinds.items():
-            numbers = BesidePrior.of(values[own], covariance[np.ix_(own, own)])
-            sizes[kind] = numbers.likely_size(*_TOO_SMALL)
+            sizes[kind] = numbers[kind].likely_size(*_TOO_SMALL)
             each[own] = sizes[kind].factor
         for thing, own in things.items():
-            numbers = BesidePrior.of(values[own], covariance[np.ix_(own, own)])
-            distances[thing] = numbers.distance
+            distances[thing] = numbers[thing].distance
             if thing not in sizes:
-                sizes[thing] = numbers.likely_size(*_MISTAKEN)
+                sizes[thing] = numbers[thing].likely_size(*_MISTAKEN)
                 each[own] = np.maximum(each[own], sizes[thing].factor)
         return PriorSizes(sizes, distances, each)
 

@@ -74,6 +74,10 @@ class TargetRuns:
         """Return what of a window is taken into the run."""
         return without_twist(window) if self._wrong_twist else window
 
+    def expected(self, windows: list[Window]) -> list[Window]:
+        """Return what of windows is going to be taken: themselves as long as that is all of them."""
+        return [without_twist(window) for window in windows] if self._wrong_twist else windows
+
     def past(self, now: Moments | None) -> tuple[Event, ...]:
         """Return what happened in the runs before this one, and why it began.
 
@@ -98,7 +102,7 @@ class TargetRuns:
             self.run = self._begun_again(self.run, change, origin)
         elif (wrong := self.inquiries.wrong_twist) and not self._wrong_twist:
             self._wrong_twist = wrong
-            self.run = self._begun_over([self.taken(window) for window in self.inquiries.since(-np.inf)])
+            self.run = self._begun_over(self.expected(self.inquiries.since(-np.inf)))
         return self.run
 
     def _begun(self) -> FilterRun:
