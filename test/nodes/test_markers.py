@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import count
 from types import ModuleType
 from typing import Any
 
@@ -198,9 +199,19 @@ def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
     graph.start('estimator', '--ros-args', '-p', description, '-p', 'publish_tf:=true')
     received = graph.collect('/tf', tf.TFMessage, qos(100))
     model = robot('table1')
-    message = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4])
-    graph.publisher('joint_states', JointState, qos(10)).publish(message)
-    graph.wait(lambda: received, 'the frames of the links')
+    joints = graph.publisher('joint_states', JointState, qos(10))
+    stamps = count(0, 1_000_000)
+    sent: dict[int, JointState] = {}
+
+    def heard() -> bool:
+        # The estimator may take joint states before it has found who listens to /tf.
+        stamp = next(stamps)
+        sent[stamp] = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4], stamp)
+        joints.publish(sent[stamp])
+        return bool(received)
+
+    graph.wait(heard, 'the frames of the links')
     frames = {frame.child_frame_id: frame for frame in received[0].transforms}
+    message = sent[received[0].transforms[0].header.stamp.nanosec]
     expected = {frame.child_frame_id: frame for frame in LinkFrames(model).transforms(message)}
     assert frames == expected

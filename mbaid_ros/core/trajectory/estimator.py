@@ -174,7 +174,9 @@ class TrajectoryEstimator:
         else:
             return None
         if taken.moved:
-            self._runs.inquiries.follow(run, suspicious=run.unexplained)
+            # What has left its solution for none that stays has not explained what was suspicious about it.
+            inquiries = self._runs.inquiries
+            inquiries.follow(run, suspicious=run.unexplained or inquiries.suspicious)
         causes = tuple((cause.text, cause.gain) for cause in self._runs.inquiries.causes(run))
         return Estimate(
             self.method,

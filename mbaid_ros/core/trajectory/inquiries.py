@@ -30,6 +30,10 @@ _SHARE_BESIDE, _SHARE = 700, 1200
 class Inquiries:
     """Asks a run again and again what may be wrong with it, over its latest windows.
 
+    Attributes
+    ----------
+    suspicious : whether the run was, when it was last followed
+
     Parameters
     ----------
     suspicion : what is asked
@@ -43,6 +47,7 @@ class Inquiries:
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
+        self.suspicious = False
         self._inquiry = DeferredTask[Found](suspicion.layout.size)
         self._found: Found | None = None
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
@@ -56,6 +61,7 @@ class Inquiries:
 
     def follow(self, run: FilterRun, *, suspicious: bool) -> None:
         """Begin an inquiry into a run that is suspicious, if one is due; owe a part of one that is under way."""
+        self.suspicious = suspicious
         if not suspicious:
             self._onset, self._next = self._seen, max(_FIRST, self._seen)
         early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP

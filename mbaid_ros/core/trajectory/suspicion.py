@@ -41,8 +41,8 @@ _EVERY = 2  # one in so many tells which other robot is likely
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 _WORTH = 10.0  # gain of what is named
-# Of how many the gain is found by passes of their own, and of how many of one kind: two links or joints will do.
-_REFINED, _ALIKE = 4, 2
+# Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
+_REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
 _BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
