@@ -22,6 +22,7 @@ from shortened import shorten
             for condition in ('joints in degrees', 'positions in millimetres', 'quaternions with w first')
         ),
         ('orientation turned round', 20.0),
+        ("a joint's reading frozen for 15 s", 36.0),
         ('noise of the joints declared 10 x too small', 32.0),
     ],
 )

@@ -10,7 +10,8 @@ import numpy as np
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.suspicion import Change, Found, Suspicion
+from mbaid_ros.core.trajectory.findings import Change, Found
+from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.verdict.correlated import seen_in
 from mbaid_ros.core.verdict.judgement import Cause

@@ -20,8 +20,10 @@ from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.state import Layout, Point
+from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -29,9 +31,7 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
 from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect
-from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
-from mbaid_ros.core.verdict.ranking import CATCH_ALL
 from mbaid_ros.core.verdict.spectrum import lines
 
 T = TypeVar('T')
@@ -40,72 +40,11 @@ _FITTED = 30  # work of fitting all windows
 _EVERY = 2  # one in so many tells which other robot is likely
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
-_WORTH = 10.0  # gain of what is named
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
 _BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
-
-
-@dataclass(frozen=True)
-class Change:
-    """A target that has moved in the grasp, or was exchanged for another.
-
-    Attributes
-    ----------
-    time : s since the first sample, start of the window in which it was noticed
-    exchanged : whether mass and momentum have changed as well
-    """
-
-    time: float
-    exchanged: bool
-
-
-@dataclass(frozen=True)
-class Suspected:
-    """What may be wrong.
-
-    Attributes
-    ----------
-    text : in words
-    gain : how much likelier that makes the data (log-likelihood)
-    physical : whether it says what happens
-    change : what has become of the target, where that leaves nothing unexplained
-    of_twist : whether it is something wrong with the base's twist, which poses can do without
-    """
-
-    text: str
-    gain: float
-    physical: bool = True
-    change: Change | None = None
-    of_twist: bool = False
-
-
-@dataclass(frozen=True)
-class Found:
-    """What an inquiry has come to.
-
-    Attributes
-    ----------
-    causes : the likeliest first
-    innovations : of the pass without jumps
-    misfit : half of the sum of its normalised innovations squared, beyond what there should be
-    """
-
-    causes: tuple[Suspected, ...]
-    innovations: Innovations
-    misfit: float
-
-    @property
-    def leading(self) -> Suspected | None:
-        """What happens, if nothing of another kind explains the data nearly as well."""
-        first = next((each for each in self.causes if each.physical), None)
-        if first is None:
-            return None
-        others = (each for each in self.causes if each is not first and not (each.of_twist and first.of_twist))
-        rivals = (each.gain + _WORTH if each.physical else CATCH_ALL * each.gain for each in others)
-        return first if first.gain > max(rivals, default=0.0) else None
 
 
 Inquiry = Iterator['int | Found']
@@ -143,6 +82,7 @@ class Suspicion:
         at, passed, base = yield from self._base(wide, windows, points)
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
+        found += yield from self._stopped(windows, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -152,8 +92,8 @@ class Suspicion:
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
         found += yield from self._changed(windows, point or at, times[:_PARTS], base)
         found.sort(key=lambda each: -each.gain)
-        worth = tuple(each for each in found if each.gain > _WORTH)
-        yield Found(worth, base.innovations, 0.5 * (base.nis - base.measured))
+        worth = tuple(each for each in found if each.gain > WORTH)
+        yield Found(worth, base.innovations, _misfit(base))
 
     def _from_outside(self, wide: WidePass, passed: Windows, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by what acts or drifts."""
@@ -178,7 +118,7 @@ class Suspicion:
             if len(later) < _FEWEST:
                 break
             # Another body may be far from the one before: where it is to be looked for, a fit tells.
-            points = point, fitted(self.layout.kernel, later, next(misreadings(self.layout.kernel))).point(self.layout)
+            points = point, self._as_described(later)
             yield _FITTED
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
                 quiet, exchanged = self.hypotheses[0], change.exchanged
@@ -187,6 +127,10 @@ class Suspicion:
                 text = of_change(time, exchanged=exchanged)
                 changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
+
+    def _as_described(self, windows: Sequence[Window]) -> Point:
+        """Return where a fit of the robot as it is described would have windows linearised."""
+        return fitted(self.layout.kernel, windows, next(misreadings(self.layout.kernel))).point(self.layout)
 
     def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
@@ -233,6 +177,20 @@ class Suspicion:
             found += _gained(fit.misreading.text, track, base)
         return found
 
+    def _stopped(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained without the windows in which a joint's reading stands still."""
+        found: list[Suspected] = []
+        for stopped in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_TRIED]:
+            if len(stopped.windows) < _FEWEST:
+                continue
+            # The run has been led astray by these windows.
+            point = self._as_described(stopped.windows)
+            yield _FITTED
+            track = yield from _tried(self.extended().repeated(stopped.windows, point, self.hypotheses[0]))
+            if track is not None:  # what is left out counts as if it were explained
+                found.append(Suspected(stopped.text, _misfit(base) - _misfit(track.belief)))
+        return found
+
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
 
@@ -245,7 +203,7 @@ class Suspicion:
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
         found: list[Suspected] = []
-        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > _WORTH}):
+        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
             factor = gains[cause][1]
             suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
             using = self.extended(*suspected).widened(cause, factor)
@@ -262,6 +220,11 @@ def _tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
         return (yield from passes)
     except np.linalg.LinAlgError:
         return None
+
+
+def _misfit(belief: Belief) -> float:
+    """Return the log-likelihood that is missing where innovations are larger than they should be."""
+    return 0.5 * (belief.nis - belief.measured)
 
 
 def _gained(text: str, track: Track | None, base: Belief, change: Change | None = None) -> list[Suspected]:

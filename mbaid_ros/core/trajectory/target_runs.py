@@ -14,12 +14,13 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.events import ChangedTarget, jumps
 from mbaid_ros.core.trajectory.filter_run import FilterRun
+from mbaid_ros.core.trajectory.findings import Change
 from mbaid_ros.core.trajectory.grasp import another_body
 from mbaid_ros.core.trajectory.inquiries import Inquiries
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
-from mbaid_ros.core.trajectory.suspicion import Change, Suspicion
+from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window, without_twist
 from mbaid_ros.core.unknowns.carried import Carried

@@ -51,7 +51,7 @@ TRUE_CAUSES = {
     'orientation turned round': r'inverse',
     'quaternions with w first': r'w first',
     'odometry stamped up to 5 ms early or late': r'noise\.base|stamp',
-    "a joint's reading frozen for 15 s": r'joint2\b',
+    "a joint's reading frozen for 15 s": r'the reading of joint2\b',
     'a constant force of 10 mN, 10 mN m': _FORCE,
     'a slow sinusoidal force of 10 mN, 10 mN m': rf'{_FORCE}|momentum drifts',
     'a thrust pulse of 1 N s, 0.5 N m s': r'thrust',

@@ -1,0 +1,70 @@
+"""Joints whose reading stands still: a frozen driver repeats its last value to the bit, which noise never does.
+
+A joint at rest whose encoder has coarse steps looks the same. So it is a cause only where the windows in which it
+stands still are those that contradict the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.windows import Window
+
+_SAME = 1e-12  # rad or m, of means of equal numbers
+_LISTED = 3  # times that are told
+
+
+@dataclass(frozen=True)
+class StoppedReading:
+    """A joint whose reading stands still in some of the windows.
+
+    Attributes
+    ----------
+    text : in words
+    windows : the others, each told where nothing links it to the one before
+    """
+
+    text: str
+    windows: list[Window]
+
+
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[StoppedReading]:
+    """Return the joints that stand still in some windows, to the bit, while others move; the longest ones first.
+
+    Parameters
+    ----------
+    windows : in order
+    joints : their names
+    """
+    still = np.array([_still(window.knots.joint_position) for window in windows])
+    still[still.all(axis=1)] = False  # the robot may be at rest
+    found = [place for place in np.argsort(-still.sum(axis=0), kind='stable') if still[:, place].any()]
+    return [_stopped(windows, still[:, place], joints[place]) for place in found]
+
+
+def _still(positions: Array) -> Array:
+    """Return which columns of (J, n) are constant; False where some are unknown."""
+    return np.max(positions, axis=0) - np.min(positions, axis=0) <= _SAME
+
+
+def _stopped(windows: Sequence[Window], still: Array, joint: str) -> StoppedReading:
+    stretches = [[place for place, _ in group] for stays, group in groupby(enumerate(still), key=_of_second) if stays]
+    times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
+    told = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
+    # The windows beside them may have a part of it.
+    left = ~(still | np.append(still[1:], False) | np.append(False, still[:-1]))
+    kept = [
+        replace(window, fresh=window.fresh or (place > 0 and not left[place - 1]))
+        for place, window in enumerate(windows)
+        if left[place]
+    ]
+    return StoppedReading(f'the reading of {joint} stands still from {told} s: look at its encoder or driver', kept)
+
+
+def _of_second(pair: tuple[int, bool]) -> bool:
+    return bool(pair[1])
