@@ -1,6 +1,8 @@
 """Attack the nodes on a graph: kill them, send all kinds of garbage, call services in a loop, and see what is left.
 
-usage: live_attack.py [--kills N] [--calls N] [--seed N] [--output FOLDER]    (with `install/setup.bash` sourced)
+usage: live_attack.py [--kills N] [--garbage TEXT] [--calls N] [--seed N] [--output FOLDER]
+
+Source `install/setup.bash` first.
 
 Afterwards, and after ~/reset, the estimates of a clean recording have to be those of a node that nobody has touched, to
 the last bit. The exit code is 1 if anything broke: a traceback, another exit code than a signal's, a hang, 1 GB, a bit.
@@ -63,12 +65,12 @@ class Attack:
         self.wrong += found.wrong
         return str(found)
 
-    def garbled(self) -> str:
-        """Send garbage, and return what came of it."""
+    def garbled(self, only: str) -> str:
+        """Send garbage, of the kinds whose names have a text in them, and return what came of it."""
         untouched = _untouched()
         with _alone() as (made, _):
             victim = Victim(made)
-            answers = garbage(victim, np.random.default_rng([self._seed, 1]))
+            answers = garbage(victim, self._seed, only)
             text = self._over(victim, untouched)
         for name, answer in answers.items():
             if answer.silence > SILENCE:
@@ -105,16 +107,19 @@ class Attack:
 def main() -> int:
     """Attack, tell what came of it, and return the exit code."""
     parser = parser_of(__doc__)
-    parser.add_argument('--kills', type=int, default=48, metavar='N', help='default: %(default)s')
-    parser.add_argument('--calls', type=int, default=1000, metavar='N', help='of services (default: %(default)s)')
+    parser.add_argument('--kills', type=int, default=48, metavar='N', help='default: %(default)s; 0: none')
+    parser.add_argument(
+        '--calls', type=int, default=1000, metavar='N', help='of services (default: %(default)s; 0: none)'
+    )
+    parser.add_argument('--garbage', default='', metavar='TEXT', help='only kinds whose names have this in them')
     parser.add_argument('--seed', type=int, default=0, metavar='N', help='default: %(default)s')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write into robustness.md there')
     arguments = parser.parse_args()
     attack, parts, loads = Attack(arguments.seed), [], [os.getloadavg()[0]]
     stages: list[Callable[[], str | None]] = [
-        lambda: attack.killed(arguments.kills),
-        attack.garbled,
-        lambda: attack.called(arguments.calls),
+        lambda: attack.killed(arguments.kills) if arguments.kills else None,
+        lambda: attack.garbled(arguments.garbage),
+        lambda: attack.called(arguments.calls) if arguments.calls else None,
     ]
     for stage in stages:
         try:

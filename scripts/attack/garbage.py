@@ -86,8 +86,24 @@ def _bytes(victim: Victim, generator: np.random.Generator) -> int:
     """Send messages whose bytes are damaged."""
     part = victim.recording[BEFORE : BEFORE + 1000]
     for topic, data in part:
-        victim.send(topic, of_bytes(data, generator))
+        victim.send(topic, of_bytes(data, generator) or data[:1])  # what none leads to is an attack of its own
     return len(part)
+
+
+def _no_bytes(victim: Victim, _generator: np.random.Generator) -> int:
+    """Send messages of no bytes from a second publisher, between clean ones of the first.
+
+    Fast DDS takes no such message from its publisher, nor any that comes after it: what the node gets from others has
+    to go on.
+    """
+    others = {topic: victim.graph.publisher(topic, kind) for topic, kind in KINDS.items()}
+    for topic, data in victim.recording[BEFORE : BEFORE + 1000]:
+        others[topic].publish(b'')
+        victim.send(topic, data)
+    victim.drained()
+    for publisher in others.values():
+        victim.graph.node.destroy_publisher(publisher)
+    return 1000
 
 
 def _stamped(data: bytes, stamp: int) -> bytes:
@@ -143,6 +159,7 @@ WAYS: dict[str, Callable[[Victim, np.random.Generator], int]] = {
     'frame_id of 1 MB, odometry': partial(_changed, 'odom', _frames, 50),
     'covariances that are none': partial(_changed, 'odom', _covariances, 1000),
     'damaged bytes': _bytes,
+    'messages of no bytes, from a second publisher': _no_bytes,
     'a flood of 5 kHz on each topic, or what the sender manages': _flood,
     'two publishers with clocks 100 s apart': _two_clocks,
     'other robot descriptions in the middle': _descriptions,
@@ -169,10 +186,18 @@ class Answer:
     complaints: list[str]
 
 
-def garbage(victim: Victim, generator: np.random.Generator) -> dict[str, Answer]:
-    """Return, by kind, what the node did about it; each comes after ~/reset and the beginning of a clean run."""
+def garbage(victim: Victim, seed: int, only: str = '') -> dict[str, Answer]:
+    """Return, by kind, what the node did about it; each comes after ~/reset and the beginning of a clean run.
+
+    Parameters
+    ----------
+    victim : the node
+    seed : of what is drawn, for each kind by itself
+    only : a part of the names of the kinds that are sent
+    """
     answers = {}
-    for name, send in tqdm(WAYS.items(), unit=' kinds', disable=None, leave=False):
+    chosen = [(number, name, send) for number, (name, send) in enumerate(WAYS.items()) if only in name]
+    for number, name, send in tqdm(chosen, unit=' kinds', disable=None, leave=False):
         victim.describe(urdf(ROBOT))
         victim.drained()
         victim.reset()
@@ -181,7 +206,7 @@ def garbage(victim: Victim, generator: np.random.Generator) -> dict[str, Answer]
         victim.drained()
         victim.forget()
         begin = time.monotonic()
-        count = send(victim, generator)
+        count = send(victim, np.random.default_rng([seed, 1, number]))
         sent = time.monotonic() - begin
         victim.drained()
         answers[name] = Answer(count, sent, victim.silence(), victim.memory(), victim.complaints())
