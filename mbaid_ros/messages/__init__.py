@@ -13,7 +13,9 @@ from mbaid_ros.messages.refusals import (
     NAMED_TWICE,
     NOT_FINITE,
     NOT_REAL,
+    POSE_COVARIANCE,
     TOO_MANY_NAMES,
+    TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
 from mbaid_ros.messages.shapes import joint_state_shape, odometry_shape, positions_of
@@ -26,7 +28,9 @@ __all__ = [
     'NAMED_TWICE',
     'NOT_FINITE',
     'NOT_REAL',
+    'POSE_COVARIANCE',
     'TOO_MANY_NAMES',
+    'TWIST_COVARIANCE',
     'WRONG_CHILD_FRAME',
     'ImuReader',
     'JointReader',

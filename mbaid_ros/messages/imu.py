@@ -94,6 +94,6 @@ class ImuReader:
         for index in np.flatnonzero(good).tolist():
             whole = default.copy()
             whole[3:, 3:] = covariance[index]
-            used, (_, declared[index]) = usable_covariance(whole, default)
-            covariance[index] = used[3:, 3:]
+            used = usable_covariance(whole, default)
+            covariance[index], declared[index] = used.matrix[3:, 3:], used.own[1]
         return rotation, np.where(good[:, None, None], covariance, np.nan), declared

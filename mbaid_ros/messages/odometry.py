@@ -14,11 +14,18 @@ import numpy.typing as npt
 from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.intake.attached_frame import AttachedFrame
-from mbaid_ros.core.intake.covariances import usable_covariance
+from mbaid_ros.core.intake.covariances import Usable, usable_covariance
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.messages.fields import number_of
 from mbaid_ros.messages.poses import BasePoseShape
-from mbaid_ros.messages.refusals import BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
+from mbaid_ros.messages.refusals import (
+    BAD_QUATERNION,
+    NOT_FINITE,
+    NOT_REAL,
+    POSE_COVARIANCE,
+    TWIST_COVARIANCE,
+    WRONG_CHILD_FRAME,
+)
 from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 
 _LARGEST_POSITION = 1e12  # m: beyond the planets
@@ -39,6 +46,10 @@ class OdometryReader:
     links : names of all links of the robot
     twist_frame : 'child' (the ROS convention) or 'inertial'
     noise : standard deviations where a message carries no usable covariance
+
+    Attributes
+    ----------
+    replaced : how many messages were used, but not the covariance that they give, as it is none
     """
 
     def __init__(
@@ -57,6 +68,7 @@ class OdometryReader:
         self._twist_default = noise.twist_covariance()
         self.other_child_frame = ''
         self.frame = ''
+        self.replaced: Counter[str] = Counter()
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
         """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN.
@@ -71,8 +83,10 @@ class OdometryReader:
         good = self._usable(numbers, dropped)
         if not np.any(good):
             return None, +dropped
-        pose, of_pose = self._covariances(pose, self._pose_default)
-        twist, of_twist = self._covariances(twist, self._twist_default)
+        pose, of_pose, wrong_pose = self._covariances(pose, self._pose_default)
+        twist, of_twist, wrong_twist = self._covariances(twist, self._twist_default)
+        for cause, wrong in ((POSE_COVARIANCE, wrong_pose), (TWIST_COVARIANCE, wrong_twist)):
+            self.replaced[cause] += int(np.sum(wrong & good))
         declared = np.concatenate((of_pose, of_twist), axis=1)
         if not np.all(good):
             stamp, numbers, pose, twist = stamp[good], numbers[good], pose[good], twist[good]
@@ -135,8 +149,8 @@ class OdometryReader:
             linear, angular = rotate(rotation, linear), rotate(rotation, angular)
         return BaseStream(stamp, numbers[:, :3], rotation, linear, angular, pose, twist, declared)
 
-    def _covariances(self, rows: Array, default: Array) -> tuple[Array, Flags]:
-        """Return (N, 6, 6) covariances, and of which blocks they are the messages', (N, 2).
+    def _covariances(self, rows: Array, default: Array) -> tuple[Array, Flags, Flags]:
+        """Return (N, 6, 6) covariances, of which blocks they are the messages', (N, 2), and which messages' are none.
 
         They are the messages' (N, 36), or the default where they are not set or not usable.
         """
@@ -147,12 +161,13 @@ class OdometryReader:
             distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
             which = inverse.ravel()
         checked = [_checked(row.tobytes(), default.tobytes()) for row in distinct]
-        return np.array([used for used, _ in checked])[which], np.array([own for _, own in checked])[which]
+        matrices, own, wrong = (np.array(each)[which] for each in zip(*checked, strict=True))
+        return matrices, own, wrong
 
 
 @lru_cache(maxsize=64)
-def _checked(given: bytes, default: bytes) -> tuple[Array, tuple[bool, bool]]:
-    """Return the (6, 6) covariance to use where one is given, and of which of its two blocks it is that."""
+def _checked(given: bytes, default: bytes) -> Usable:
+    """Return the covariance to use where one is given."""
     return usable_covariance(np.frombuffer(given).reshape(6, 6), np.frombuffer(default).reshape(6, 6))
 
 

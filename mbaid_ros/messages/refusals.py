@@ -1,4 +1,4 @@
-"""Why messages are not used."""
+"""Why messages are not used, or not all that is in them."""
 
 JOINT_MISSING = 'joint missing'
 LENGTH_MISMATCH = 'names and values differ in number'
@@ -8,3 +8,5 @@ TOO_MANY_NAMES = 'more than 10000 names'
 NOT_REAL = 'value beyond anything real'
 WRONG_CHILD_FRAME = 'child_frame_id is no frame on the base'
 BAD_QUATERNION = 'orientation is not a unit quaternion'
+POSE_COVARIANCE = 'covariance of the pose is none'
+TWIST_COVARIANCE = 'covariance of the twist is none'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from time import monotonic
 
@@ -18,19 +17,14 @@ from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.nodes.inlet import Inlet
+from mbaid_ros.nodes.sample_report import ERROR, OK, STALE, WARN, Report, SampleReport, Values, complaints
 from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.terminal import ESTIMATE, NEXT
-from mbaid_ros.session import Session, explain, obstacles
+from mbaid_ros.session import explain
 
 STALE_AFTER = 2.0  # s without a message
 _WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s, that a wait is told of once it is longer
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
 _LEVEL_OF_STATUS = {
     'waiting': WARN,
     'estimating': OK,
@@ -38,9 +32,6 @@ _LEVEL_OF_STATUS = {
     'not_identifiable': WARN,
     'inconsistent': ERROR,
 }
-
-Values = list[tuple[str, object]]
-Report = tuple[bytes, str, Values]
 
 
 class Diagnostics:
@@ -64,8 +55,7 @@ class Diagnostics:
         self._recent = dict.fromkeys(inlets, 0)  # messages since the last report
         self._arrival = dict.fromkeys(inlets, -np.inf)
         self._time = self._start = monotonic()
-        self._used = 0
-        self._dropped: Counter[str] = Counter()
+        self._samples = SampleReport()
 
     def statuses(self, state: State, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
         """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
@@ -74,7 +64,7 @@ class Diagnostics:
         reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._wanted()}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
-        reports['samples'] = self._samples(state)
+        reports['samples'] = self._samples.of(state, heard=any(self._recent.values()))
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
         reports[ESTIMATE] = _estimate(state)
         hardware = state.session.robot.model.name if state.session else ''
@@ -207,30 +197,6 @@ class Diagnostics:
         text = f"robot '{robot.model.name}', target link '{robot.target_link}'"
         return (WARN, '; '.join([text, *found.warnings]), values) if found.warnings else (OK, text, values)
 
-    def _samples(self, state: State) -> Report:
-        session = state.session
-        values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
-        if session is None:
-            return WARN, 'no sample can be used without a robot description', values
-        used, dropped = session.used, session.dropped
-        restarted = used < self._used or any(dropped[cause] < count for cause, count in self._dropped.items())
-        recent_used = used - (0 if restarted else self._used)
-        recent_dropped = dropped - (Counter[str]() if restarted else self._dropped)
-        self._used, self._dropped = used, dropped
-        values += [('used', used), *((f'dropped, {cause}', count) for cause, count in sorted(dropped.items()))]
-        values += [(f'reason {index + 1}', reason) for index, reason in enumerate(complaints(session))]
-        if session.problem:
-            return ERROR, session.problem, values
-        if state.paused:
-            return WARN, 'paused: no samples are taken', values
-        lost = sum(recent_dropped.values())
-        reasons = '; '.join([*explain(session, recent_dropped), *obstacles(session)])
-        if not recent_used and reasons and any(self._recent.values()):
-            return ERROR, f'nothing used, {lost} messages dropped since the last report: {reasons}', values
-        if lost:
-            return WARN, f'{recent_used} samples used, {lost} messages dropped since the last report: {reasons}', values
-        return OK if used else WARN, f'{used} used', values
-
 
 def _help(inlet: Inlet) -> str:
     """Return what may be wrong with a topic that nothing comes on, as the end of a sentence."""
@@ -240,11 +206,6 @@ def _help(inlet: Inlet) -> str:
     others = sorted({info.topic_type for info in publishers} - set(inlet.type_names))
     taken = ' or '.join(inlet.type_names)
     return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
-
-
-def complaints(session: Session) -> list[str]:
-    """Return everything that was or is in the way of using messages, one sentence each."""
-    return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
 
 
 def _estimate(state: State) -> Report:

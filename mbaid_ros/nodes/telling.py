@@ -12,12 +12,13 @@ from rclpy.node import Node
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
-from mbaid_ros.nodes.diagnostics import Diagnostics, complaints
+from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.qos import qos, quiet_publisher
+from mbaid_ros.nodes.sample_report import remarks
 from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
@@ -124,8 +125,8 @@ class Telling:
         assert self._diagnostics is not None, 'the inlets are watched before the first report'
         state = self._state
         if state.session is not None:
-            for complaint in complaints(state.session):
-                self._narrator.warn_once(complaint)
+            for remark in remarks(state.session):
+                self._narrator.warn_once(remark)
             if state.session.used:
                 self._narrator.joints(state.session.survey())
         self._narrator.waiting(self._diagnostics.awaited(state))

@@ -13,17 +13,27 @@ from mbaid_ros.core.intake.stored_momentum import OTHER_MOMENTUM_FRAME
 from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
-from mbaid_ros.messages import BAD_QUATERNION, IMU_FRAME, JOINT_MISSING, WRONG_CHILD_FRAME
+from mbaid_ros.messages import (
+    BAD_QUATERNION,
+    IMU_FRAME,
+    JOINT_MISSING,
+    POSE_COVARIANCE,
+    TWIST_COVARIANCE,
+    WRONG_CHILD_FRAME,
+)
 from mbaid_ros.session.base_source import OTHER_SOURCE
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY
 from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
 _MANY_OUTLIERS = 0.01  # share of the odometry
+_NO_COVARIANCE = (
+    'not finite, not symmetric, not positive definite or of no real size; the noise of the parameters stands in for it'
+)
 
 
 def explain(session: Session, causes: Iterable[str]) -> list[str]:
-    """Return the causes of dropped messages as sentences with what the messages held and what is accepted."""
+    """Return the causes of dropped or replaced data as sentences with what there was and what is accepted."""
     config = session.config
     details = {
         JOINT_MISSING: _lacking(session),
@@ -45,16 +55,18 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
             f"'{config.wheels.momentum_frame}', or a link that is fixed to it"
         ),
         FAR_THRUST: 'more than 10 s: both need the same time source',
+        POSE_COVARIANCE: _NO_COVARIANCE,
+        TWIST_COVARIANCE: _NO_COVARIANCE,
     }
     return [f'{cause}: {details[cause]}' if details.get(cause) else cause for cause in sorted(causes)]
 
 
 def intake_warnings(session: Session) -> list[str]:
-    """Return what became of the messages that were not used, one line a cause, and what would help."""
-    dropped = session.dropped
+    """Return what became of the messages that were not used, or not wholly, one line a cause, and what would help."""
     told = [
-        f'{dropped[cause]} messages not used: {text}'
-        for cause, text in zip(sorted(dropped), explain(session, dropped), strict=True)
+        f'{causes[cause]} messages {how}: {text}'
+        for how, causes in (('not used', session.dropped), ('not used wholly', session.replaced))
+        for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]
     return [*session.restarts, *obstacles(session), *told]
 

@@ -68,6 +68,7 @@ class Session:
         self.restarts: list[str] = []
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in runs that are over
+        self._replaced_earlier: Counter[str] = Counter()
         self._used = 0
         self._ready: list[Estimate] = []
         self._begin()
@@ -186,6 +187,11 @@ class Session:
         """Messages that were not used, by cause."""
         return self._earlier + self._segment.dropped + self.inbox.dropped + self.base_source.dropped
 
+    @property
+    def replaced(self) -> Counter[str]:
+        """Messages that were used, but for something in them that the parameters stand in for, by cause."""
+        return self._replaced_earlier + self.intake.odometry_reader.replaced
+
     def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
         """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
         self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
@@ -225,6 +231,7 @@ class Session:
     def _start_again(self, reason: str) -> None:
         """Give up what has been learnt, and go on with what comes."""
         self._earlier += self._segment.dropped
+        self._replaced_earlier = self.replaced
         self._used += self.taken
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1

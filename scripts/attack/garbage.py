@@ -26,7 +26,7 @@ NUMBERS = (np.nan, np.inf, -np.inf, 1e300)
 STAMPS = ((0, 0), (2**31 - 1, 999_999_999), (-(2**31), 0), (-1, 4_000_000_000))  # s, ns
 _STAMP = struct.Struct('<iI')  # of a message's header: after the four bytes that say how it is encoded
 _APART = 100  # s, between the clocks of two publishers
-_COUNTS = re.compile(r'^\d+ samples used, \d+ messages dropped since the last report: ')
+_COUNTS = re.compile(r'^\d+ samples used, \d+ messages dropped( and \d+ not used wholly)? since the last report: ')
 _LONGEST = 150  # characters of what is told in the table
 Change = Callable[[Any, np.random.Generator], None]
 

@@ -14,7 +14,16 @@ import pytest
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, LENGTH_MISMATCH, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME
+from mbaid_ros.messages import (
+    BAD_QUATERNION,
+    JOINT_MISSING,
+    LENGTH_MISMATCH,
+    NOT_FINITE,
+    NOT_REAL,
+    POSE_COVARIANCE,
+    TWIST_COVARIANCE,
+    WRONG_CHILD_FRAME,
+)
 from mbaid_ros.session import Session
 from simulated import CONFIG
 from wire import again, as_bytes, joint_state, odometry
@@ -146,10 +155,11 @@ def test_odometry(seed: int, parameters: dict[str, object], mixture: str) -> Non
         assert other is not None
         assert bits(stream) == bits(other)
         assert dropped == other_dropped
-        for name in ('frame', 'other_child_frame'):
+        for name in ('frame', 'other_child_frame', 'replaced'):
             assert getattr(expected, name) == getattr(found, name)
         seen += dropped
     assert {BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME} <= set(seen)
+    assert min(found.replaced[cause] for cause in (POSE_COVARIANCE, TWIST_COVARIANCE)) > 0
 
 
 def test_the_numbers_are_those_of_the_messages() -> None:

@@ -163,6 +163,27 @@ def test_messages_that_cannot_be_used(graph: Graph) -> None:
     assert talk.node.stop() == 0
 
 
+def test_covariances_that_are_none(graph: Graph) -> None:
+    def spoil_covariance(message: Odometry) -> None:
+        message.pose.covariance[0] = -1.0
+
+    talk = Talk(graph)
+    talk.describe(urdf('table1'))
+    talk.hear('robot description', DiagnosticStatus.OK, "target link 'link4'")
+    talk.send(change_odometry=spoil_covariance, samples=100)
+    talk.hear(
+        'samples', DiagnosticStatus.WARN, ' not used wholly since the last report: covariance of the pose is none'
+    )
+    graph.wait(talk.made, 'an estimate')
+    graph.wait(lambda: talk.diagnostics, 'a report')
+    values = [pair for status in talk.diagnostics[-1].status for pair in status.values]
+    assert [pair.value for pair in values if pair.key == 'not used wholly, covariance of the pose is none'] == ['100']
+    assert talk.node.stderr.count('messages not used wholly: covariance of the pose is none') == 1
+    talk.send(samples=100)
+    talk.hear('samples', DiagnosticStatus.OK, ' used')
+    assert talk.node.stop() == 0
+
+
 def test_bytes_that_are_no_message(graph: Graph) -> None:
     talk = Talk(graph)
     talk.describe(urdf('table1'))

@@ -6,7 +6,8 @@ import numpy as np
 
 from made_runs import budget, estimate
 from mbaid_ros.core.sensor_levels import SensorLevels
-from mbaid_ros.nodes.diagnostics import OK, WARN, _estimate
+from mbaid_ros.nodes.diagnostics import _estimate
+from mbaid_ros.nodes.sample_report import OK, WARN
 from mbaid_ros.nodes.state import State
 
 

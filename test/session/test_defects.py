@@ -26,7 +26,15 @@ from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_ST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.messages import BAD_QUATERNION, JOINT_MISSING, NOT_FINITE, WRONG_CHILD_FRAME, stamp_of
+from mbaid_ros.messages import (
+    BAD_QUATERNION,
+    JOINT_MISSING,
+    NOT_FINITE,
+    POSE_COVARIANCE,
+    TWIST_COVARIANCE,
+    WRONG_CHILD_FRAME,
+    stamp_of,
+)
 from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
 from simulated import CONFIG, robot
 
@@ -272,6 +280,29 @@ def test_what_cannot_be_used_is_told(
     assert session.dropped[cause] == 200
     assert any(sentence in reason for reason in explain(session, session.dropped))
     assert any(sentence in warning for warning in intake_warnings(session))
+
+
+@pytest.mark.parametrize('at_once', [1, 100_000])
+def test_covariances_that_are_none_are_counted_and_the_parameters_stand_in_for_them(at_once: int) -> None:
+    def spoil(message: Any) -> None:
+        message.pose.covariance, message.twist.covariance = np.full(36, -1.0), np.zeros(36)
+
+    messages = arrivals(ROBOT, 4.0, 2)  # a copy of its own: nested parts are changed in place
+    plain, _ = estimates(ROBOT, changed(ODOMETRY, defects.no_covariance)(messages))
+    result, session = estimates(ROBOT, changed(ODOMETRY, spoil)(messages), at_once=at_once)
+    assert np.array_equal(first_columns(result), first_columns(plain))
+    assert (session.replaced, session.dropped.total()) == ({POSE_COVARIANCE: 400}, 0)
+    told = '400 messages not used wholly: covariance of the pose is none: not finite, not symmetric, not positive'
+    assert [warning.startswith(told) for warning in intake_warnings(session)] == [True]
+    session.reset()
+    assert not session.replaced
+
+
+def test_covariances_that_were_none_before_a_restart_stay_counted() -> None:
+    spoil = changed(ODOMETRY, lambda m: setattr(m.twist, 'covariance', np.full(36, np.nan)))
+    _, session = estimates(ROBOT, [*spoil(arrivals(ROBOT, 7.0, 2)[1000:1400]), *clean()[:400]], at_once=1)
+    assert session.restarted == 1
+    assert session.replaced == {TWIST_COVARIANCE: 200}
 
 
 def test_half_of_the_joints_alone_are_waited_with() -> None:

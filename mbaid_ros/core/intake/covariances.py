@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
@@ -9,21 +11,36 @@ from mbaid_ros.core.geometry import Array
 _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
-def usable_covariance(given: Array, default: Array) -> tuple[Array, tuple[bool, bool]]:
-    """Return a (6, 6) covariance that can weight data, from one that may be unset, and which blocks are as given.
+class Usable(NamedTuple):
+    """A covariance that can weight data.
+
+    Attributes
+    ----------
+    matrix : (6, 6)
+    own : whether its linear and its angular block are as given
+    wrong : whether something is given that is not used: zeros are what is not set
+    """
+
+    matrix: Array
+    own: tuple[bool, bool]
+    wrong: bool
+
+
+def usable_covariance(given: Array, default: Array) -> Usable:
+    """Return a covariance that can weight data from one (6, 6) that may be unset.
 
     A block (linear or angular) that is not finite, symmetric, of a real size and positive definite is replaced by the
     default's, and the correlation between the two is then left out.
     """
     if _is_covariance(given):
-        return given, (True, True)
-    used = default.copy()
+        return Usable(given, (True, True), wrong=False)
+    used, kept = default.copy(), np.zeros((6, 6))
     blocks = slice(0, 3), slice(3, 6)
     linear, angular = (_is_covariance(given[block, block]) for block in blocks)
     for block, good in zip(blocks, (linear, angular), strict=True):
         if good:
-            used[block, block] = given[block, block]
-    return used, (linear, angular)
+            used[block, block] = kept[block, block] = given[block, block]
+    return Usable(used, (linear, angular), wrong=not np.array_equal(kept, given))
 
 
 def _is_covariance(matrix: Array) -> bool:
