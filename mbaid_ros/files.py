@@ -91,17 +91,17 @@ def write_text(path: str | Path, text: str) -> None:
         It cannot be written; what was there before stays.
     """
     target = Path(path).resolve()
-    if target.exists() and not target.is_file():
-        target.write_text(text, encoding='utf-8')
-        return
-    new = target.with_name(f'.{target.name[:_PART]}.{os.getpid()}.new')
+    device = target.exists() and not target.is_file()
+    new = target if device else target.with_name(f'.{target.name[:_PART]}.{os.getpid()}.new')
     try:
         new.write_text(text, encoding='utf-8')
-        new.replace(target)
-    except OSError as reason:  # of a file that nobody has heard of
+        if not device:
+            new.replace(target)
+    except OSError as reason:  # of a file that nobody has heard of, or of none
         raise OSError(reason.errno, reason.strerror, str(path)) from reason
     finally:
-        new.unlink(missing_ok=True)
+        if not device:
+            new.unlink(missing_ok=True)
 
 
 def parse_json(text: str) -> Any:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,6 +21,8 @@ _FOREVER = QosTime(9223372036, 854775807)
 class BagWriter:
     """A bag that is being written; a context manager, which completes the bag whatever ends it.
 
+    A disk that takes no more ends it, too: what has been handed over by then stays, and can be read.
+
     Parameters
     ----------
     path : the folder to make; it must not exist
@@ -25,7 +30,7 @@ class BagWriter:
     Raises
     ------
     DataError
-        The folder exists, or cannot be made.
+        The folder exists, or cannot be made; in every method: cannot be written any more.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -34,6 +39,9 @@ class BagWriter:
         self._connections: dict[str, Connection] = {}
         self._types: dict[str, str] = {}
         self._unflushed = False
+        self._whole = self._handed_over = 0  # bytes of the file, and messages in them, that a reader can do with
+        self._chunks = 0
+        made = not self.path.exists()
         try:
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             # By chunks, not by messages: other readers do not understand compressed messages.
@@ -43,6 +51,8 @@ class BagWriter:
         except WriterError as error:
             raise DataError(f"bag '{self.path}' exists already; a bag is never overwritten") from error
         except OSError as error:
+            if made:
+                self._unmake()
             raise DataError(f"bag '{self.path}' cannot be made: {error.strerror or error}") from error
 
     def add_topic(self, topic: str, type_name: str, *, latched: bool = False, reliable: bool = True) -> None:
@@ -78,26 +88,65 @@ class BagWriter:
 
     def write_raw(self, topic: str, data: bytes, time: int) -> None:
         """Write the CDR bytes of a message of a declared topic; `time` in ns is when it was received."""
-        self._writer.write(self._connections[topic], time, data)
-        self.messages += 1
-        self._unflushed = True
+        with self._no_more_than_whole():
+            self._writer.write(self._connections[topic], time, data)
+            self.messages += 1
+            self._unflushed = True
+            if len(self._storage.chunks) > self._chunks:  # a large one is complete
+                self._hand_over()
 
     def flush(self) -> None:
         """Hand what was written to the system, so that it survives the end of this process, however that comes."""
-        storage: Any = self._writer.storage
-        if self._unflushed and storage is not None:
-            storage.close_chunk()
-            self._hand_over()
-            self._unflushed = False
-
-    def _hand_over(self) -> None:
-        storage: Any = self._writer.storage
-        storage.bio.flush()
+        if self._unflushed and self._storage is not None:
+            with self._no_more_than_whole():
+                self._storage.close_chunk()
+                self._hand_over()
 
     def close(self) -> None:
         """Write the index and the metadata; a bag that is not closed can be read only up to its last flush."""
-        if self._writer.storage is not None:
-            self._writer.close()
+        self.flush()
+        if self._storage is not None:
+            with self._no_more_than_whole():
+                self._writer.close()
+
+    @property
+    def _storage(self) -> Any:
+        """The file; None once it is closed."""
+        return self._writer.storage
+
+    def _hand_over(self) -> None:
+        self._storage.bio.flush()
+        self._whole, self._handed_over = self._storage.bio.tell(), self.messages
+        self._chunks, self._unflushed = len(self._storage.chunks), False
+
+    @contextmanager
+    def _no_more_than_whole(self) -> Iterator[None]:
+        """Let a write that fails leave what was handed over before it, and nothing more."""
+        storage = self._storage
+        try:
+            yield
+        except OSError as error:
+            self._let_go(storage)
+            self._writer.metapath.with_suffix('.yaml.tmp').unlink(missing_ok=True)
+            raise DataError(
+                f"bag '{self.path}' cannot be written any more: {error.strerror or error}; "
+                f'it holds {self._handed_over} of {self.messages} messages'
+            ) from error
+
+    def _let_go(self, storage: Any) -> None:
+        self._writer.storage = None
+        if storage is not None and not storage.bio.closed:
+            os.ftruncate(storage.bio.fileno(), self._whole)
+            storage.bio.raw.close()  # not the buffer above it, which would try once more
+
+    def _unmake(self) -> None:
+        """Remove the folder that could not be made as a whole."""
+        storage = self._storage
+        self._let_go(storage)
+        if storage is not None:
+            storage.path.unlink(missing_ok=True)
+        if self.path.is_dir() and not any(self.path.iterdir()):
+            self.path.rmdir()
 
     def __enter__(self) -> BagWriter:
         return self

@@ -151,7 +151,8 @@ def _main(argv: list[str]) -> int:
         try:
             record(node, interrupt)
         finally:
-            print(node.close())
+            account = node.close()
+        print(account)
     return 0
 
 
