@@ -92,6 +92,6 @@ class PlanConfig:
         6, 'Waypoints of the spline that each joint follows.', minimum=2, maximum=50, read_only=False
     )
     effort: int = parameter(
-        500, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
+        750, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
     )
     seed: int = parameter(0, 'The same seed gives the same motion.', minimum=0, read_only=False)

@@ -14,6 +14,7 @@ from mbaid_ros.core.simulation.motion import Sinusoids
 SINUSOIDS = 50
 LENGTHS = (10.0, 20.0, 40.0, 80.0, 160.0)  # s, in which sinusoids keep the limits
 _BATCH, _WINDOWS = 25, 40  # sinusoids at once; windows in which they are looked at, of each length
+_TINY = 1e-12  # rad or m, that a sinusoid goes to one side of its begin
 
 
 def best_of_sinusoids(motions: Motions, wanted: Wanted, base: BaseLimits, generator: np.random.Generator) -> float:
@@ -34,12 +35,13 @@ def _sinusoids(motions: Motions, generator: np.random.Generator) -> list[list[Si
         shape = (len(motions.start), 2)
         amplitude = generator.uniform(0.5, 1.0, shape)
         frequency = 1.0 / generator.uniform(8.0, 40.0, shape)
-        phase = generator.uniform(-np.pi, np.pi, shape)
+        phase = 0.5 * np.pi * generator.choice([-1.0, 1.0], shape)  # from rest: no joint jumps to a speed
         rate = 2.0 * np.pi * frequency
         centre = -(amplitude * np.sin(phase)).sum(axis=1)
         reach = amplitude.sum(axis=1)
         room = np.minimum(
-            (limits.upper - motions.start) / (reach + centre), (motions.start - limits.lower) / (reach - centre)
+            (limits.upper - motions.start) / np.maximum(reach + centre, _TINY),
+            (motions.start - limits.lower) / np.maximum(reach - centre, _TINY),
         )
         fastest = limits.velocity / (amplitude * rate).sum(axis=1)
         steepest = limits.acceleration / (amplitude * rate**2).sum(axis=1)

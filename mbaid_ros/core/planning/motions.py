@@ -174,9 +174,13 @@ class Motions:
         """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
         step, times = self._instants
         base = self.floating.moved(*self.joints(waypoints, times), step)
+        return times[::2], base, base.away_from(self._coasting)
+
+    @cached_property
+    def _coasting(self) -> BaseMotion:
+        """How the base moves while the joints rest."""
         position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
-        coasting = self.floating.coasting(position, _STEPS + 1, step)
-        return times[::2], base, base.away_from(coasting)
+        return self.floating.coasting(position, _STEPS + 1, self._instants[0])
 
     def gentle(self, waypoints: Array, most: BaseLimits) -> Array:
         """Return motions (B, K, k) as much smaller as the limits of base and efforts ask for: then close to these.

@@ -63,7 +63,7 @@ class PlanSettings:
     clearance: float = 0.02
     stuck: Collection[str] = ()
     waypoints: int = 6
-    effort: int = 500
+    effort: int = 750
     seed: int = 0
     window: float = _WINDOW
 

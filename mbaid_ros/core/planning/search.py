@@ -1,8 +1,8 @@
 """The search for the motion that tells most, or for the shortest that tells enough.
 
-Motions are drawn, made as large as joints and base allow, and the best is varied by an evolution strategy: a generation
-of variations of the best, each as large as allowed, the step adapted to how often they are better. Whenever a motion
-tells enough, shorter ones are looked for from it. What the limits ask for thus holds of all motions that are compared.
+Motions are drawn, made as large as joints and base allow, and the best is where an evolution strategy begins
+(`evolution.py`), whose motions are made as large as allowed, too. Whenever one tells enough, shorter ones are looked
+for from it. What the limits ask for thus holds of all motions that are compared.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.planning.evolution import GENERATION, Evolution
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 
 Criterion = Literal['worst', 'mean', 'volume']
 
-_DRAWN, _GENERATION = 48, 16  # motions at first, and in each generation
-_STEP, _LEAST_STEP = 0.5, 0.03  # of waypoints, in units of what limits allow
-_UP, _DOWN = 1.4, 0.84  # of the step, after a generation that was better, or was not
+_DRAWN = 48  # motions at first
 _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
 _SHORTER = 0.97  # of the length at which a motion is expected to tell enough
 ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
@@ -111,17 +110,17 @@ class Search:
         self.base = base
         self._allowed = allowed
         self._generator = np.random.default_rng(seed)
-        self._step = _STEP
         self.reached: Candidate | None = None
         self._first = min(first, _DRAWN)
         self.best = self._best_of(self._drawn(self._first)) or self._still()
+        self._evolution = Evolution(self.best.waypoints)
 
     def at_length(self) -> Iterator[int]:
         """Improve the best motion of the length there is; yield how many motions each part has compared."""
         yield self._first
         while True:
             self._generation()
-            yield _GENERATION
+            yield GENERATION
 
     def shortest(self, longest: float) -> Iterator[int]:
         """Look for the shortest motion that reaches what is wanted, of `longest` s at most, likewise."""
@@ -136,7 +135,7 @@ class Search:
             else:
                 tried += 1
                 self._generation()
-                yield _GENERATION
+                yield GENERATION
                 continue
             tried = 0
             if length != self.best.duration:
@@ -164,21 +163,16 @@ class Search:
         if self.reached is not None:
             seeds.append(self.reached.motions.splines.passed(self.reached.waypoints, motions.splines))
         self.best = self._best_of(np.stack(seeds)) or self._still()
+        self._evolution = self._evolution.begun_at(self.best.waypoints)
 
-    def _generation(self) -> bool:
-        """Vary the best motion; return whether that led to a better one."""
-        size = self._size()
-        noise = self._generator.standard_normal((_GENERATION, *self.best.waypoints.shape))
-        # Half of them vary a few numbers only.
-        few = self._generator.random(noise.shape) < 0.25
-        noise[_GENERATION // 2 :] *= 2.0 * few[_GENERATION // 2 :]
-        grown = self._generator.uniform(1.0, 1.3, (_GENERATION, 1, 1))
-        best = self._best_of(grown * self.best.waypoints + self._step * size * noise)
-        better = best is not None and best.cost < self.best.cost
-        if best is not None and better:
+    def _generation(self) -> None:
+        """Draw motions about the best ones."""
+        drawn = self._evolution.drawn(self._size(), self._generator)
+        possible, cost, ratio = self._compared(drawn)
+        self._evolution.move(possible, cost)
+        best = self._first_allowed(possible, cost, ratio, self.best.cost)
+        if best is not None:
             self.best = best
-        self._step = min(max(self._step * (_UP if better else _DOWN), _LEAST_STEP), 1.0)
-        return better
 
     def _size(self) -> Array:
         """Return the size (k,) of waypoints that the joints' limits allow."""
@@ -197,13 +191,22 @@ class Search:
 
     def _best_of(self, waypoints: Array) -> Candidate | None:
         """Return the best of some motions, as large as allowed; None where none is allowed."""
+        return self._first_allowed(*self._compared(waypoints), np.inf)
+
+    def _compared(self, waypoints: Array) -> tuple[Array, Array, Array]:
+        """Return motions (B, K, k) as large as allowed, their costs (B,) and their ratios (B,)."""
         motions = self._motions
         possible = motions.gentle(motions.within(waypoints), self.base)
         relative = motions.relative(possible, motions.coarse)
-        cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
+        return possible, self._wanted.cost(relative), self._wanted.ratio(relative)
+
+    def _first_allowed(self, possible: Array, cost: Array, ratio: Array, less_than: float) -> Candidate | None:
+        """Return the best motion that costs less than the best so far and is allowed; None where none is."""
         for place in np.argsort(cost).tolist():
-            if np.isfinite(cost[place]) and self._allowed(motions, possible[place]):
-                return Candidate(motions, possible[place], float(cost[place]), float(ratio[place]))
+            if not cost[place] < less_than:
+                break
+            if self._allowed(self._motions, possible[place]):
+                return Candidate(self._motions, possible[place], float(cost[place]), float(ratio[place]))
         return None
 
     def _still(self) -> Candidate:
