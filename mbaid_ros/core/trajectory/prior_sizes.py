@@ -51,22 +51,19 @@ class PriorSizes:
             covariance
         causes : what each of them belongs to, 'zero:joint1'
         """
-        sizes, distances, each = {}, {}, np.ones(len(values))
+        each, groups = np.ones(len(values)), _Groups.of(tuple(causes))
         covariance = factor @ factor.T
-        kinds, things = _groups(tuple(causes))
-        # A kind may be a single thing.
-        numbers = {
-            name: BesidePrior.of(values[own], covariance[np.ix_(own, own)]) for name, own in {**things, **kinds}.items()
-        }
-        for kind, own in kinds.items():
-            sizes[kind] = numbers[kind].likely_size(*_TOO_SMALL)
-            each[own] = sizes[kind].factor
-        for thing, own in things.items():
-            distances[thing] = numbers[thing].distance
-            if thing not in sizes:
-                sizes[thing] = numbers[thing].likely_size(*_MISTAKEN)
-                each[own] = np.maximum(each[own], sizes[thing].factor)
-        return PriorSizes(sizes, distances, each)
+        sizes: dict[str, LikelySize] = {}
+        distances: dict[str, Distance] = {}
+        for names, own, chances in groups.alike:
+            numbers = BesidePrior.of(values[own], covariance[own[:, :, None], own[:, None, :]])
+            likely, away = numbers.likely_sizes(*chances), numbers.distances
+            each[own] = np.maximum(each[own], likely[0][:, None])
+            sizes |= dict(zip(names, map(LikelySize, *map(np.ndarray.tolist, likely)), strict=True))
+            distances |= dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
+        return PriorSizes(
+            {name: sizes[name] for name in groups.names}, {thing: distances[thing] for thing in groups.things}, each
+        )
 
     @property
     def as_declared(self) -> bool:
@@ -102,13 +99,36 @@ def _kind(cause: str) -> str:
     return cause.partition(':')[0]
 
 
-@lru_cache(maxsize=8)  # a run asks at each window
-def _groups(causes: tuple[str, ...]) -> tuple[dict[str, Integers], dict[str, Integers]]:
-    """Return which numbers are of each kind, and of each single cause."""
-    kinds: dict[str, list[int]] = {}
-    things: dict[str, list[int]] = {}
-    for place, cause in enumerate(causes):
-        kinds.setdefault(_kind(cause), []).append(place)
-        things.setdefault(cause, []).append(place)
-    each, single = ({name: np.array(places) for name, places in found.items()} for found in (kinds, things))
-    return each, single
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """Which numbers belong together.
+
+    Attributes
+    ----------
+    names : of kinds, then of single causes that are no kinds
+    things : single causes
+    alike : names of groups of as many numbers, where these are, (B, n), and the chances that they are declared wrong
+    """
+
+    names: tuple[str, ...]
+    things: tuple[str, ...]
+    alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float]], ...]
+
+    @staticmethod
+    @lru_cache(maxsize=8)  # a run asks at each window
+    def of(causes: tuple[str, ...]) -> _Groups:
+        """Return the groups that causes make."""
+        kinds: dict[str, list[int]] = {}
+        things: dict[str, list[int]] = {}
+        for place, cause in enumerate(causes):
+            kinds.setdefault(_kind(cause), []).append(place)
+            things.setdefault(cause, []).append(place)
+        alike: dict[tuple[int, tuple[float, float]], dict[str, list[int]]] = {}
+        for name, places in {**things, **kinds}.items():  # a kind may be a single thing
+            chances = _TOO_SMALL if name in kinds else _MISTAKEN
+            alike.setdefault((len(places), chances), {})[name] = places
+        return _Groups(
+            (*kinds, *(name for name in things if name not in kinds)),
+            tuple(things),
+            tuple((tuple(own), np.array(list(own.values())), chances) for (_, chances), own in alike.items()),
+        )

@@ -169,7 +169,8 @@ class WidePass:
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
             numbers = BesidePrior.of(values[own], factor[own] @ factor[own].T)
-            found[cause] = numbers.gain(_MOST[cause not in declared])
+            gain, times = numbers.gain(_MOST[cause not in declared])
+            found[cause] = float(gain), float(times)
         return found
 
     def widened(self, cause: str, factor: float) -> WidePass:

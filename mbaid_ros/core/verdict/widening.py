@@ -61,7 +61,7 @@ class BesidePrior:
 
     Attributes
     ----------
-    mean, variance : (n,) along these directions
+    mean, variance : (..., n) along these directions; any groups of as many numbers side by side
     """
 
     mean: Array
@@ -69,22 +69,22 @@ class BesidePrior:
 
     @staticmethod
     def of(mean: Array, covariance: Array) -> BesidePrior:
-        """Return numbers by their mean (n,) and covariance (n, n)."""
-        if len(mean) == 1:
-            return BesidePrior(mean, np.clip(covariance[0], 0.0, 1.0))
+        """Return numbers by their mean (..., n) and covariance (..., n, n)."""
         variance, directions = np.linalg.eigh(covariance)
-        return BesidePrior(directions.T @ mean, np.clip(variance, 0.0, 1.0))
+        along = (np.swapaxes(directions, -1, -2) @ mean[..., None])[..., 0]
+        return BesidePrior(along, np.clip(variance, 0.0, 1.0))
 
     @property
-    def distance(self) -> Distance:
-        """How far the data see them from zero."""
+    def distances(self) -> tuple[Array, Array, Array]:
+        """How far the data see each group from zero: (...) each of what `Distance` has."""
         seen = 1.0 - self.variance
         enough = seen > _SEEN
-        squares, seen = self.mean[enough] ** 2 / seen[enough], seen[enough]
-        return Distance(float(np.sum(squares)), float(np.sum(squares / (1.0 + 3.0 * seen))), len(squares))
+        squares = np.where(enough, self.mean**2, 0.0) / np.where(enough, seen, 1.0)
+        twice = squares / (1.0 + 3.0 * seen)
+        return np.add.reduce(squares, axis=-1), np.add.reduce(twice, axis=-1), np.add.reduce(enough, axis=-1)
 
-    def gain(self, most: float) -> tuple[float, float]:
-        """Return the largest gain of log-likelihood, and the factor of the standard deviations that leads to it.
+    def gain(self, most: float) -> tuple[Array, Array]:
+        """Return the largest gains of log-likelihood (...), and the factors of the standard deviations that do it.
 
         Parameters
         ----------
@@ -92,8 +92,8 @@ class BesidePrior:
         """
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
-    def likely_size(self, too_small: float, doubt: float) -> LikelySize:
-        """Return how many times as far from zero they are as declared.
+    def likely_sizes(self, too_small: float, doubt: float) -> tuple[Array, Array, Array]:
+        """Return how many times as far from zero each group is as declared: (...) each of what `LikelySize` has.
 
         The root mean square of one and the likeliest factor, by the chance of either; data that say nothing of the
         numbers leave it at one.
@@ -104,17 +104,16 @@ class BesidePrior:
         doubt : chance afterwards up to which that counts for nothing
         """
         # What is known of them should be about as large as it is known, or a factor could gain nothing.
-        if float(self.mean @ self.mean) <= float(np.sum(1.0 - self.variance)):
-            return LikelySize(1.0, 0.0, 0.0)
+        larger = np.add.reduce(self.mean**2, axis=-1) > np.add.reduce(1.0 - self.variance, axis=-1)
         most, factor = self._largest(_SIZES)
-        odds = too_small * np.exp(min(most, 100.0))
-        chance = max(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
-        return LikelySize(float(np.sqrt(1.0 + chance * (factor**2 - 1.0))), float(chance), max(most, 0.0))
+        odds = too_small * np.exp(np.minimum(most, 100.0))
+        chance = np.maximum(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
+        chance = np.where(larger, chance, 0.0)
+        return np.sqrt(1.0 + chance * (factor**2 - 1.0)), chance, np.where(larger, np.maximum(most, 0.0), 0.0)
 
-    def _largest(self, factors: Sequence[float]) -> tuple[float, float]:
+    def _largest(self, factors: Sequence[float]) -> tuple[Array, Array]:
         k = np.array(factors)[:, None]
         less = 1.0 - k**-2
-        left = 1.0 - less * self.variance
-        gains = 0.5 * np.sum(less * self.mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=1)
-        place = int(np.argmax(gains))
-        return float(gains[place]), float(factors[place])
+        mean, left = self.mean[..., None, :], 1.0 - less * self.variance[..., None, :]
+        gains = 0.5 * np.add.reduce(less * mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=-1)
+        return np.asarray(gains.max(axis=-1)), k[gains.argmax(axis=-1), 0]
