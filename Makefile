@@ -31,7 +31,7 @@ help:
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
-	@echo "make attack  set-up, then kills, garbage and calls of services on a live graph (ten minutes; ARGS=\"--kills N --calls N\")"
+	@echo "make attack  set-up, then kills, garbage, clocks, full disks and calls on a live graph (a quarter of an hour; ARGS=--help)"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
 	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"

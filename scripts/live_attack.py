@@ -1,6 +1,6 @@
 """Attack the nodes on a graph: kill them, send all kinds of garbage, call services in a loop, and see what is left.
 
-usage: live_attack.py [--kills N] [--garbage TEXT] [--calls N] [--seed N] [--output FOLDER]
+usage: live_attack.py [--kills N] [--garbage TEXT] [--disks N] [--calls N] [--seed N] [--output FOLDER]
 
 Source `install/setup.bash` first.
 
@@ -23,6 +23,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
 
 from attack.calls import PARAMETERS, RATE, SECONDS, calls  # noqa: E402
+from attack.clocks import PARAMETERS as SIMULATED  # noqa: E402
+from attack.clocks import clock_table, clocks  # noqa: E402
+from attack.disks import disks  # noqa: E402
 from attack.garbage import garbage, garbage_table  # noqa: E402
 from attack.kills import Kills, kills  # noqa: E402
 from attack.victim import Victim  # noqa: E402
@@ -65,6 +68,19 @@ class Attack:
         self.wrong += found.wrong
         return str(found)
 
+    def filled(self, count: int) -> str:
+        """Let disks be full or read-only, and return what came of it."""
+        with _alone() as (made, folder):
+            found = disks(made, folder, count, np.random.default_rng([self._seed, 4]))
+        self.wrong += found.wrong
+        untouched = _untouched()
+        with _alone() as (made, _):
+            victim = Victim(made)
+            victim.fill_disk()  # of its log, and of what it says on stderr
+            garbage(victim, self._seed, 'joints')
+            text = self._over(victim, untouched)
+        return f'{found}\n\nAn estimator whose log has no place either is sent garbage. {text}'
+
     def garbled(self, only: str) -> str:
         """Send garbage, of the kinds whose names have a text in them, and return what came of it."""
         untouched = _untouched()
@@ -76,6 +92,18 @@ class Attack:
             if answer.silence > SILENCE:
                 self.wrong.append(f'{name}: nothing in /diagnostics for {answer.silence:.0f} s')
         return f'{garbage_table(answers)}\n\n{text}'
+
+    def timed(self) -> str:
+        """Let /clock stand still, jump and be none, and return what came of it."""
+        untouched = _untouched()
+        with _alone() as (made, _):
+            victim = Victim(made, *SIMULATED)
+            found = clocks(victim, self._seed)
+            text = self._over(victim, untouched)
+        for name, told in found.items():
+            if told.reports < told.seconds / SILENCE:
+                self.wrong.append(f'{name}: {told.reports} reports in {told.seconds:.0f} s')
+        return f'{clock_table(found)}\n\n{text}'
 
     def called(self, count: int) -> str:
         """Call services, and return what came of it."""
@@ -111,6 +139,13 @@ def main() -> int:
     parser.add_argument(
         '--calls', type=int, default=1000, metavar='N', help='of services (default: %(default)s; 0: none)'
     )
+    parser.add_argument(
+        '--disks',
+        type=int,
+        default=5,
+        metavar='N',
+        help='full ones of each that writes (default: %(default)s; 0: none)',
+    )
     parser.add_argument('--garbage', default='', metavar='TEXT', help='only kinds whose names have this in them')
     parser.add_argument('--seed', type=int, default=0, metavar='N', help='default: %(default)s')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='write into robustness.md there')
@@ -119,6 +154,8 @@ def main() -> int:
     stages: list[Callable[[], str | None]] = [
         lambda: attack.killed(arguments.kills) if arguments.kills else None,
         lambda: attack.garbled(arguments.garbage),
+        attack.timed,
+        lambda: attack.filled(arguments.disks) if arguments.disks else None,
         lambda: attack.called(arguments.calls) if arguments.calls else None,
     ]
     for stage in stages:

@@ -21,7 +21,7 @@ _FOREVER = QosTime(9223372036, 854775807)
 class BagWriter:
     """A bag that is being written; a context manager, which completes the bag whatever ends it.
 
-    A disk that takes no more ends it, too: what has been handed over by then stays, and can be read.
+    A disk that takes no more ends it, too: messages that have been handed over by then stay, and can be read.
 
     Parameters
     ----------
@@ -126,12 +126,14 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            self._let_go(storage)
             self._writer.metapath.with_suffix('.yaml.tmp').unlink(missing_ok=True)
-            raise DataError(
-                f"bag '{self.path}' cannot be written any more: {error.strerror or error}; "
-                f'it holds {self._handed_over} of {self.messages} messages'
-            ) from error
+            if self._handed_over:
+                self._let_go(storage)
+                left = f'it holds {self._handed_over} of {self.messages} messages'
+            else:
+                self._unmake()
+                left = 'nothing is left of it'
+            raise DataError(f"bag '{self.path}' cannot be written: {error.strerror or error}; {left}") from error
 
     def _let_go(self, storage: Any) -> None:
         self._writer.storage = None
@@ -140,7 +142,7 @@ class BagWriter:
             storage.bio.raw.close()  # not the buffer above it, which would try once more
 
     def _unmake(self) -> None:
-        """Remove the folder that could not be made as a whole."""
+        """Remove the file, and the folder that was made for it; what others have put there stays."""
         storage = self._storage
         self._let_go(storage)
         if storage is not None:

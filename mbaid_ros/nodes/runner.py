@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.nodes.simulated_clock import refuse_negative_times
 
 RCLError = rclpy_implementation.RCLError
 InvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
@@ -78,6 +79,7 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
+    refuse_negative_times()
     # What rcl does not take apart of a node that it could not make says nothing that the error does not.
     warnings.filterwarnings('ignore', message='Failed to fini rosout publisher', category=RuntimeWarning)
     try:

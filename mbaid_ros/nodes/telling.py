@@ -19,6 +19,7 @@ from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
 from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.sample_report import remarks
+from mbaid_ros.nodes.simulated_clock import SimulatedClock
 from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
@@ -46,6 +47,7 @@ class Telling:
         self._narrator = narrator
         self._log: Any = node.get_logger()  # type: ignore[no-untyped-call]
         self.display = Display(node, with_frames=config.publish_tf, prefix=config.frame_prefix)
+        self._clock = SimulatedClock(node, config.time_jump_threshold)
         self._outlets = Outlets(node, with_debris=config.debris.report)
         self._diagnostics_publisher = quiet_publisher(node, DiagnosticArray, '/diagnostics', qos(10))
         self._diagnostics: Diagnostics | None = None
@@ -145,6 +147,7 @@ class Telling:
         self._node.destroy_publisher(self._diagnostics_publisher)
         self._outlets.close()
         self.display.close()
+        self._clock.close()
 
     def _follow_restart(self, session: Session) -> None:
         self._restarted = session.restarted
@@ -169,7 +172,8 @@ class Telling:
     def _clock_problems(self, inlets: Mapping[str, Inlet]) -> list[str]:
         readings = {inlet.topic: inlet.timed for inlet in inlets.values() if inlet.timed is not None}
         use_sim_time = bool(self._node.get_parameter('use_sim_time').value)
-        return clock_problems(self._node.get_clock().now().nanoseconds, readings, use_sim_time=use_sim_time)
+        found = clock_problems(self._node.get_clock().now().nanoseconds, readings, use_sim_time=use_sim_time)
+        return [*found, *self._clock.problems()]
 
 
 def _frames(session: Session) -> Frames:

@@ -66,7 +66,8 @@ class Kills:
         return f'{table(header, rows, words=True)}\n\n{took} What the recorders left for `replay`: {"; ".join(left)}.'
 
 
-def _arguments(name: str, bag: Path) -> Sequence[object]:
+def arguments_of(name: str, bag: Path) -> Sequence[object]:
+    """Return the arguments of a node, the bag being a recorder's."""
     described = [
         '-p',
         f'robot_description_file:={CONFIG / ROBOT}.urdf',
@@ -86,7 +87,7 @@ def kills(graph: Graph, folder: Path, count: int, generator: np.random.Generator
     """Return what came of so many kills, beside a simulator and an estimator that go on."""
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     for name in ('estimator', 'simulator'):
-        graph.start(name, *_arguments(name, folder))
+        graph.start(name, *arguments_of(name, folder))
     graph.wait(lambda: estimates and estimates[-1].samples, 'an estimate')
     found = Kills()
     # Each node with each signal, early and late, as often as any other if the count is a multiple of their number.
@@ -95,11 +96,11 @@ def kills(graph: Graph, folder: Path, count: int, generator: np.random.Generator
     for number, turn in enumerate(tqdm(generator.permutation(count), unit=' kills', disable=None, leave=False)):
         name, sent, early = turns[turn]
         bag = folder / f'bag{number}'
-        process = graph.start(name, *_arguments(name, bag))
+        process = graph.start(name, *arguments_of(name, bag))
         time.sleep(float(generator.uniform(0.0, EARLY) if early else generator.uniform(EARLY, LATEST)))
         _kill(process, sent, found)
         if name == 'recorder':
-            found.bags.setdefault(sent, Counter())[_left(bag, found)] += 1
+            found.bags.setdefault(sent, Counter())[left_for_replay(bag, found.wrong)] += 1
     return found
 
 
@@ -120,8 +121,8 @@ def _kill(process: Process, sent: signal.Signals, found: Kills) -> None:
         found.wrong.append(f'{process.name}, {sent.name}: exit code {code}, {said[-1000:]!r}')
 
 
-def _left(bag: Path, found: Kills) -> str:
-    """Return what a recorder left."""
+def left_for_replay(bag: Path, wrong: list[str]) -> str:
+    """Return what a recorder left; what should not be is added to a list."""
     if not any(bag.glob('*.mcap')):
         return 'nothing'
     options = ['--model', f'{CONFIG / ROBOT}.urdf', '--params', f'{CONFIG / ROBOT}_estimator.yaml']
@@ -130,11 +131,11 @@ def _left(bag: Path, found: Kills) -> str:
             [str(executable('replay')), str(bag), *options], capture_output=True, text=True, timeout=_READ, check=False
         )
     except subprocess.TimeoutExpired:
-        found.wrong.append(f'replay does not end with {bag.name}')
+        wrong.append(f'replay does not end with {bag.name}')
         return 'a bag that hangs `replay`'
     refused = ended.returncode == 2 and not ('has no topic' in ended.stderr or 'no messages' in ended.stderr)
     if ended.returncode not in {0, 2, 3, 4} or refused or 'Traceback' in ended.stderr:
-        found.wrong.append(f'replay of {bag.name}: exit code {ended.returncode}, {ended.stderr[-1000:]!r}')
+        wrong.append(f'replay of {bag.name}: exit code {ended.returncode}, {ended.stderr[-1000:]!r}')
     if ended.returncode == 2:
         return 'without joint states yet' if 'has no topic' in ended.stderr else 'empty, which a line says'
     return 'with an estimate' if ended.returncode == 0 else f'with exit code {ended.returncode}'

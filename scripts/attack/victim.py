@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import resource
+import time
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from streams import every_bit, urdf
 
 BAG = CONFIG.parent / 'bags' / 'servicer7_mid'
 KINDS: dict[str, Any] = {'joint_states': JointState, 'odom': Odometry}
-_PARTS = tuple(f'estimator: {part}' for part in ('samples', 'robot description'))  # that say what is wrong with inputs
+_PARTS = ('samples', 'robot description')  # of /diagnostics, that say what is wrong with inputs
 _BEFORE = 1_000_000_000  # ns, from the end of the recording: its last window may stay open
 _ACKNOWLEDGED = Duration(seconds=60.0)
 
@@ -110,9 +112,19 @@ class Victim:
         """Forget what it has said in /diagnostics, but for the last."""
         del self._diagnostics[:-1]
 
-    def complaints(self) -> list[str]:
-        """Return what it has said in /diagnostics to be wrong with its inputs, each text once."""
-        statuses = [status for array in self._diagnostics for status in array.status if status.name in _PARTS]
+    def reports(self) -> int:
+        """Return how many there were in /diagnostics since what it has said was forgotten."""
+        return len(self._diagnostics) - 1
+
+    def rest(self, seconds: float) -> None:
+        """Let some time pass."""
+        end = time.monotonic() + seconds
+        self.graph.wait(lambda: time.monotonic() > end, 'time to pass')
+
+    def complaints(self, parts: tuple[str, ...] = _PARTS) -> list[str]:
+        """Return what it has said in parts of /diagnostics to be wrong, each text once."""
+        names = [f'estimator: {part}' for part in parts]
+        statuses = [status for array in self._diagnostics for status in array.status if status.name in names]
         wrong = [
             status.message for status in statuses if status.level in {DiagnosticStatus.WARN, DiagnosticStatus.ERROR}
         ]
@@ -122,6 +134,10 @@ class Victim:
         """Return the longest time between two reports in /diagnostics, s by the node's clock."""
         stamps = [stamp_of(array) for array in self._diagnostics]
         return 1e-9 * max(after - before for before, after in itertools.pairwise(stamps))
+
+    def fill_disk(self) -> None:
+        """Let no file of it grow from now on."""
+        resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
 
     def memory(self) -> float:
         """Return its resident memory, MB."""

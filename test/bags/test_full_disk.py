@@ -46,7 +46,7 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
     with files_of_at_most(size), pytest.raises(DataError) as error:
         write(path, 3000, at_once)
     told = str(error.value)
-    assert told.startswith(f"bag '{path}' cannot be written any more: File too large; it holds ")
+    assert told.startswith(f"bag '{path}' cannot be written: File too large; it holds ")
     with BagReader(path) as bag:
         assert f'it holds {bag.messages} of ' in told
         assert 'was cut off' in bag.warnings[0]
@@ -63,6 +63,12 @@ def test_a_bag_whose_index_finds_no_place_has_all_messages(tmp_path: Path) -> No
         write(tmp_path / 'run', 300, 100)
     with BagReader(tmp_path / 'run') as bag:
         assert bag.messages == 300
+
+
+def test_a_bag_without_any_message_is_removed(tmp_path: Path) -> None:
+    with files_of_at_most(3_000), pytest.raises(DataError, match='File too large; nothing is left of it'):
+        write(tmp_path / 'run', 100, 100)
+    assert not (tmp_path / 'run').exists()
 
 
 def test_a_bag_that_cannot_begin_leaves_no_folder(tmp_path: Path) -> None:

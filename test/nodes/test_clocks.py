@@ -6,6 +6,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from graph import Graph
@@ -82,4 +83,26 @@ def test_sim_time_without_a_clock_and_a_best_effort_publisher_are_named(graph: G
     text = 'a publisher of /odom offers less than asked for (reliability): best effort is taken instead'
     graph.wait(lambda: text in node.stderr, 'the quality of service')
     assert node.stderr.count(text) == 1
+    assert node.stop() == 0
+
+
+def test_a_clock_that_jumps_stands_still_and_is_negative_is_told(graph: Graph) -> None:
+    node = graph.start('estimator', '--ros-args', '-p', 'use_sim_time:=true')
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    publisher = graph.publisher('/clock', Clock)
+
+    def tell(seconds: int, text: str) -> None:
+        message = Clock()
+        message.clock.sec = seconds
+        publisher.publish(message)
+        graph.wait(lambda: text in str(diagnostics), text)
+        diagnostics.clear()
+
+    tell(100, "message='stamps fit the clock'")
+    tell(105, "message='stamps fit the clock'")
+    tell(50, '/clock jumped 1 times since the last report, the last time by -55 s')
+    tell(3000, '/clock jumped 1 times since the last report, the last time by 2950 s')
+    tell(-5, '/clock stands still: for 3 s it has been 3000 s')
+    assert node.stderr.count('a time on /clock is negative, -5 s: it is not taken') == 1
+    assert node.stderr.count('/clock stands still') == 1
     assert node.stop() == 0

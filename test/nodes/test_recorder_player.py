@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 import time
 from collections.abc import Iterator
@@ -155,6 +156,23 @@ def test_a_recorder_that_is_killed_leaves_what_it_had_a_second_before(live: Grap
     with BagReader(tmp_path / 'run') as reader:
         assert reader.messages == 1
         assert 'cut off' in reader.warnings[0]
+
+
+def test_a_full_disk_ends_the_recorder_with_one_line_and_a_bag_that_can_be_read(live: Graph, tmp_path: Path) -> None:
+    recorder = record(live, tmp_path / 'run')
+    states = live.publisher('/joint_states', JointState)
+    states.publish(joint_state(0))
+    file = tmp_path / 'run' / 'run.mcap'
+    live.wait(lambda: file.stat().st_size > 500, 'the message on the disk')
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (file.stat().st_size + 50, resource.RLIM_INFINITY))
+    states.publish(joint_state(1))
+    assert recorder.wait() == 2
+    lines = [line for line in recorder.stderr.splitlines() if not line.startswith('[')]
+    assert len(lines) == 1
+    assert "run' cannot be written: File too large; it holds 1 of 2 messages" in lines[0]
+    assert recorder.stdout == ''
+    with BagReader(tmp_path / 'run') as reader:
+        assert reader.messages == 1
 
 
 def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
