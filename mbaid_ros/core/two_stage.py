@@ -16,6 +16,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.steadiness import Steadiness
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 
@@ -87,6 +88,7 @@ class TwoStageEstimator:
         self._agreed = 0  # windows in a row
         self._began = np.inf  # s, when the first number was told
         self._restarted = False
+        self._steadiness = Steadiness()
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -102,7 +104,7 @@ class TwoStageEstimator:
                 estimates += self._second.update(windows[place:], origin)
                 break
             estimates.append(self._both(self._first, window, origin))
-        return [self._with_age(estimate) for estimate in estimates]
+        return [self._judged(estimate) for estimate in estimates]
 
     def knowledge(self) -> Knowledge | None:
         """Return what the second stage has come to know."""
@@ -140,13 +142,15 @@ class TwoStageEstimator:
             return late
         return self._compared(early, late)
 
-    def _with_age(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that says of itself if it is one of the first."""
-        if not estimate.identifiable.any():
+    def _judged(self, estimate: Estimate) -> Estimate:
+        """Return an estimate that says of itself if it is one of the first, or has left the intervals before it."""
+        if estimate.identifiable.any():
+            self._began = min(self._began, estimate.time)
+        young = estimate.time < self._began + _YOUNG
+        estimate = self._steadiness.judged(estimate, early=young)
+        if not young or not estimate.identifiable.any() or estimate.status == 'inconsistent':
             return estimate
-        self._began = min(self._began, estimate.time)
-        young = estimate.time < self._began + _YOUNG and estimate.status != 'inconsistent'
-        return replace(estimate, warnings=(*estimate.warnings, YOUNG)) if young else estimate
+        return replace(estimate, warnings=(*estimate.warnings, YOUNG))
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
         """Return the second stage's estimate if the first's does not contradict it."""
