@@ -59,11 +59,12 @@ class SimulatedClock:
 def refuse_negative_times() -> None:
     """Let the nodes of this process go on where a time on /clock is negative: rclpy ends them."""
     take = TimeSource.clock_callback
+    log: Any = get_logger('clock')
 
     def take_unless_negative(source: TimeSource, message: Any) -> None:
         if message.clock.sec < 0:
             text = f'a time on /clock is negative, {message.clock.sec} s: it is not taken'
-            get_logger('clock').warning(text, once=True)  # type: ignore[no-untyped-call]
+            log.warning(text, once=True)
         else:
             take(source, message)
 

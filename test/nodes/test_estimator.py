@@ -69,8 +69,9 @@ def test_live_and_offline_estimates_are_the_same_to_the_last_bit(graph: Graph) -
     assert len(expected) == 23  # the last window, of 24, is still open
     frames = Frames('link4', 'odom')
     graph.wait(lambda: len(made(live)) >= len(expected), 'all estimates')
-    messages_expected = [estimate_message(estimate, TYPES, frames) for estimate in expected]
-    assert [every_bit(m, ESTIMATE) for m in made(live)] == [every_bit(m, ESTIMATE) for m in messages_expected]
+    for message, estimate in zip(made(live), expected, strict=True):
+        offline_message = estimate_message(estimate, TYPES, frames)
+        assert every_bit(message, ESTIMATE) == every_bit(offline_message, ESTIMATE), (message, offline_message)
     assert node.stop() == 0
 
 
