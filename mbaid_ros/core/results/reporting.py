@@ -25,6 +25,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.consistency import IMPOSSIBLE, are_physical, project, project_planar
+from mbaid_ros.core.results.curvature import Curvature
 from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
@@ -59,6 +60,7 @@ class Solution:
     origin : (3,) m, about which L_0 is taken, odometry frame
     plane : of a planar motion, which leaves six of the ten parameters open; else None
     restarted : whether earlier windows had to be given up
+    curvature : how near linear what it is of is; None where that is not known
     """
 
     x: Array
@@ -69,6 +71,7 @@ class Solution:
     origin: Array
     plane: Plane | None
     restarted: bool = False
+    curvature: Curvature | None = None
 
 
 @dataclass(frozen=True)
@@ -117,12 +120,14 @@ class Reporting:
         cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
         momentum, momentum_covariance = _about_odometry_origin(solutions)
         parameters, jacobian = physical(bodies), physical_jacobian(bodies)
-        identifiable = self._identifiable(parameters, jacobian, cautious)
+        straight = _straight(solutions, jacobian)
+        identifiable = self._identifiable(parameters, jacobian, cautious) & straight
         planes = [one.plane for one in solutions]
         possible, corrections = self._possible(bodies, covariance, identifiable, planes)
         if possible is not bodies:
             parameters, jacobian = physical(possible), physical_jacobian(possible)
-            identifiable = self._identifiable(parameters, jacobian, cautious)
+            straight = _straight(solutions, jacobian)
+            identifiable = self._identifiable(parameters, jacobian, cautious) & straight
         published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
@@ -145,7 +150,7 @@ class Reporting:
                 residual=residual,
                 consistency_correction=correction,
                 samples=instant.samples,
-                warnings=self._warnings(known, residual, correction, solution),
+                warnings=self._warnings(known, straight[k], residual, correction, solution),
             )
             estimates.append(estimate)
         return estimates
@@ -201,13 +206,18 @@ class Reporting:
             return False
         return residual**2 * redundancy > chi_square.limit(_BY_CHANCE, redundancy)
 
-    def _warnings(self, identifiable: Flags, residual: float, correction: float, solution: Solution) -> tuple[str, ...]:
+    def _warnings(
+        self, identifiable: Flags, straight: Flags, residual: float, correction: float, solution: Solution
+    ) -> tuple[str, ...]:
         warnings = []
         if solution.plane is not None:
             warnings.append('planar motion: only mass, CoM in the plane and moment about its normal can be found')
         elif not identifiable.all():
             names = ', '.join(name for name, known in zip(PARAMETERS, identifiable, strict=True) if not known)
             warnings.append(f'not determined by the data: {names}')
+        if not straight.all() and identifiable.any():
+            names = ', '.join(name for name, known in zip(PARAMETERS, straight, strict=True) if not known)
+            warnings.append(f'the data tell only by products of unknowns of: {names}')
         if residual > self.largest_residual:
             warnings.append(f'residuals are {residual:.1f} times what the noise parameters explain')
         if correction > _LARGE_CORRECTION and identifiable.any():
@@ -247,6 +257,16 @@ def _inverse_of_positive_part(matrix: Array, size: Array) -> Array:
 def relative_std(covariance: Array, size: Array) -> Array:
     """Return the (..., 10) standard deviations relative to sizes."""
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
+
+
+def _straight(solutions: Sequence[Solution], jacobian: Array) -> Flags:
+    """Return of which parameters, (N, 10), the solutions depend little on where equations were linearised."""
+    return np.array(
+        [
+            np.ones(10, dtype=bool) if one.curvature is None else one.curvature.straight(each)
+            for one, each in zip(solutions, jacobian, strict=True)
+        ]
+    )
 
 
 def _about_odometry_origin(solutions: Sequence[Solution]) -> tuple[Array, Array]:

@@ -209,6 +209,7 @@ class TrajectoryEstimator:
             redundancy=track.belief.measured,
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
+            curvature=run.curvature,
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
         return Solved(

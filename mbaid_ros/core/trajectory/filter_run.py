@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from mbaid_ros.core.results.curvature import Curvature
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, update_bank, update_track
 from mbaid_ros.core.trajectory.belief import Belief, Moments
@@ -41,7 +42,7 @@ class FilterRun:
     Attributes
     ----------
     planar : whether it takes the motion for planar
-    settled : whether the latest passes over the young run have come to one point that stays
+    curvature : how near linear the windows are about the point they lead to; None before there is one
 
     Parameters
     ----------
@@ -67,18 +68,25 @@ class FilterRun:
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search = DeferredTask[Start](layout.size)
+        self._bends = DeferredTask[Curvature](layout.size)  # of the windows about where the latest search has led
+        self._stays = False  # whether the latest passes over the young run have come to one point
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._held = HeldPoint(layout, variables)
         self.planar = len(variables.measured) < 6
-        self.settled = False
+        self.curvature: Curvature | None = None
 
     @property
     def started(self) -> bool:
         """Whether there is a state."""
         return self._latest is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the latest passes have come to one point that stays, and how near linear all is there is known."""
+        return self._stays and self.curvature is not None
 
     @property
     def searching(self) -> bool:
@@ -167,7 +175,8 @@ class FilterRun:
             self._young.append(ready)
             if not self._search.under_way:
                 self._begin(self._young, moved=moved)
-        self._search.owe(_SHARE if self.settled else _FIRST_SHARE)
+        for task in (self._search, self._bends):
+            task.owe(_SHARE if self.settled else _FIRST_SHARE)
         if self._bank is None:
             return
         # Once for both windows: a point one window old is as good.
@@ -194,12 +203,16 @@ class FilterRun:
         """Give up what the run has come to; windows that are still kept are searched again."""
         self._young = self._young or []
         self._search.begin(None)
-        self._bank = self._latest = None
-        self.settled = False
+        self._bends.begin(None)
+        self._bank = self._latest = self.curvature = None
+        self._stays = False
         self._next_pass = min(self._next_pass, len(self._young))
 
     def work_off(self) -> bool:
         """Do a part of what the search has to do before the next window; return whether some is left."""
+        if self._bends.owing:
+            self.curvature = self._bends.work_off() or self.curvature
+            return True
         try:
             found = self._search.work_off()
         except np.linalg.LinAlgError:
@@ -207,7 +220,7 @@ class FilterRun:
             self._next_pass, found = self._searched + _RETRY, None
         if found is not None:
             self._take_over(found)
-        return self._search.owing
+        return self._search.owing or self._bends.owing
 
     def _begin(self, young: list[Window], *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
@@ -225,23 +238,26 @@ class FilterRun:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         young = self._young or []
         anew = not self.settled
-        self._bank, self.settled = found.bank, found.settled
+        self._bank, self._stays = found.bank, found.settled
+        self._bends.begin(found.curvature)
+        self._bends.owe(_FIRST_SHARE if anew else 0)
         self._held.begin(found.point)
         belief = best(self._bank).belief
         hopeless = belief.nis > HOPELESS * belief.measured
-        self._next_pass = self._after(self._searched, soon=not (self.settled or hopeless))
+        self._next_pass = self._after(self._searched, soon=not (self._stays or hopeless))
         self._passed = young[self._searched - 1].start
-        grown = self.settled and self._knows_body(belief)
+        near_linear = self.curvature is not None and not self.curvature.anywhere
+        grown = self._stays and near_linear and self._knows_body(belief)
         longest = min(_GROWN, self._kept) if grown else self._kept
         # A start is confirmed once before it counts, however late it was found.
-        if self._next_pass <= longest or (anew and self.settled):
+        if self._next_pass <= longest or (anew and self._stays):
             return
-        if self.settled and belief.nis < LARGEST_NIS * belief.measured:
+        if self._stays and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
             # Unsound: begin anew with the later half.
             self._young = young[self._searched // 2 :]
-            self._next_pass = self._after(len(self._young), soon=not (self.settled or hopeless))
+            self._next_pass = self._after(len(self._young), soon=not (self._stays or hopeless))
 
     @staticmethod
     def _after(windows: int, *, soon: bool) -> int:

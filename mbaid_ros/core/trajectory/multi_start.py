@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.curvature import Curvature
 from mbaid_ros.core.trajectory.bank import (
     LONGEST_AT_A_GUESS,
     Bank,
@@ -37,11 +38,13 @@ class Start:
     bank : of all hypotheses
     point : at which they are linearised
     settled : whether that is one that stays
+    curvature : how near linear the windows are about it, to be found out bit by bit; None where it has not settled
     """
 
     bank: Bank
     point: Point
     settled: bool
+    curvature: Iterator[int | Curvature] | None
 
 
 # What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
@@ -90,12 +93,13 @@ class MultiStart:
             passed, bank, other_leads = yield from self._hypotheses(stacks, max(results, key=lambda each: each.merit))
         result = max(results, key=lambda each: each.merit)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
+        curvature = self.passes.curvature(stacks, best(bank)) if settled else None
         while count < len(windows):
             more = windows[count : count + _STACK]
             passed = yield from self.passes.over([stacked(more)], passed.point)
             count += len(more)
             bank = yield from self.passes.run(passed, bank)
-        yield Start(bank, passed.point, settled)
+        yield Start(bank, passed.point, settled, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[Result]]:
         """Return what the windows lead to with the guessed masses, and from the best of these with any mass.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import IMPOSSIBLE, is_physical, project
+from mbaid_ros.core.results.curvature import Curvature
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, update_bank
 from mbaid_ros.core.trajectory.belief import Belief, Moments
@@ -32,6 +33,7 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _BODY_PLACES = np.arange(BODY.start, BODY.stop)
+_ELSEWHERE = 3  # points, drawn from what is believed, at which a solution is tried
 
 
 @dataclass(frozen=True)
@@ -182,6 +184,31 @@ class Passes:
         """Return a hypothesis before the first window, of any mass or near one, whose jumps may take some windows."""
         extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
         return Track(hypothesis, Belief.prior(self.variables, extra, mass), longest=longest)
+
+    def curvature(self, stacks: list[list[Stack]], track: Track) -> Iterator[int | Curvature]:
+        """Find out how far the solution of windows moves where they are linearised elsewhere in its interval.
+
+        Parameters
+        ----------
+        stacks : of the windows
+        track : a hypothesis after them, linearised at its own solution
+        """
+        moments = Moments.of(track.belief, self.variables)
+        draws = np.random.default_rng(0)
+        shifts: list[Array] = []
+        for _ in range(_ELSEWHERE):
+            step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
+            parameters = self.layout.parameters
+            part = near_part(moments.mean[parameters], step[parameters])
+            try:
+                point = self.layout.point(moments.mean + part * step, moments.deviation)
+                passed = yield from self.over(stacks, point)
+                (moved,) = yield from self.run(passed, (self.fresh(track.hypothesis, track.longest),))
+                shift: Array = Moments.of(moved.belief, self.variables).mean - moments.mean
+            except np.linalg.LinAlgError:
+                shift = moments.deviation  # no robot that can be: it may be anywhere in its interval
+            shifts.append(shift[BODY] / part**2)  # of second order in the step
+        yield Curvature(np.array(shifts), moments.covariance(_BODY_PLACES))
 
     def run(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""
