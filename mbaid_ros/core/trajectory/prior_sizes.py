@@ -17,7 +17,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
-from mbaid_ros.core.verdict.widening import BesidePrior, Distance, LikelySize
+from mbaid_ros.core.verdict.widening import AS_DECLARED, BesidePrior, Distance, LikelySize
 
 # Chance beforehand that a kind is declared too certain, and up to which that counts for nothing.
 _TOO_SMALL = (0.05, 0.05)
@@ -55,7 +55,11 @@ class PriorSizes:
         covariance = factor @ factor.T
         sizes: dict[str, LikelySize] = {}
         distances: dict[str, Distance] = {}
-        for names, own, chances in groups.alike:
+        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
+        for names, own, chances, single in groups.alike:
+            if not (single or np.any(np.add.reduce(beyond[own], axis=1) > 0.0)):
+                sizes |= dict.fromkeys(names, AS_DECLARED)
+                continue
             numbers = BesidePrior.of(values[own], covariance[own[:, :, None], own[:, None, :]])
             likely, away = numbers.likely_sizes(*chances), numbers.distances
             each[own] = np.maximum(each[own], likely[0][:, None])
@@ -107,12 +111,13 @@ class _Groups:
     ----------
     names : of kinds, then of single causes that are no kinds
     things : single causes
-    alike : names of groups of as many numbers, where these are, (B, n), and the chances that they are declared wrong
+    alike : names of groups of as many numbers, where these are, (B, n), the chances that they are declared wrong, and
+        whether single causes are among them
     """
 
     names: tuple[str, ...]
     things: tuple[str, ...]
-    alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float]], ...]
+    alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float], bool], ...]
 
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window
@@ -130,5 +135,8 @@ class _Groups:
         return _Groups(
             (*kinds, *(name for name in things if name not in kinds)),
             tuple(things),
-            tuple((tuple(own), np.array(list(own.values())), chances) for (_, chances), own in alike.items()),
+            tuple(
+                (tuple(own), np.array(list(own.values())), chances, not things.keys().isdisjoint(own))
+                for (_, chances), own in alike.items()
+            ),
         )

@@ -40,6 +40,9 @@ class LikelySize(NamedTuple):
     gain: float
 
 
+AS_DECLARED = LikelySize(1.0, 0.0, 0.0)
+
+
 class Distance(NamedTuple):
     """How far from zero the data see numbers.
 
@@ -105,6 +108,9 @@ class BesidePrior:
         """
         # What is known of them should be about as large as it is known, or a factor could gain nothing.
         larger = np.add.reduce(self.mean**2, axis=-1) > np.add.reduce(1.0 - self.variance, axis=-1)
+        if not larger.any():
+            nothing = np.zeros(larger.shape)
+            return nothing + 1.0, nothing, nothing
         most, factor = self._largest(_SIZES)
         odds = too_small * np.exp(np.minimum(most, 100.0))
         chance = np.maximum(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
