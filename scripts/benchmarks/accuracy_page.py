@@ -119,6 +119,8 @@ def _intervals(report: Report) -> str:
             number(summary.nees),
             f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}',
             percent(summary.determined),
+            percent(summary.converged),
+            f'{summary.alarms} of {summary.estimates}',
         ]
         for robot in report.robots()
         for case in report.plain(robot)
@@ -126,7 +128,8 @@ def _intervals(report: Report) -> str:
         for time, summary in zip(report.plan[case].times, report.results[case][method], strict=True)
         if summary.reports_std
     ]
-    header = ['robot, encoders, after', 'method', 'coverage', 'by parameter', 'NEES', 'its 95 % band', 'published']
+    header = ['robot, encoders, after', 'method', 'coverage', 'by parameter', 'NEES', 'its 95 % band']
+    header += ['published', 'converged', 'false alarms']
     return table(header, rows) + '\n'
 
 

@@ -35,7 +35,8 @@ INTERVALS = """\
 How often the reported 95 % intervals hold the truth (over all parameters, and for the parameter with the fewest and
 the most), and the error in the metric of the reported covariance (NEES, a parameter: 1 is right, more is
 overconfident) with the band that holds 95 % of such averages. *Published*: the share of runs in which every parameter
-was.
+was. *Converged*: the share with that status. *False alarms*: of all estimates up to then, those with the status
+`inconsistent`, where nothing is wrong.
 """
 
 UNITS = """\

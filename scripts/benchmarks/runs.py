@@ -25,11 +25,20 @@ class Outcome(Runs):
     parameters : (..., T, 10); NaN where not determined
     std : (..., T, 10), one standard deviation as reported; NaN where none is
     error_norm : (..., T) squared error in the metric of the reported covariance, a parameter (1 expected)
+    converged : (..., T) 1 where that is the status
+    alarms, estimates : (..., T) how many estimates up to then were `inconsistent`, and how many there were
     """
 
     parameters: Array
     std: Array
     error_norm: Array
+    converged: Array
+    alarms: Array
+    estimates: Array
+
+    def at(self, time: int) -> Outcome:
+        """Return what was said at one of the times, whose axis is the second one."""
+        return Outcome.of(lambda name: getattr(self, name)[:, time])
 
 
 @dataclass(frozen=True)
@@ -108,8 +117,12 @@ def _read_off(history: list[Estimate], run: _Run) -> Outcome:
     """Return what the last estimate before each of the times says."""
     places = np.searchsorted([estimate.time for estimate in history], np.array(run.times) - 1e-9) - 1
     chosen = [history[place] for place in places]
+    alarms = np.cumsum([estimate.status == 'inconsistent' for estimate in history])
     return Outcome(
         parameters=np.array([estimate.parameters for estimate in chosen]),
         std=np.array([estimate.std for estimate in chosen]),
         error_norm=np.array([nees(estimate, run.truth) for estimate in chosen]),
+        converged=np.array([estimate.status == 'converged' for estimate in chosen], dtype=float),
+        alarms=alarms[places].astype(float),
+        estimates=1.0 + places,
     )

@@ -24,6 +24,8 @@ class Summary:
     coverage : (10,) share of the reported 95 % intervals that hold the truth; NaN where none are reported
     nees : mean squared error in the metric of the reported covariance, a parameter
     nees_band : that 95 % of such means lie in if the covariance is right
+    converged : share of the runs with that status
+    alarms, estimates : of all runs up to then, how many estimates were `inconsistent`, and how many there were
     """
 
     rmse: Array
@@ -32,6 +34,9 @@ class Summary:
     coverage: Array
     nees: float
     nees_band: tuple[float, float]
+    converged: float
+    alarms: int
+    estimates: int
 
     @property
     def median(self) -> float:
@@ -63,21 +68,22 @@ def summarise(outcome: Outcome, truth: Array, bounds: Array) -> list[Summary]:
     truth : (10,)
     bounds : (T, 10)
     """
-    return [
-        _summary(outcome.parameters[:, row] - truth, outcome.std[:, row], outcome.error_norm[:, row], bounds[row])
-        for row in range(len(bounds))
-    ]
+    return [_summary(outcome.at(time), truth, bound) for time, bound in enumerate(bounds)]
 
 
-def _summary(error: Array, std: Array, error_norm: Array, bound: Array) -> Summary:
-    free = np.isfinite(bound)
+def _summary(said: Outcome, truth: Array, bound: Array) -> Summary:
+    """Return the statistics of what all runs said at one time."""
+    error, free = said.parameters - truth, np.isfinite(bound)
     size = np.where(free, rmse(error), np.nan)
-    runs = int(np.sum(np.isfinite(error_norm)))
+    runs = int(np.sum(np.isfinite(said.error_norm)))
     return Summary(
         rmse=size,
         ratio=size / bound,
         determined=float(np.min(np.mean(np.isfinite(error[:, free]), axis=0))),
-        coverage=np.where(free, coverage(error, std), np.nan),
-        nees=float(mean(error_norm)),
+        coverage=np.where(free, coverage(error, said.std), np.nan),
+        nees=float(mean(said.error_norm)),
         nees_band=nees_band(runs * int(np.sum(free))),
+        converged=float(np.mean(said.converged)),
+        alarms=int(np.sum(said.alarms)),
+        estimates=int(np.sum(said.estimates)),
     )
