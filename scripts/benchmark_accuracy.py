@@ -104,6 +104,7 @@ def _still(
         still[case] = {
             method: summarise(outcome[: len(frame[method].parameters)], truths[case.robot], bounds[case])
             for method, outcome in outcomes[case].items()
+            if method in frame
         }
     return still
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.accuracy_words import ERRORS, FRAMES, INTERVALS, INTRODUCTION, LINKED, SENSORS, UNITS
+from benchmarks.accuracy_words import ERRORS, FRAMES, INTERVALS, INTRODUCTION, LINKED, NOISE, SENSORS, UNITS
 from benchmarks.data import ROBOTS, Case
 from benchmarks.methods import METHODS
 from benchmarks.pages import number, percent, provenance, table
 from benchmarks.runs import Job
 from benchmarks.summary import Summary
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.sensor_levels import CHANNELS
 
 _MOST = 0.5  # of the runs: where fewer publish, their errors are those of a choice
 
@@ -64,6 +65,8 @@ def page(report: Report, figure: str) -> str:
         UNITS,
         _units(report),
     ]
+    if found := [method for method in report.methods if METHODS[method].finds_noise]:
+        parts += [NOISE, *(_noise(report, method) for method in found)]
     if 'trajectory' in report.methods:
         parts += [LINKED, _linked(report)]
     if any(_poor(case) for case in report.plan):
@@ -144,6 +147,15 @@ def _units(report: Report) -> str:
     return table(['robot, encoders', 'method', 'mass, %', 'CoM, mm', 'inertia, %'], rows) + '\n'
 
 
+def _noise(report: Report, method: str) -> str:
+    rows = []
+    for case in [case for robot in report.robots() for case in report.plain(robot)]:
+        for time, summary in zip(report.plan[case].times, report.results[case][method], strict=True):
+            rms = np.sqrt(np.nanmean((summary.noise - 1.0) ** 2, axis=0))
+            rows.append([f'{case.name}, {time:.0f} s', *(percent(each) for each in rms)])
+    return table(['robot, encoders, after', *(channel.replace('_', ' ') for channel in CHANNELS)], rows) + '\n'
+
+
 def _last_errors(report: Report, case: Case) -> Iterator[tuple[str, Array]]:
     """Yield the bound's and every method's (10,) errors at the last time."""
     yield 'bound', report.bounds[case][-1]
@@ -208,13 +220,11 @@ def _in_units(errors: Array, truth: Array) -> tuple[float, float, float]:
 
 
 def _frames(report: Report) -> str:
-    rows = []
+    rows, methods = [], [method for method in report.methods if not METHODS[method].finds_noise]
     for case in [*report.still, *(case for case in report.plan if case.drift or case.offset)]:
         results = report.results if case.drift or case.offset else report.still
-        rows.append(
-            [f'{case.robot}, {_frame(case)}', *(_ratio(results[case][method][-1]) for method in report.methods)]
-        )
-    return table(['robot, frame', *report.methods], sorted(rows, key=lambda row: row[0].partition(',')[0])) + '\n'
+        rows.append([f'{case.robot}, {_frame(case)}', *(_ratio(results[case][method][-1]) for method in methods)])
+    return table(['robot, frame', *methods], sorted(rows, key=lambda row: row[0].partition(',')[0])) + '\n'
 
 
 def _frame(case: Case) -> str:

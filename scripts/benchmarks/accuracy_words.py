@@ -46,6 +46,13 @@ RMSE at the end of the runs: mass, the CoM's worst coordinate, the inertia's wor
 sqrt(I_ii I_jj)).
 """
 
+NOISE = """\
+## Noise that is found
+
+`trajectory, noise found` is told nothing of how noisy the sensors are: it uses what it finds in their readings. How far
+that is from the truth, root mean square over the runs:
+"""
+
 LINKED = """\
 ## Over the bound of the whole trajectory
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from benchmarks.data import MAXIMUM_GAP
+from benchmarks.data import MAXIMUM_GAP, Case
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
+from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
@@ -28,6 +29,7 @@ class Method:
         factors of a hundred apart takes few
     papers : whether it is the paper's: it takes every velocity as it comes, and reports no uncertainty
     extra : whether it is only run where it is asked for
+    finds_noise : whether it is not told how noisy the sensors are, but finds it
     """
 
     settings: Mapping[str, object]
@@ -35,15 +37,23 @@ class Method:
     fewest: int = 0
     papers: bool = False
     extra: bool = False
+    finds_noise: bool = False
 
     def runs(self, seeds: int) -> int:
         """Return how many of some seeds it runs for."""
         return max(round(self.share * seeds), min(self.fewest, seeds))
 
+    def takes(self, case: Case) -> bool:
+        """Tell whether it is run for a case: the paper's take all sensors, what noise is found in is plain."""
+        if self.finds_noise:
+            return case.plain
+        return not self.papers or (case.sensors == 'all' and not case.wander)
+
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
     'trajectory': Method({'method': 'trajectory'}, 1.0 / 12.0, 50),
+    'trajectory, noise found': Method({'method': 'trajectory'}, 1.0 / 12.0, 20, finds_noise=True),
     'difference unasked': Method({'method': 'difference', 'convergence.identifiable_std': 1e3}, extra=True),
     'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
@@ -78,7 +88,9 @@ class Identification:
             **(settings or {}),
         }
         config = build(EstimatorConfig, values)
-        return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP)
+        joints = self.kernel.model.joints
+        found = FoundNoise(self.noise, joints, estimate=True) if METHODS[method].finds_noise else None
+        return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP, noise=found)
 
     def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:
         """Return all estimates of one run."""

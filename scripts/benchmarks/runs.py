@@ -13,6 +13,7 @@ from benchmarks.methods import METHODS, Identification
 from benchmarks.store import Runs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.sensor_levels import CHANNELS
 from mbaid_ros.replay.campaigns.monte_carlo import nees
 
 
@@ -27,6 +28,7 @@ class Outcome(Runs):
     error_norm : (..., T) squared error in the metric of the reported covariance, a parameter (1 expected)
     converged : (..., T) 1 where that is the status
     alarms, estimates : (..., T) how many estimates up to then were `inconsistent`, and how many there were
+    noise : (..., T, 6) that is found of each sensor over the true one; NaN where none is
     """
 
     parameters: Array
@@ -35,6 +37,7 @@ class Outcome(Runs):
     converged: Array
     alarms: Array
     estimates: Array
+    noise: Array
 
     def at(self, time: int) -> Outcome:
         """Return what was said at one of the times, whose axis is the second one."""
@@ -90,7 +93,7 @@ def monte_carlo(
         ]
         for case, job in plan.items()
         for method in methods
-        if case.plain or case.drift or case.offset or not METHODS[method].papers
+        if METHODS[method].takes(case)
     }
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
     total = sum(len(runs) for runs in wanted.values())
@@ -125,4 +128,13 @@ def _read_off(history: list[Estimate], run: _Run) -> Outcome:
         converged=np.array([estimate.status == 'converged' for estimate in chosen], dtype=float),
         alarms=alarms[places].astype(float),
         estimates=1.0 + places,
+        noise=np.array([_found(estimate) / _levels(run.case) for estimate in chosen]),
     )
+
+
+def _found(estimate: Estimate) -> Array:
+    return np.full(len(CHANNELS), np.nan) if estimate.noise is None else estimate.noise.found
+
+
+def _levels(case: Case) -> Array:
+    return np.array([getattr(case.noise, channel) for channel in CHANNELS])

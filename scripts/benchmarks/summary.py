@@ -26,6 +26,7 @@ class Summary:
     nees_band : that 95 % of such means lie in if the covariance is right
     converged : share of the runs with that status
     alarms, estimates : of all runs up to then, how many estimates were `inconsistent`, and how many there were
+    noise : (runs, 6) that was found of each sensor over the true one
     """
 
     rmse: Array
@@ -37,6 +38,7 @@ class Summary:
     converged: float
     alarms: int
     estimates: int
+    noise: Array
 
     @property
     def median(self) -> float:
@@ -86,4 +88,5 @@ def _summary(said: Outcome, truth: Array, bound: Array) -> Summary:
         converged=float(np.mean(said.converged)),
         alarms=int(np.sum(said.alarms)),
         estimates=int(np.sum(said.estimates)),
+        noise=said.noise,
     )
