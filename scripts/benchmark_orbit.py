@@ -18,6 +18,7 @@ from pathlib import Path
 
 from benchmarks.orbit.pages import tables
 from benchmarks.orbit.store import PARTS, run_part
+from benchmarks.pages import replace_marked
 
 
 def main() -> int:
@@ -26,11 +27,15 @@ def main() -> int:
     parser.add_argument('part', nargs='?', choices=[*PARTS], help='what to run; without, the tables are printed')
     parser.add_argument('--seeds', nargs=2, type=int, default=(0, 5), metavar=('FIRST', 'END'))
     parser.add_argument('--store', type=Path, default=Path('orbit_runs.jsonl'), help='file of the runs')
+    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write the tables into the orbit.md there')
     arguments = parser.parse_args()
     if arguments.part:
         run_part(arguments.part, range(*arguments.seeds), arguments.store)
-    else:
-        sys.stdout.write(tables(arguments.store))
+        return 0
+    for part, text in tables(arguments.store).items():
+        sys.stdout.write(f'{text}\n\n')
+        if arguments.output:
+            replace_marked(arguments.output / 'orbit.md', part, 'scripts/benchmark_orbit.py', text)
     return 0
 
 

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from benchmarks.orbit.runs import CIRCLES, DURATIONS, FRAMES, PACES, PLACES, circle_at
 from benchmarks.orbit.simulated import STRONGER, TURN
 from benchmarks.orbit.store import stored
-from benchmarks.pages import table
+from benchmarks.pages import provenance, table
 from mbaid_ros.core.results.parameters import BAND
 
 _CLAIMED = ('converged', 'estimating')
@@ -40,11 +40,19 @@ _THRUSTERS = {
 Line = dict[str, Any]
 
 
-def tables(store: Path) -> str:
-    """Return the tables of what a file holds."""
+def tables(store: Path) -> dict[str, str]:
+    """Return the tables of what a file holds, by part, each with a line that says where it is from."""
     lines = stored(store)
-    parts = (_grid, _undeclared, _circle, _wheels, _thruster)
-    return '\n\n'.join(part(lines) for part in parts) + '\n'
+    parts = {'grid': _grid, 'undeclared': _undeclared, 'circle': _circle, 'wheels': _wheels, 'thruster': _thruster}
+    held = {part for part in parts if any(line['part'] == part for line in lines)}
+    return {part: f'{make(lines)}\n\n{_made_by(part, lines)}' for part, make in parts.items() if part in held}
+
+
+def _made_by(part: str, lines: Iterable[Line]) -> str:
+    own = [line for line in lines if line['part'] == part]
+    seeds = [len({line['seed'] for line in own if line.get('seconds', seconds) == seconds}) for seconds in DURATIONS]
+    words = f'{seeds[0]} seeds' if seeds[0] == seeds[1] else f'{seeds[0]} seeds of a minute, {seeds[1]} of five'
+    return provenance(words, f'scripts/benchmark_orbit.py {part}')
 
 
 def _grid(lines: Iterable[Line]) -> str:
@@ -58,7 +66,8 @@ def _grid(lines: Iterable[Line]) -> str:
             if own:
                 where = (frame or 'no orbit', place if frame else '-')
                 rows.append((f'{seconds:.0f} s, {pace}', *where, *_figures(own, free)))
-    return table(header, rows, words=True)
+    covered = _covered([line for line in lines if line['part'] == 'grid'])
+    return f'{table(header, rows, words=True)}\n\nAll together {covered:.1f} % are covered.'
 
 
 def _undeclared(lines: Iterable[Line]) -> str:
@@ -69,7 +78,9 @@ def _undeclared(lines: Iterable[Line]) -> str:
         own = [line for line in these if _is(line, seconds=seconds, pace=pace, frame=frame, place=place)]
         if own:
             rows.append((f'{seconds:.0f} s, {pace}', frame, place, *_told_of(own)))
-    return table(header, rows, words=True)
+    first = f'The orbit is named first in {sum(map(_named_first, these))} of {len(these)} runs'
+    wrong = sum(map(_silently_wrong, these))
+    return f'{table(header, rows, words=True)}\n\n{first}; {wrong or "none"} is silently wrong.'
 
 
 def _circle(lines: Iterable[Line]) -> str:
@@ -90,9 +101,16 @@ def _told_of(own: list[Line]) -> tuple[str, ...]:
     """Return how many runs there are, their status, coverage, how many are silently wrong, and how many name it."""
     claimed = [line for line in own if line['status'] in _CLAIMED]
     covered = f'{_covered(claimed):.0f} %' if claimed else '-'
-    wrong = sum(line['nees'] is not None and line['nees'] > _WRONG for line in claimed)
-    named = sum(_ORBIT in ''.join(line['named'][:1]) for line in own)
+    wrong, named = sum(map(_silently_wrong, own)), sum(map(_named_first, own))
     return str(len(own)), _status(own), covered, str(wrong), f'{named} of {len(own)}'
+
+
+def _silently_wrong(line: Line) -> bool:
+    return line['status'] in _CLAIMED and line['nees'] is not None and line['nees'] > _WRONG
+
+
+def _named_first(line: Line) -> bool:
+    return _ORBIT in ''.join(line['named'][:1])
 
 
 def _wheels(lines: Iterable[Line]) -> str:
