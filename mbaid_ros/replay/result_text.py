@@ -38,12 +38,20 @@ def summary(run: Run) -> str:
         rows += _captured(run.capture)
     label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
-    mostly = '' if run.final.budget is None else run.final.budget.told(run.final.std)
+    mostly = '' if run.final.budget is None or run.contradicted else run.final.budget.told(run.final.std)
     rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]
-    rows += [f'  likely cause {place}: {one_line(cause)}' for place, (cause, _) in enumerate(run.likeliest[:3], 1)]
+    rows += [f'  {one_line(line)}' for line in likely_causes(run)]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def likely_causes(run: Run) -> list[str]:
+    """Return what may be wrong where the data contradict the model; each would explain them by itself."""
+    return [
+        f'likely cause {place}: {cause} (alone, log-likelihood {gain:+.0f})'
+        for place, (cause, gain) in enumerate(run.likeliest[:3], 1)
+    ]
 
 
 def _captured(capture: Capture) -> list[str]:
@@ -74,8 +82,8 @@ def verdict(run: Run) -> str:
     missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
     rest = f'; not determined by this motion: {missing}' if missing else ''
     if run.contradicted:
-        why = 'momentum is not conserved as assumed'
-        return f'the data contradict the model of {run.target_link}, so its numbers must not be trusted: {why}'
+        why = 'robot description, noise values or conservation of momentum are not as assumed'
+        return f'the data contradict the model, so the numbers of {run.target_link} must not be trusted: {why}'
     if run.phase != 'post_capture':
         return f'no estimate of {run.target_link}: the data end before the capture'
     if run.final.status == 'waiting':

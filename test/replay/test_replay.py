@@ -264,9 +264,9 @@ def test_data_that_contradict_the_model_end_with_4(capsys: pytest.CaptureFixture
     bag, report = str(CONFIG.parent / 'bags' / 'servicer7_mid'), tmp_path / 'report.html'
     arguments = ['--model', wrong_model(tmp_path), '-p', 'method:=difference', '--report', str(report)]
     assert main([bag, *arguments]) == 4
-    assert 'its numbers must not be trusted' in capsys.readouterr().out
+    assert 'the numbers of link7 must not be trusted' in capsys.readouterr().out
     page = report.read_text()
-    assert '<p class="verdict wrong">The data contradict the model of link7' in page
+    assert '<p class="verdict wrong">The data contradict the model, so the numbers of link7' in page
     assert 'verdict good' not in page
 
 

@@ -138,7 +138,7 @@ def test_no_reference_of_a_drawing_is_lost_or_means_another_drawing() -> None:
 def test_the_truth_is_compared() -> None:
     text = page_with_the_truth()
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
-    assert 'Furthest from the truth is' in text
+    assert 'Furthest from the truth that came with the bag is' in text
     assert 'by 0.5 standard deviations' in text
 
 
@@ -242,7 +242,7 @@ def test_a_contradiction_among_several_bags_is_told_first() -> None:
     text = html([run(), wrong])
     assert '<p class="verdict wrong">The data of (2) contradict the model' in text
     assert 'The runs agree' not in text
-    assert '<p class="verdict wrong">The data contradict the model of link7, so its numbers must not be trusted' in text
+    assert '<p class="verdict wrong">The data contradict the model, so the numbers of link7 must not be trusted' in text
     assert '<p class="verdict good">The inertia of link7 is identified' in text
     assert 'The momentum was changed from outside' not in text
 

@@ -222,7 +222,8 @@ class TrajectoryEstimator:
             error_budget(moments, layout, self._settings.uncertainty, sizes.each),
             thrusters(moments, layout),
             joint_delay(moments, layout),
-            (*self._runs.notes, *(of_size(*each) for each in sizes.sure)),
+            # Where the data contradict the model, the judgement names what would have to be further off.
+            (*self._runs.notes, *(of_size(*each) for each in sizes.sure if judgement.adequate)),
         )
 
     def _reported(self, solved: list[Solved]) -> list[Estimate]:

@@ -36,6 +36,7 @@ _DECLARED_BY = {
     TORQUE: 'disturbance.torque_std',
     SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
 }
+_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 7)
 
 
 def of_change(time: float, *, exchanged: bool) -> str:
@@ -62,9 +63,8 @@ def of_size(cause: str, size: float, declared: Mapping[str, str] | None = None) 
     kind, _, name = cause.partition(':')
     parameter = {**_DECLARED_BY, **(declared or {})}.get(kind, 'its standard deviation')
     looks = 'looks' if name else 'look'
-    return (
-        f'{all_of(cause)} {looks} {size:.1f} times as far off as declared: intervals allow for that; raise {parameter}'
-    )
+    times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
+    return f'{all_of(cause)} {looks} {times} times as far off as declared: intervals allow for that; raise {parameter}'
 
 
 def all_of(cause: str) -> str:
@@ -89,9 +89,11 @@ def of_suspect(cause: str, value: Array) -> str:
     size = float(np.linalg.norm(value))
     kind, _, name = cause.partition(':')
     if kind == 'link':
+        heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+        moment = ', '.join(f'{part:+.2g}' for part in value[1:4])
         return (
-            f'link {name} is not as described (its mass {value[0]:+.3g} kg, its first moment '
-            f'{np.linalg.norm(value[1:4]):.2g} kg m off): check its inertial, or raise known_links.relative_std'
+            f'link {name} is not as described: it looks {abs(value[0]):.3g} kg {heavier}, its first moment ({moment}) '
+            'kg m off; check its inertial, or raise known_links.relative_std'
         )
     if kind == FLEXIBLE:
         load, lag, swing = (f'{1e3 * part:.2g}' for part in (value[0], value[1], float(np.hypot(*value[2:]))))

@@ -34,7 +34,11 @@ p { margin: .4rem 0; } .note { color: var(--soft); font-size: .87rem; }
 .warnings { padding: .1rem .9rem .3rem 2rem; margin: .6rem 0; border-left: .35rem solid var(--second);
   background: var(--panel); overflow-wrap: anywhere; }
 .model { padding-left: 1.1rem; margin: .4rem 0; color: var(--soft); font-size: .87rem; overflow-wrap: anywhere; }
-.scroll { overflow-x: auto; } .scroll + .scroll { margin-top: 1.1rem; } details { margin: .7rem 0; }
+.scroll { overflow-x: auto; background: linear-gradient(90deg, var(--page) 30%, transparent) left / 2.5rem 100% local,
+  linear-gradient(270deg, var(--page) 30%, transparent) right / 2.5rem 100% local,
+  linear-gradient(90deg, var(--faint), transparent) left / .5rem 100% scroll,
+  linear-gradient(270deg, var(--faint), transparent) right / .5rem 100% scroll; background-repeat: no-repeat; }
+.untrusted td { color: var(--faint); } .scroll + .scroll { margin-top: 1.1rem; } details { margin: .7rem 0; }
 table { border-collapse: collapse; font-size: .93rem; } td, th { padding: .22rem .9rem .22rem 0; text-align: left;
   border-bottom: 1px solid var(--line); vertical-align: top; } th { color: var(--soft); font-weight: 600; }
 td:first-child { overflow-wrap: anywhere; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
@@ -62,14 +66,15 @@ def number(value: float, digits: int = 6) -> str:
     return NO_NUMBER if not math.isfinite(value) else f'{value:.{digits}g}'
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], kind: str = '') -> str:
     """Return a table of plain strings; a column whose cells all start like numbers is aligned like them."""
     numeric = [
         any(row[column] for row in rows) and all(not row[column] or row[column][0] in _NUMBER_STARTS for row in rows)
         for column in range(len(head))
     ]
     lines = [_row('th', head, numeric), *(_row('td', row, numeric) for row in rows)]
-    return f'<div class="scroll"><table>{"".join(lines)}</table></div>'
+    begin = f'<table class="{kind}">' if kind else '<table>'
+    return f'<div class="scroll">{begin}{"".join(lines)}</table></div>'
 
 
 def _row(tag: str, cells: Sequence[str], numeric: Sequence[bool]) -> str:

@@ -21,7 +21,7 @@ from mbaid_ros.replay.report.drawing import drawing
 from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, STYLE, figure, listed, number, paragraph, table, text
 from mbaid_ros.replay.report.scene import scene
 from mbaid_ros.replay.result_json import events
-from mbaid_ros.replay.result_text import method, verdict
+from mbaid_ros.replay.result_text import likely_causes, method, verdict
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
 from mbaid_ros.replay.versions import versions
@@ -63,11 +63,11 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}',
             f'verdict {_look(run)}',
         ),
-        listed([f'Likely cause {place}: {cause}' for place, (cause, _) in enumerate(run.likeliest[:3], 1)], 'causes'),
+        _causes(run),
         listed(_notes(run, truth), 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
-        budget.section(run.final),
+        '' if run.contradicted else budget.section(run.final),
         paragraph(f'What motion would help most: {run.advice}.', 'told') if run.advice else '',
         captured_body(run),
         before_the_capture(run),
@@ -81,6 +81,14 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         _settings(run),
     ]
     return '\n'.join(part for part in parts if part)
+
+
+def _causes(run: Run) -> str:
+    """Return what may be wrong: not all of it, but one or another."""
+    if not run.likeliest:
+        return ''
+    words = 'What may be wrong, the likeliest first. Each is tried alone, so that several may be faces of one mistake.'
+    return paragraph(words) + listed([f'{line[0].upper()}{line[1:]}' for line in likely_causes(run)], 'causes')
 
 
 def _look(run: Run) -> str:
@@ -107,7 +115,8 @@ def _accuracy(run: Run, truth: Truth | None) -> str:
     if np.all(np.isnan(sigmas)):
         return ''
     worst = int(np.nanargmax(sigmas))
-    return f' Furthest from the truth is {PARAMETERS[worst]}, by {sigmas[worst]:.1f} standard deviations.'
+    name = PARAMETERS[worst]
+    return f' Furthest from the truth that came with the bag is {name}, by {sigmas[worst]:.1f} standard deviations.'
 
 
 def _notes(run: Run, truth: Truth | None) -> list[str]:
@@ -133,7 +142,9 @@ def _parameters(run: Run, truth: Truth | None) -> str:
         f"Centre of mass in the frame of link '{run.target_link}', inertia about it in that link's axes. "
         f'{final.samples} samples over {final.time:.4g} s, method {method(final)}, status {final.status}.'
     )
-    return table(head, rows) + paragraph(where, 'note')
+    if run.contradicted:
+        where = f'Not to be trusted, nor are the intervals. {where}'
+    return table(head, rows, 'untrusted' if run.contradicted else '') + paragraph(where, 'note')
 
 
 def _courses(run: Run, truth: Truth | None, name: str) -> list[str]:
