@@ -10,6 +10,7 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from benchmarks import accuracy_page, figures, pages
 from benchmarks.bound import bound
@@ -29,6 +30,9 @@ _TIMES_IN_SPACE = (10.0, 20.0, 60.0)
 _DRIFTS = (0.01, 0.1)  # m/s
 _OFFSETS = (1e5, 7e6)  # m
 _WANDER = 1e-3  # m / sqrt(s)
+_CORRELATED = 0.3  # s
+_OUTLIERS = (0.01, 0.05)
+_EVERY = 10  # joint states for an Odometry
 _SECTIONS = ('frames', 'sensors')
 _EXAMPLE = 'servicer7'  # the robot of these
 _FIGURE = 'accuracy.svg'
@@ -76,14 +80,18 @@ def main() -> int:
 
 def _measured(case: Case) -> Case:
     """Return the case whose bound of the per-sample model a case is compared with: the same with all sensors."""
-    return replace(case, sensors='all', wander=0.0)
+    return Case(case.robot, case.level, case.drift, case.offset)
 
 
 def _sensors(case: Case) -> list[Case]:
-    """Return a plain case with fewer sensors, and with odometry that wanders."""
+    """Return a plain case with fewer sensors, and with odometry whose errors are not white."""
     if case.robot != _EXAMPLE or not case.plain:
         return []
-    return [replace(case, sensors='poses'), replace(case, wander=_WANDER)]
+    odd: list[dict[str, Any]] = [{'sensors': 'poses'}, {'wander': _WANDER}, {'correlated': _CORRELATED}]
+    if case.level == 'mid':
+        odd += [{'correlated': _CORRELATED, 'sensors': 'poses'}, *({'outliers': share} for share in _OUTLIERS)]
+        odd += [{'every': _EVERY}]
+    return [replace(case, **each) for each in odd]
 
 
 def _frames(case: Case) -> list[Case]:

@@ -164,12 +164,12 @@ def _last_errors(report: Report, case: Case) -> Iterator[tuple[str, Array]]:
 
 
 def _poor(case: Case) -> bool:
-    return case.sensors == 'poses' or case.wander > 0.0
+    return not case.plain and not case.drift and not case.offset
 
 
 def _linked(report: Report) -> str:
     rows = []
-    for case in report.linked:
+    for case in [case for case in report.linked if not _poor(case)]:
         summaries = report.results[case]['trajectory']
         limits = report.linked[case]
         over = [summary.rmse / limit for summary, limit in zip(summaries, limits, strict=True)]
@@ -197,15 +197,26 @@ def _sensors(report: Report) -> str:
             method,
             f'{time:.0f} s',
             _ratio(summary),
-            percent(float(np.nanmean(summary.coverage))),
-            number(summary.nees),
+            *_against(summary, limit),
         ]
         for case in report.plan
         if _poor(case)
         for method in report.methods
-        for time, summary in zip(report.plan[case].times, report.results[case].get(method, ()), strict=False)
+        for time, summary, limit in zip(
+            report.plan[case].times, report.results[case].get(method, ()), report.linked[case], strict=False
+        )
     ]
-    return table(['robot, encoders, what differs', 'method', 'after', 'RMSE / bound', 'coverage', 'NEES'], rows) + '\n'
+    header = ['robot, encoders, what differs', 'method', 'after', 'RMSE / bound', '/ limit of these sensors']
+    return table([*header, 'coverage', 'NEES', 'its 95 % band'], rows) + '\n'
+
+
+def _against(summary: Summary, limit: Array) -> tuple[str, ...]:
+    """Return the RMSE over a limit, coverage, NEES and its band; dashes where nothing was published."""
+    if not summary.reports_std:
+        return ('-',) * 4
+    band = f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}'
+    ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
+    return number(ratio), percent(covered), number(summary.nees), band
 
 
 def _in_units(errors: Array, truth: Array) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.spoilt import correlated, outliers
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
@@ -68,6 +69,9 @@ class Case:
     offset : m, distance of the base from the odometry origin
     sensors : 'all', or 'poses': joint positions and poses alone, no velocities
     wander : m / sqrt(s), random walk of the odometry's position
+    correlated : s, time constant of the errors of the poses, which are white without
+    outliers : share of the poses that are far off
+    every : so many joint states come for each Odometry
     """
 
     robot: str
@@ -76,6 +80,9 @@ class Case:
     offset: float = 0.0
     sensors: Literal['all', 'poses'] = 'all'
     wander: float = 0.0
+    correlated: float = 0.0
+    outliers: float = 0.0
+    every: int = 1
 
     @property
     def noise(self) -> SensorNoise:
@@ -88,7 +95,11 @@ class Case:
         drift = f' drift {1e3 * self.drift:g} mm/s' if self.drift else ''
         away = f' {self.offset:.0e} m away' if self.offset else ''
         wander = f' wander {1e3 * self.wander:g} mm' if self.wander else ''
-        return f'{self.robot} {self.level}{drift}{away}{wander}{" poses alone" if self.sensors == "poses" else ""}'
+        alike = f' correlated over {self.correlated:g} s' if self.correlated else ''
+        far = f' {100.0 * self.outliers:g} % outliers' if self.outliers else ''
+        slow = f' odometry at {RATE / self.every:g} Hz' if self.every > 1 else ''
+        alone = ' poses alone' if self.sensors == 'poses' else ''
+        return f'{self.robot} {self.level}{drift}{away}{wander}{alike}{far}{slow}{alone}'
 
     @property
     def plain(self) -> bool:
@@ -221,7 +232,11 @@ def observed(
         joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
         nothing = np.full_like(base.linear_velocity, np.nan)
         base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
-    return joints, base
+    if case.correlated:
+        base = correlated(base, truth, case.correlated)
+    if case.outliers:
+        base = outliers(base, case.outliers, seed)
+    return joints, base[:: case.every]
 
 
 def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStream, BaseStream]:

@@ -47,7 +47,7 @@ class Method:
         """Tell whether it is run for a case: the paper's take all sensors, what noise is found in is plain."""
         if self.finds_noise:
             return case.plain
-        return not self.papers or (case.sensors == 'all' and not case.wander)
+        return not self.papers or case.plain or bool(case.drift or case.offset)
 
 
 METHODS = {
@@ -88,8 +88,7 @@ class Identification:
             **(settings or {}),
         }
         config = build(EstimatorConfig, values)
-        joints = self.kernel.model.joints
-        found = FoundNoise(self.noise, joints, estimate=True) if METHODS[method].finds_noise else None
+        found = FoundNoise(self.noise, self.kernel.model.joints, estimate=METHODS[method].finds_noise)
         return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP, noise=found)
 
     def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:

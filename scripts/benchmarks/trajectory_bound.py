@@ -80,10 +80,11 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
         half = 0.5 * step * turned[k]
         right = (np.eye(6) + half) @ xi[k] + step * forced[k, ANGULAR_FIRST]
         xi[k + 1] = np.linalg.solve(np.eye(6) - half, right)
-    pose = np.repeat([noise.base_orientation, noise.base_position], 3) / np.sqrt(_STRIDE)
-    rows = [(xi / pose[:, None]).reshape(-1, xi.shape[-1])]
+    pose = np.repeat([noise.base_orientation, noise.base_position], 3)
+    rows = [part.reshape(-1, xi.shape[-1]) for part in _poses(xi / pose[:, None], case, step)]
     if case.sensors == 'all':
-        twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) / np.sqrt(_STRIDE)
+        seldom = np.sqrt(case.every / _STRIDE)
+        twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) * seldom
         change = slope @ (0.5 * (xi[1:] + xi[:-1])) + forced[:, ANGULAR_FIRST]
         rows.append((change / twist[:, None]).reshape(-1, xi.shape[-1]))
     information = sum((part.T @ part for part in rows), np.zeros((xi.shape[-1],) * 2))
@@ -94,6 +95,14 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     joints = path.shape[-1]
     information[:joints, :joints] += np.kron(seen, np.eye(robot.model.joints))
     return np.asarray(information)
+
+
+def _poses(xi: Array, case: Case, step: float) -> list[Array]:
+    """Return the rows of poses at knots, relative to the noise of one: independent, or an autoregression of them."""
+    if not case.correlated:
+        return [xi * np.sqrt(_STRIDE / case.every)]
+    keep = np.exp(-step / case.correlated)
+    return [xi[:1], (xi[1:] - keep * xi[:-1]) / np.sqrt(1.0 - keep**2)]
 
 
 def _midpoints(samples: Samples, step: float) -> Midpoints:
