@@ -24,13 +24,14 @@ from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
+from mbaid_ros.core.trajectory.swinging_joints import TIMES, size, swinging
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
-from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect
+from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect, of_swinging
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
 
@@ -83,6 +84,7 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         found += yield from self._stopped(windows, base)
+        found += yield from self._swinging(windows, at, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -190,6 +192,27 @@ class Suspicion:
             if track is not None:  # what is left out counts as if it were explained
                 found.append(Suspected(stopped.text, _misfit(base) - _misfit(track.belief)))
         return found
+
+    def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
+        if _misfit(base) < WORTH:
+            return []  # there is nothing to explain
+        names, plain, quiet = self.layout.kernel.model.joint_names, self.extended(), self.hypotheses[0]
+        gains: dict[tuple[int, float], float] = {}
+
+        def tried(joint: int, times: float) -> Generator[int, None, None]:
+            passed = yield from plain.linearised(swinging(windows, joint, times, len(names)), point)
+            track = yield from plain.passed(passed, quiet, 0)
+            gains[joint, times] = track.belief.log_likelihood - base.log_likelihood
+
+        for joint in range(len(names)):
+            yield from tried(joint, TIMES[0])
+        likeliest, _ = max(gains, key=lambda each: gains[each])
+        for times in TIMES[1:] if max(gains.values()) > 0.0 else ():
+            yield from tried(likeliest, times)
+        best = max(gains, key=lambda each: gains[each])
+        # It explains whatever pushes the base in that direction: it says where, and not what happens.
+        return [Suspected(of_swinging(names[best[0]], size(windows, best[1])), gains[best], physical=False)]
 
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
