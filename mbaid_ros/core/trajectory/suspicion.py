@@ -125,7 +125,7 @@ class Suspicion:
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
                 quiet, exchanged = self.hypotheses[0], change.exchanged
                 track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=exchanged))
-                explains = track is not None and track.belief.nis < LARGEST_NIS * track.belief.measured
+                explains = track is not None and _explains(track)
                 text = of_change(time, exchanged=exchanged)
                 changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
@@ -198,21 +198,27 @@ class Suspicion:
         if _misfit(base) < WORTH:
             return []  # there is nothing to explain
         names, plain, quiet = self.layout.kernel.model.joint_names, self.extended(), self.hypotheses[0]
-        gains: dict[tuple[int, float], float] = {}
+        tracks: dict[tuple[int, float], Track] = {}
 
         def tried(joint: int, times: float) -> Generator[int, None, None]:
             passed = yield from plain.linearised(swinging(windows, joint, times, len(names)), point)
-            track = yield from plain.passed(passed, quiet, 0)
-            gains[joint, times] = track.belief.log_likelihood - base.log_likelihood
+            tracks[joint, times] = yield from plain.passed(passed, quiet, 0)
+
+        def best() -> tuple[int, float]:
+            return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
 
         for joint in range(len(names)):
             yield from tried(joint, TIMES[0])
-        likeliest, _ = max(gains, key=lambda each: gains[each])
-        for times in TIMES[1:] if max(gains.values()) > 0.0 else ():
-            yield from tried(likeliest, times)
-        best = max(gains, key=lambda each: gains[each])
-        # It explains whatever pushes the base in that direction: it says where, and not what happens.
-        return [Suspected(of_swinging(names[best[0]], size(windows, best[1])), gains[best], physical=False)]
+        likeliest, _ = best()
+        if tracks[best()].belief.log_likelihood > base.log_likelihood:
+            for times in TIMES[1:]:
+                yield from tried(likeliest, times)
+        _, times = best()
+        if not _explains(tracks[best()]):
+            return []  # something else pushes the base in that direction, too
+        # It explains whatever does: it says where, and not what happens.
+        text = of_swinging(names[likeliest], size(windows, times))
+        return [replace(each, physical=False) for each in _gained(text, tracks[best()], base)]
 
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
@@ -250,6 +256,11 @@ def _misfit(belief: Belief) -> float:
     return 0.5 * (belief.nis - belief.measured)
 
 
+def _explains(track: Track) -> bool:
+    """Tell whether a pass leaves innovations as large as they should be."""
+    return track.belief.nis < LARGEST_NIS * track.belief.measured
+
+
 def _gained(text: str, track: Track | None, base: Belief, change: Change | None = None) -> list[Suspected]:
     """Return what a cause gains over a pass without it, if it has led to anything."""
     if track is None:
@@ -271,8 +282,7 @@ def _likeliest(gains: Mapping[str, float]) -> list[str]:
 
 def _pulses(track: Track, base: Belief) -> list[Suspected]:
     """Return what would be gained by jumps of the momentum, where a few leave nothing unexplained."""
-    explains = track.belief.nis < LARGEST_NIS * track.belief.measured
-    if not explains or not 0 < len(track.jumps) <= _MOST_PULSES:
+    if not _explains(track) or not 0 < len(track.jumps) <= _MOST_PULSES:
         return []
     times = ', '.join(f'{jump.time:.1f}' for jump in track.jumps)
     return [Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood)]
