@@ -22,6 +22,7 @@ from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
+from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
 from mbaid_ros.core.trajectory.swinging_joints import TIMES, size, swinging
@@ -84,7 +85,9 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         found += yield from self._stopped(windows, base)
-        found += yield from self._swinging(windows, at, base)
+        if _misfit(base) > WORTH:
+            found += yield from self._swinging(windows, at, base)
+            found += yield from self._noisier(windows, at, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -195,14 +198,11 @@ class Suspicion:
 
     def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
-        if _misfit(base) < WORTH:
-            return []  # there is nothing to explain
-        names, plain, quiet = self.layout.kernel.model.joint_names, self.extended(), self.hypotheses[0]
+        names = self.layout.kernel.model.joint_names
         tracks: dict[tuple[int, float], Track] = {}
 
         def tried(joint: int, times: float) -> Generator[int, None, None]:
-            passed = yield from plain.linearised(swinging(windows, joint, times, len(names)), point)
-            tracks[joint, times] = yield from plain.passed(passed, quiet, 0)
+            tracks[joint, times] = yield from self._once(swinging(windows, joint, times, len(names)), point)
 
         def best() -> tuple[int, float]:
             return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
@@ -219,6 +219,18 @@ class Suspicion:
         # It explains whatever does: it says where, and not what happens.
         text = of_swinging(names[likeliest], size(windows, times))
         return [replace(each, physical=False) for each in _gained(text, tracks[best()], base)]
+
+    def _noisier(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by a base that is read with a little more noise."""
+        text, noisier = noisier_poses(windows, base.innovations)
+        if not noisier:
+            return []
+        track = yield from self._once(noisier, point)
+        return _gained(text, track, base) if _explains(track) else []
+
+    def _once(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Track]:
+        passed = yield from self.extended().linearised(windows, point)
+        return (yield from self.extended().passed(passed, self.hypotheses[0], 0))
 
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
