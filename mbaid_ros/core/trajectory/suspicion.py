@@ -25,7 +25,7 @@ from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
-from mbaid_ros.core.trajectory.swinging_joints import TIMES, size, swinging
+from mbaid_ros.core.trajectory.swinging_joints import size, swinging, times_of
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -199,6 +199,7 @@ class Suspicion:
     def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
+        first, *others = times_of(base.nis / base.measured)
         tracks: dict[tuple[int, float], Track] = {}
 
         def tried(joint: int, times: float) -> Generator[int, None, None]:
@@ -208,15 +209,14 @@ class Suspicion:
             return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
 
         for joint in range(len(names)):
-            yield from tried(joint, TIMES[0])
+            yield from tried(joint, first)
         likeliest, _ = best()
         if tracks[best()].belief.log_likelihood > base.log_likelihood:
-            for times in TIMES[1:]:
+            for times in others:
                 yield from tried(likeliest, times)
         _, times = best()
         if not _explains(tracks[best()]):
-            return []  # something else pushes the base in that direction, too
-        # It explains whatever does: it says where, and not what happens.
+            return []  # something else pushes the base, too; and what it explains it has no name for
         text = of_swinging(names[likeliest], size(windows, times))
         return [replace(each, physical=False) for each in _gained(text, tracks[best()], base)]
 

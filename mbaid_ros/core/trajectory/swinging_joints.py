@@ -14,8 +14,16 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-TIMES = (30.0, 10.0, 100.0)  # the declared noise: all joints are tried with the first, the likeliest with the others
+# The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is
+# unexplained, a swing that has died down, fewer.
+_LARGE, _SMALL = (30.0, 10.0, 100.0), (3.0, 2.0, 10.0)
+
+
+def times_of(nis: float) -> tuple[float, ...]:
+    """Return how many times as noisy a joint is tried, by the mean normalised innovation squared."""
+    return _LARGE if nis > LARGEST_NIS else _SMALL
 
 
 def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -> list[Window]:
