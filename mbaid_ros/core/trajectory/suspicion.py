@@ -223,10 +223,8 @@ class Suspicion:
     def _noisier(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a base that is read with a little more noise."""
         text, noisier = noisier_poses(windows, base.innovations)
-        if not noisier:
-            return []
-        track = yield from self._once(noisier, point)
-        return _gained(text, track, base) if _explains(track) else []
+        track = (yield from self._once(noisier, point)) if noisier else None
+        return _gained(text, track, base) if track is not None and _explains(track) else []
 
     def _once(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Track]:
         passed = yield from self.extended().linearised(windows, point)
