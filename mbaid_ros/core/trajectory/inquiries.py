@@ -51,6 +51,7 @@ class Inquiries:
         self.suspicious = False
         self._inquiry = DeferredTask[Found](suspicion.layout.size)
         self._found: Found | None = None
+        self._over = False  # whether what it was found about has ended since
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
 
     def take(self, window: Window | None, samples: Samples) -> None:
@@ -64,6 +65,7 @@ class Inquiries:
         """Begin an inquiry into a run that is suspicious, if one is due; owe a part of one that is under way."""
         self.suspicious = suspicious
         if not suspicious:
+            self._over = True
             self._onset, self._next = self._seen, max(_FIRST, self._seen)
         early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
         # A walk that leads has taken the jump up: it is there all the same.
@@ -80,7 +82,10 @@ class Inquiries:
     def work_off(self) -> bool:
         """Do a part of what an inquiry has to do before the next window; return whether some is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
-            self._found = self._inquiry.work_off() or self._found
+            found = self._inquiry.work_off()
+            # What a run still contradicts may have died down: the latest windows know nothing of it any more.
+            if found is not None and (found.causes or self._over or self._found is None):
+                self._found, self._over = found, False
         return self._inquiry.owing
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:

@@ -85,7 +85,7 @@ def joint_noise(
         stored = _by_readings(bodies[index[1]])
         samples = np.concatenate([stack.samples for stack in stacks])
         process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
-    whole = JointNoise(deviation * middle, deviation[..., None] * by_unknowns, process, stored)
+    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]
 

@@ -22,15 +22,17 @@ from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
+from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
+from mbaid_ros.core.trajectory.swinging_joints import size, swinging, times_of
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
-from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect
+from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect, of_swinging
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
 
@@ -83,6 +85,9 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         found += yield from self._stopped(windows, base)
+        if _misfit(base) > WORTH:
+            found += yield from self._swinging(windows, at, base)
+            found += yield from self._noisier(windows, at, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -123,7 +128,7 @@ class Suspicion:
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
                 quiet, exchanged = self.hypotheses[0], change.exchanged
                 track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=exchanged))
-                explains = track is not None and track.belief.nis < LARGEST_NIS * track.belief.measured
+                explains = track is not None and _explains(track)
                 text = of_change(time, exchanged=exchanged)
                 changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
@@ -191,6 +196,40 @@ class Suspicion:
                 found.append(Suspected(stopped.text, _misfit(base) - _misfit(track.belief)))
         return found
 
+    def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
+        names = self.layout.kernel.model.joint_names
+        first, *others = times_of(base.nis / base.measured)
+        tracks: dict[tuple[int, float], Track] = {}
+
+        def tried(joint: int, times: float) -> Generator[int, None, None]:
+            tracks[joint, times] = yield from self._once(swinging(windows, joint, times, len(names)), point)
+
+        def best() -> tuple[int, float]:
+            return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
+
+        for joint in range(len(names)):
+            yield from tried(joint, first)
+        likeliest, _ = best()
+        if tracks[best()].belief.log_likelihood > base.log_likelihood:
+            for times in others:
+                yield from tried(likeliest, times)
+        _, times = best()
+        if not _explains(tracks[best()]):
+            return []  # something else pushes the base, too; and what it explains it has no name for
+        text = of_swinging(names[likeliest], size(windows, times))
+        return [replace(each, physical=False) for each in _gained(text, tracks[best()], base)]
+
+    def _noisier(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained by a base that is read with a little more noise."""
+        text, noisier = noisier_poses(windows, base.innovations)
+        track = (yield from self._once(noisier, point)) if noisier else None
+        return _gained(text, track, base) if track is not None and _explains(track) else []
+
+    def _once(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Track]:
+        passed = yield from self.extended().linearised(windows, point)
+        return (yield from self.extended().passed(passed, self.hypotheses[0], 0))
+
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
 
@@ -227,6 +266,11 @@ def _misfit(belief: Belief) -> float:
     return 0.5 * (belief.nis - belief.measured)
 
 
+def _explains(track: Track) -> bool:
+    """Tell whether a pass leaves innovations as large as they should be."""
+    return track.belief.nis < LARGEST_NIS * track.belief.measured
+
+
 def _gained(text: str, track: Track | None, base: Belief, change: Change | None = None) -> list[Suspected]:
     """Return what a cause gains over a pass without it, if it has led to anything."""
     if track is None:
@@ -248,8 +292,7 @@ def _likeliest(gains: Mapping[str, float]) -> list[str]:
 
 def _pulses(track: Track, base: Belief) -> list[Suspected]:
     """Return what would be gained by jumps of the momentum, where a few leave nothing unexplained."""
-    explains = track.belief.nis < LARGEST_NIS * track.belief.measured
-    if not explains or not 0 < len(track.jumps) <= _MOST_PULSES:
+    if not _explains(track) or not 0 < len(track.jumps) <= _MOST_PULSES:
         return []
     times = ', '.join(f'{jump.time:.1f}' for jump in track.jumps)
     return [Suspected(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood)]

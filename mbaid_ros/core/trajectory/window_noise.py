@@ -19,7 +19,7 @@ class WindowNoise:
     Attributes
     ----------
     samples : number in the window
-    joint_position : one standard deviation of one sample, rad or m
+    joint_position : one standard deviation of one sample, rad or m; (n,) where joints differ
     pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
     twist : (6, 6) of one sample, (angular, linear), base axes
     gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
@@ -27,7 +27,7 @@ class WindowNoise:
     """
 
     samples: int
-    joint_position: float
+    joint_position: float | Array
     pose: Array
     twist: Array
     gyro: float = 0.0

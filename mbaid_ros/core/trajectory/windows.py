@@ -136,8 +136,8 @@ class Stack:
 
     @cached_property
     def joint_variance(self) -> Array:
-        """Of the joint positions' noise in one sample, (B, 1, 1) rad^2 or m^2."""
-        return np.array([window.noise.joint_position**2 for window in self.windows])[:, None, None]
+        """Of the joint positions' noise in one sample, (B, 1, 1) rad^2 or m^2; (B, 1, n) where joints differ."""
+        return np.stack([np.atleast_1d(window.noise.joint_position**2) for window in self.windows])[:, None, :]
 
     @cached_property
     def pose_covariance(self) -> Array:

@@ -51,6 +51,14 @@ def of_line(frequency: float) -> str:
     return f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
 
 
+def of_swinging(joint: str, size: float) -> str:
+    """Return that what a joint carries swings against its encoder by a size, rad or m."""
+    return (
+        f'{joint} is flexible or has play: what it carries swings against its encoder by about {1e3 * size:.1g} mrad '
+        '(mm), as a spring does or a loose encoder'
+    )
+
+
 def of_size(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
     """Return that a thing, or all of a kind, is so many times as far off as declared.
 

@@ -13,6 +13,7 @@ from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
 
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong
 _OUTLIERS = 0.002  # share of the poses
+NOISE = 'noise.'  # what begins with it names a parameter of the noise
 CATCH_ALL = 0.95  # what explains anything counts so much of what it gains
 
 
@@ -34,8 +35,13 @@ def ranked(
     correlated : s, over which they say that the odometry's errors are correlated beyond what is declared, and the
         log-likelihood that tells it; 0 where they are not
     """
+    noise = _noise(innovations, rough)
+    if noise:  # what samples show of the noise is what a pass with more of it has gained by
+        of_passes = [gain for text, (gain, _) in inquired.items() if text.startswith(NOISE)]
+        noise = [Cause(each.text, max(each.gain, *of_passes)) if of_passes else each for each in noise]
+        inquired = {text: found for text, found in inquired.items() if not text.startswith(NOISE)}
     causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
-    causes += _noise(innovations, rough)
+    causes += noise
     time, gain = correlated
     if time > 0.0:
         causes.append(Cause(correlated_cause(time), misfit + gain))
