@@ -14,7 +14,8 @@ from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.state import MOMENTUM, POSE
-from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.integrated_twist import Carried
+from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
@@ -28,19 +29,27 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
     the 1 is a triangle U with U^T U the inverse of the innovations' covariance, and U times the innovations, which is
     left of the values, is the innovations normalised, each given those after it. So the rows are taken in reverse.
     """
-    size, (count, columns) = belief.size, window.rows.shape
+    before = belief.root if window.carried is None else linked_before(belief, window.carried)
+    size, (count, columns), link = len(before), window.rows.shape, len(before) - belief.size
     inner = size + count
     triangle = np.zeros((inner + 2, inner + 2), order='F')
-    triangle[:size, :size], triangle[:size, inner:] = belief.root[:, :size], belief.root[:, size:]
+    triangle[:size, :size], triangle[:size, inner:] = before[:, :size], before[:, size:]
     rows = np.zeros((count, inner + 2), order='F')
-    rows[:, :columns], rows[:, size:inner], rows[:, -1] = window.rows[::-1], _identity(count), window.value[::-1]
+    rows[:, link : link + columns], rows[:, size:inner] = window.rows[::-1], _identity(count)
+    rows[:, -1] = window.value[::-1]
+    if window.carried is not None:
+        rows[:, :link] = np.concatenate((window.carried.by_noise, window.carried.by_carried), axis=1)[::-1]
     triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
-    root = np.empty((size, size + 2), order='F')
-    root[:, :size], root[:, size:] = triangle[:size, :size], triangle[:size, inner:]
+    root = np.empty((belief.size, belief.size + 2), order='F')
+    root[:, :-2], root[:, -2:] = triangle[link:size, link:size], triangle[link:size, inner:]
+    carried = None
+    if window.carried is not None:
+        carried = np.concatenate((triangle[:link, :size], triangle[:link, inner:]), axis=1)
+    size = belief.size
     score = np.zeros(size)
     score[:columns] = window.shared
     root[:, -2] += dtrtrs(root[:, :size], score, trans=1)[0]
-    left, diagonal = triangle[size:inner, -1], triangle.diagonal()[size:inner]
+    left, diagonal = triangle[-count - 2 : -2, -1], triangle.diagonal()[-count - 2 : -2]
     nis = float(left @ left)
     growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
     return Belief(
@@ -51,11 +60,14 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
         nis,
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
+        carried,
     )
 
 
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
     """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
+    if window.carried is not None and belief.carried is not None:
+        return _advanced_with_link(belief, window, variables, hypothesis)
     root, head, poses, columns = belief.root, variables.head, variables.poses, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
     back = root[:head, :head] @ window.back
@@ -72,6 +84,64 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
     if variables.walks.shape[1]:
         return advanced.with_root(_walked(advanced.root, np.sqrt(window.length) * variables.walks, columns))
     return advanced
+
+
+def linked_before(belief: Belief, carried: Carried) -> Array:
+    """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
+
+    Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
+    """
+    count, size = carried.by_carried.shape[1], belief.size
+    root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
+    root[:count, :count] = _identity(count)
+    own = slice(count, 2 * count)
+    if belief.carried is None:
+        root[own, own] = _identity(count) / OPEN_LENGTH
+    else:
+        root[own, count:] = belief.carried
+    root[2 * count :, 2 * count :] = belief.root
+    return root
+
+
+def _advanced_with_link(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
+    """Return the belief at the next window's first knot with what is carried there (docs/trajectory.md, eq. 10)."""
+    carried, rows = window.carried, belief.carried
+    assert carried is not None, 'a window of integrated twist'
+    assert rows is not None, 'an update has been made'
+    root, head, poses, columns = belief.root, variables.head, variables.poses, len(variables.scale)
+    count = len(carried.way_value)
+    # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
+    gain = rows[:, :count] @ carried.back
+    ahead = np.zeros((len(rows) + head, 2 * count))  # of c and c'
+    ahead[: len(rows), :count], ahead[: len(rows), count:] = rows[:, count : 2 * count] - gain, gain
+    state = np.concatenate((rows[:, 2 * count :], root[:head]))
+    state[: len(rows), :columns] -= gain @ carried.way_rows
+    state[: len(rows), -1] -= gain @ carried.way_value
+    noise = np.zeros((len(state), carried.process.shape[1]))
+    noise[: len(rows)] = gain @ carried.process
+    # The rest is as without a link.
+    back = state[:, :head] @ window.back
+    of_poses = back[:, :poses]
+    rest = state[:, head:]
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ window.brought[:, head:]
+    if hypothesis.force != 'none':
+        rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
+    rest[:, -1] += of_poses @ window.drift
+    noise += of_poses @ window.process
+    if hypothesis.walking.size:
+        noise = np.concatenate((noise, np.sqrt(window.length) * (back @ _walk(hypothesis, variables))), axis=1)
+    gone = noise.shape[1] + count
+    wide = np.zeros((noise.shape[1] + len(state), gone + count + head + rest.shape[1]), order='F')
+    wide[: noise.shape[1], : noise.shape[1]] = _identity(noise.shape[1])
+    wide[noise.shape[1] :] = np.concatenate((-noise, ahead, back, rest), axis=1)
+    triangle = dgeqrf(wide, overwrite_a=True)[0][gone:, gone:]
+    whole = np.zeros((count + len(root), count + len(root) + 2), order='F')
+    whole[: count + head] = triangle
+    whole[: count + head, : count + head] *= _upper(count + head)
+    whole[count + head :, count + head :] = root[head:, head:]
+    if variables.walks.shape[1]:
+        whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
+    return belief.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
 
 
 def pose_reset(belief: Belief, variables: Variables) -> Belief:
