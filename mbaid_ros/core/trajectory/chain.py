@@ -150,7 +150,7 @@ def _models(
     pose, twist = readings(layout, stack, predicted, motion, slope)
     ways = np.full(len(stack.windows), None)
     if integrated.any():
-        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope, noise.stored)
+        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
         ways = np.where(integrated, whole.each(), None)
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),

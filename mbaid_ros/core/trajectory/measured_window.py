@@ -153,6 +153,7 @@ def integrated_twist(
     predicted: Prediction,
     errors: Array,
     point: Point,
+    *,
     slope: Array,
     stored: Array,
 ) -> IntegratedTwist:
