@@ -148,10 +148,10 @@ def _models(
     if middle.gyro_gain.shape[-1]:
         in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
     pose, twist = readings(layout, stack, predicted, motion, slope)
-    ways = np.full(len(stack.windows), None)
+    ways: Array = np.full(len(stack.windows), None)
     if integrated.any():
         whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
-        ways = np.where(integrated, whole.each(), None)
+        ways[integrated] = whole.each()[integrated]
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),
         stack.pose_covariance / stack.samples + ends * of_joints,
