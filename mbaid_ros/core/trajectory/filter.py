@@ -143,7 +143,7 @@ def _advanced_with_link(
     known[: len(rows), walks + count : walks + 2 * count] = gain
     gone, ahead = walks + count, count + head
     triangle = dgeqrf(wide, overwrite_a=True)[0][gone:, gone:]
-    whole = np.zeros((count + len(root), count + len(root) + 2), order='F')
+    whole: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
     whole[:ahead, :ahead], whole[:ahead, ahead:] = triangle[:, :ahead] * _upper(ahead), triangle[:, ahead:]
     whole[ahead:, ahead:] = root[head:, head:]
     if variables.walks.shape[1]:

@@ -170,7 +170,9 @@ def integrated_twist(
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
     nothing = np.ones(len(stack.windows))
     left = count * np.sum((share * of_mean) ** 2) - share**2
-    return IntegratedTwist(*parts, white, share * nothing, left * nothing, stack.whitening[:, 0])
+    return IntegratedTwist(
+        parts[0], parts[1], parts[2], parts[3], white, share * nothing, left * nothing, stack.whitening[:, 0]
+    )
 
 
 def _white(stack: Stack, rotation: Array, stored: Array) -> Array:

@@ -75,12 +75,14 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         which = np.flatnonzero(integrated)
         chosen = windows[which]
         parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
-        both = linked(IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables)
-        weighed[which] = both.weighed
-        all_places = np.arange(both.value.shape[1])
+        joined = linked(
+            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
+        )
+        weighed[which] = joined.weighed
+        all_places = np.arange(joined.value.shape[1])
         for place, index in enumerate(which.tolist()):
-            measured[index] = (both.value[place], both.rows[place], both.log_noise[place], all_places)
-            carried[index] = both.carried[place]
+            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
+            carried[index] = joined.carried[place]
     alone = np.where(integrated[:, None], np.nan, windows.twist_value)
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
