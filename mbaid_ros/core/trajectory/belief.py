@@ -6,7 +6,7 @@ reflections make it triangular again, and what no window has seen of an unknown 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,8 +96,7 @@ class Belief:
 
     def with_root(self, root: Array, carried: Array | None = None) -> Belief:
         """Return the same with other variables, (v, v + 2), and what is carried: what has been measured stays."""
-        measured = (value for name, value in vars(self).items() if name not in {'root', 'carried'})
-        return Belief(root, *measured, carried)
+        return replace(self, root=root, carried=carried)
 
 
 @dataclass(frozen=True, eq=False)

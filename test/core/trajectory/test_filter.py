@@ -304,7 +304,7 @@ def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
     assert rows.T @ rows == pytest.approx(expected)
 
 
-def test_the_linked_filter_is_least_squares() -> None:
+def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
     rng = np.random.default_rng(0)
     space, count = variables(rng), 3
     models = []
@@ -323,9 +323,11 @@ def test_the_linked_filter_is_least_squares() -> None:
         belief = advance(update(belief, white), white, space, UNDISTURBED)
     # All at once, over the first state, c, and the noise q of each window's way.
     size = STATE + 6 + 6 * count
-    whole, carried = np.eye(STATE, size), np.zeros((6, size))
+    whole: Array = np.eye(STATE, size)
+    carried: Array = np.zeros((6, size))
     carried[:, STATE : STATE + 6] = np.eye(6)
-    constant, carried_constant = np.zeros(STATE), np.zeros(6)
+    constant: Array = np.zeros(STATE)
+    carried_constant: Array = np.zeros(6)
     deviation = np.concatenate((np.diag(space.factor), np.full(6, OPEN_LENGTH), np.ones(6 * count)))
     information = np.diag(deviation**-2.0)
     right = information @ np.concatenate((space.mean, np.zeros(size - STATE)))
