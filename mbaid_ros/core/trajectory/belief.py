@@ -6,7 +6,7 @@ reflections make it triangular again, and what no window has seen of an unknown 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,8 @@ class Belief:
     nis, measured : sum of the normalised innovations squared, and how many there were
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
+    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
+        (`Carried`), or between an update and the step after it of its noise and these; None where nothing links it
     """
 
     root: Array
@@ -44,6 +46,7 @@ class Belief:
     last_nis: float = 0.0
     last_measured: int = 0
     log_likelihood: float = 0.0
+    carried: Array | None = None
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:
@@ -91,9 +94,9 @@ class Belief:
         """The mean without the correction for shared noise, (v,)."""
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
-    def with_root(self, root: Array) -> Belief:
-        """Return the same with other variables, (v, v + 2): what has been measured stays."""
-        return Belief(root, *(value for name, value in vars(self).items() if name != 'root'))
+    def with_root(self, root: Array, carried: Array | None = None) -> Belief:
+        """Return the same with other variables, (v, v + 2), and what is carried: what has been measured stays."""
+        return replace(self, root=root, carried=carried)
 
 
 @dataclass(frozen=True, eq=False)

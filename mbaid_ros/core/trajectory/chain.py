@@ -10,7 +10,7 @@ The state is that of `state`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mbaid_ros.core.trajectory.joint_loads import by_deflections
 from mbaid_ros.core.trajectory.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.measured_window import (
+    integrated_twist,
     pose_measurement,
     readings,
     state_rows,
@@ -55,6 +56,7 @@ class WindowModel:
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     brought : (6, s) what the unknowns make of (P, L) on the way to the next window
+    integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     """
 
     pose_value: Array
@@ -74,6 +76,7 @@ class WindowModel:
     rotation: Array
     position: Array
     brought: Array
+    integrated: Array = field(default_factory=lambda: np.array(None))
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
         """Return the model of one of several windows, or of some."""
@@ -138,12 +141,17 @@ def _models(
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     change = stack.whitening
+    integrated = stack.integrates_twist
     # The joints' errors, independent from knot to knot, are in the change by those of two knots.
-    ends = (1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
+    ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
     if middle.gyro_gain.shape[-1]:
         in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
     pose, twist = readings(layout, stack, predicted, motion, slope)
+    ways: Array = np.full(len(stack.windows), None)
+    if integrated.any():
+        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
+        ways[integrated] = whole.each()[integrated]
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),
         stack.pose_covariance / stack.samples + ends * of_joints,
@@ -160,6 +168,7 @@ def _models(
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         brought=brought,
+        integrated=ways,
     )
 
 

@@ -13,8 +13,9 @@ from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.integrated_twist import Carried
 from mbaid_ros.core.trajectory.state import MOMENTUM, POSE
-from mbaid_ros.core.trajectory.variables import Variables
+from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
@@ -28,19 +29,26 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
     the 1 is a triangle U with U^T U the inverse of the innovations' covariance, and U times the innovations, which is
     left of the values, is the innovations normalised, each given those after it. So the rows are taken in reverse.
     """
-    size, (count, columns) = belief.size, window.rows.shape
+    before = belief.root if window.carried is None else _linked_before(belief, window.carried)
+    size, (count, columns), link = len(before), window.rows.shape, len(before) - belief.size
     inner = size + count
     triangle = np.zeros((inner + 2, inner + 2), order='F')
-    triangle[:size, :size], triangle[:size, inner:] = belief.root[:, :size], belief.root[:, size:]
+    triangle[:size, :size], triangle[:size, inner:] = before[:, :size], before[:, size:]
     rows = np.zeros((count, inner + 2), order='F')
-    rows[:, :columns], rows[:, size:inner], rows[:, -1] = window.rows[::-1], _identity(count), window.value[::-1]
+    rows[:, link : link + columns], rows[:, size:inner] = window.rows[::-1], _identity(count)
+    rows[:, -1] = window.value[::-1]
+    if window.carried is not None:
+        rows[:, :link] = np.concatenate((window.carried.by_noise, window.carried.by_carried), axis=1)[::-1]
     triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
-    root = np.empty((size, size + 2), order='F')
-    root[:, :size], root[:, size:] = triangle[:size, :size], triangle[:size, inner:]
-    score = np.zeros(size)
+    root = np.empty((belief.size, belief.size + 2), order='F')
+    root[:, :-2], root[:, -2:] = triangle[link:size, link:size], triangle[link:size, inner:]
+    carried = None
+    if window.carried is not None:
+        carried = np.concatenate((triangle[:link, :size], triangle[:link, inner:]), axis=1)
+    score = np.zeros(belief.size)
     score[:columns] = window.shared
-    root[:, -2] += dtrtrs(root[:, :size], score, trans=1)[0]
-    left, diagonal = triangle[size:inner, -1], triangle.diagonal()[size:inner]
+    root[:, -2] += dtrtrs(root[:, :-2], score, trans=1)[0]
+    left, diagonal = triangle[-count - 2 : -2, -1], triangle.diagonal()[-count - 2 : -2]
     nis = float(left @ left)
     growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
     return Belief(
@@ -51,16 +59,31 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
         nis,
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
+        carried,
     )
 
 
 def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis) -> Belief:
     """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
-    root, head, poses, columns = belief.root, variables.head, variables.poses, len(variables.scale)
+    if window.carried is not None and belief.carried is not None:
+        return _advanced_with_link(belief, belief.carried, window, window.carried, variables, hypothesis)
+    root = belief.root
+    advanced = belief.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
+    if variables.walks.shape[1]:
+        walk = np.sqrt(window.length) * variables.walks
+        return advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
+    return advanced
+
+
+def _stepped(
+    rows: Array, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
+) -> tuple[Array, Array, Array]:
+    """Return rows (r, v + 2) at the next window's first knot, as `_eliminated` takes them: back, noise and rest."""
+    head, poses, columns = variables.head, variables.poses, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
-    back = root[:head, :head] @ window.back
+    back = rows[:, :head] @ window.back
     of_poses = back[:, :poses]
-    rest = root[:head, head:].copy()
+    rest = rows[:, head:].copy()
     rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ window.brought[:, head:]
     if hypothesis.force != 'none':
         rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
@@ -68,10 +91,64 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
     noise = of_poses @ window.process
     if hypothesis.walking.size:
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ _walk(hypothesis, variables))), axis=1)
-    advanced = belief.with_root(_eliminated(root, back, noise, rest))
+    return back, noise, rest
+
+
+def _linked_before(belief: Belief, carried: Carried) -> Array:
+    """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
+
+    Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
+    """
+    count, size = carried.by_carried.shape[1], belief.size
+    root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
+    root[:count, :count] = _identity(count)
+    own = slice(count, 2 * count)
+    if belief.carried is None:
+        root[own, own] = _identity(count) / OPEN_LENGTH
+    else:
+        root[own, count:] = belief.carried
+    root[2 * count :, 2 * count :] = belief.root
+    return root
+
+
+def _advanced_with_link(
+    belief: Belief,
+    rows: Array,
+    window: WhitenedWindow,
+    carried: Carried,
+    variables: Variables,
+    hypothesis: Hypothesis,
+) -> Belief:
+    """Return the belief at the next window's first knot with what is carried there (docs/trajectory.md, eq. 10).
+
+    Parameters
+    ----------
+    rows : (2 k, 2 k + v + 2) of the window's noise q and of what is carried, as the update has left them
+    belief, window, carried, variables, hypothesis : as for `advance`
+    """
+    root, head, columns, count = belief.root, variables.head, len(variables.scale), len(carried.way_value)
+    # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
+    gain = rows[:, :count] @ carried.back
+    state = np.concatenate((rows[:, 2 * count :], root[:head]))
+    state[: len(rows), :columns] -= gain @ carried.way_rows
+    state[: len(rows), -1] -= gain @ carried.way_value
+    back, noise, rest = _stepped(state, window, variables, hypothesis)
+    noise[: len(rows), : carried.process.shape[1]] += gain @ carried.process
+    walks = noise.shape[1]
+    wide = np.zeros((walks + len(state), walks + 2 * count + head + rest.shape[1]), order='F')
+    wide[:walks, :walks] = _identity(walks)
+    known = wide[walks:]
+    known[:, :walks], known[:, walks + 2 * count : -rest.shape[1]], known[:, -rest.shape[1] :] = -noise, back, rest
+    known[: len(rows), walks : walks + count] = rows[:, count : 2 * count] - gain
+    known[: len(rows), walks + count : walks + 2 * count] = gain
+    gone, ahead = walks + count, count + head
+    triangle = dgeqrf(wide, overwrite_a=True)[0][gone:, gone:]
+    whole: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
+    whole[:ahead, :ahead], whole[:ahead, ahead:] = triangle[:, :ahead] * _upper(ahead), triangle[:, ahead:]
+    whole[ahead:, ahead:] = root[head:, head:]
     if variables.walks.shape[1]:
-        return advanced.with_root(_walked(advanced.root, np.sqrt(window.length) * variables.walks, columns))
-    return advanced
+        whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
+    return belief.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
 
 
 def pose_reset(belief: Belief, variables: Variables) -> Belief:

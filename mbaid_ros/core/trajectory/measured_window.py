@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
+from mbaid_ros.core.trajectory.integrated_twist import IntegratedTwist, weights_of_ways
 from mbaid_ros.core.trajectory.interpolation import Midpoints, gradient
 from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, Prediction
 from mbaid_ros.core.trajectory.state import Layout, Point
@@ -20,11 +21,20 @@ from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
 
 
 def readings(
-    layout: Layout, stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array
+    layout: Layout,
+    stack: Stack,
+    predicted: Prediction,
+    motion: tuple[Midpoints, slice],
+    slope: Array,
+    weights: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read."""
+    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read.
+
+    Weights (m,) of the twists are those of `twist_measurement`.
+    """
     around, inside = motion
-    windows, weight = predicted.twist.shape[1], _weights(inside.stop - inside.start)[:, None, None]
+    weights = _weights(inside.stop - inside.start) if weights is None else weights
+    windows, weight = predicted.twist.shape[1], weights[:, None, None]
     twist = _at_knots(predicted.twist, inside)
     change = stack.whitening
     own = predicted.twist[inside]
@@ -110,13 +120,19 @@ def pose_measurement(errors: Array, change: Array, readings: Array, point: Array
 
 
 def twist_measurement(
-    errors: Array, prediction: Prediction, middle: Midpoints, point: Point, readings: Array
+    errors: Array,
+    prediction: Prediction,
+    middle: Midpoints,
+    point: Point,
+    readings: Array,
+    weights: Array | None = None,
 ) -> tuple[Array, Array]:
     """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
 
     What a gyro measures is turned by the measured pose, as the twist is; on a link it is what the joints leave of it.
+    Weights (m,) are a parabola's, where none are given.
     """
-    weight = _weights(len(middle))[:, None, None]
+    weight = (_weights(len(middle)) if weights is None else weights)[:, None, None]
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
     model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
@@ -128,6 +144,42 @@ def twist_measurement(
         turned = _total(weight * (rotate(middle.imu_axes, middle.gyro) - middle.imu_rate))
         measured = np.concatenate((measured, turned), axis=1)
     return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
+
+
+def integrated_twist(
+    layout: Layout,
+    stack: Stack,
+    motion: tuple[Midpoints, slice],
+    predicted: Prediction,
+    errors: Array,
+    point: Point,
+    *,
+    slope: Array,
+    stored: Array,
+) -> IntegratedTwist:
+    """Return what the twists of a stack's windows add up to; arguments as of `readings` and `twist_measurement`."""
+    (around, inside), spacing = motion, stack.windows[0].spacing
+    middle, count = around[inside], inside.stop - inside.start
+    of_way, of_mean = weights_of_ways(count)
+    parts: list[Array] = []
+    share = 0.5 * (count - 1.0) / count
+    for weights, size in ((of_way, count * spacing), (of_mean, share * count * spacing)):
+        rates = readings(layout, stack, predicted, motion, slope, weights)[1]
+        value, rows = twist_measurement(errors, predicted[inside], middle, point, rates, weights)
+        parts += [size * value, size * rows]
+    white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
+    nothing = np.ones(len(stack.windows))
+    left = count * np.sum((share * of_mean) ** 2) - share**2
+    return IntegratedTwist(
+        parts[0], parts[1], parts[2], parts[3], white, share * nothing, left * nothing, stack.whitening[:, 0]
+    )
+
+
+def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance of the white noise of one twist, and of what is read of stored momentum."""
+    axes = np.zeros((len(rotation), 6, 6))
+    axes[..., :3, :3] = axes[..., 3:, 3:] = rotation
+    return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))
 
 
 def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array) -> Array:

@@ -16,7 +16,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors
 # Standard deviations of the first pose's error, and of momentum and body in typical sizes: no prior, in effect.
-_OPEN_ANGLE, _OPEN_LENGTH = 1e-2, 0.1  # rad, m
+_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m
 _OPEN = 30.0
 # Standard deviation of a constant force (N) and torque (N m), in typical sizes of the momentum: far above a leak's.
 _FORCE = 1e-3
@@ -158,7 +158,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
     sizes[LINEAR], sizes[ANGULAR], sizes[BODY] = typical[10:13], typical[13:16], typical[:10]
     deviation = sizes.copy()
-    deviation[:3], deviation[3:6] = _OPEN_ANGLE, _OPEN_LENGTH
+    deviation[:3], deviation[3:6] = _OPEN_ANGLE, OPEN_LENGTH
     deviation[MOMENTUM.start : BODY.stop] *= _OPEN
     if uncertainty.linear_momentum > 0.0:
         deviation[LINEAR] = uncertainty.linear_momentum

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.integrated_twist import Carried, IntegratedTwist, linked
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import Variables
@@ -33,6 +34,7 @@ class WhitenedWindow:
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
     length : s
     places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
+    carried : where the twist is integrated, what links it to the windows before and after
     """
 
     value: Array
@@ -49,6 +51,7 @@ class WhitenedWindow:
     in_base_axes: Array
     length: float
     places: Integers
+    carried: Carried | None = None
 
     def push(self, axes: Axes) -> Array:
         """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
@@ -66,7 +69,22 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
-    for moving, select, of_rates in _rates(windows.twist_value, variables):
+    integrated = np.array([each is not None for each in windows.integrated])
+    carried: list[Carried | None] = [None] * len(measured)
+    if integrated.any():
+        which = np.flatnonzero(integrated)
+        chosen = windows[which]
+        parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
+        joined = linked(
+            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
+        )
+        weighed[which] = joined.weighed
+        all_places = np.arange(joined.value.shape[1])
+        for place, index in enumerate(which.tolist()):
+            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
+            carried[index] = joined.carried[place]
+    alone = np.where(integrated[:, None], np.nan, windows.twist_value)
+    for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
         value = np.nan_to_num(value)  # of what is not among these
@@ -98,6 +116,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             *_pushes(windows, variables),
             windows.length.tolist(),
             (each[3] for each in measured),
+            carried,
             strict=True,
         )
     ]

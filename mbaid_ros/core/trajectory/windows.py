@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, crossed, rotate_back
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, rotate_back
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.trajectory.gyro_link import on_link
 from mbaid_ros.core.trajectory.interpolation import Midpoints, midpoints, with_joints_later
@@ -133,6 +133,15 @@ class Stack:
         step = -np.expm1(-self.windows[0].spacing / np.where(times > 0.0, times, np.inf))
         first, last, _ = self.windows[0].inside.indices(len(self.knots))
         return np.where(times > 0.0, 1.0 / ((last - first) * np.where(times > 0.0, step, 1.0)), 0.0)[:, None]
+
+    @cached_property
+    def integrates_twist(self) -> Flags:
+        """Which windows' twist counts by its integral (B,): where poses are correlated, and there is no gyro beside."""
+        inside = self.windows[0].inside
+        twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
+        if self.knots.gyro.shape[-1]:
+            return np.zeros_like(twist)
+        return np.asarray((self.whitening[:, 0] > 0.0) & twist & np.isfinite(self.pose_covariance).all(axis=(1, 2)))
 
     @cached_property
     def joint_variance(self) -> Array:
