@@ -55,6 +55,7 @@ class WindowModel:
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     brought : (6, s) what the unknowns make of (P, L) on the way to the next window
+    stepped : (6, f) how far the base goes there with each of the unknowns' numbers that wander, when that grows by one
     """
 
     pose_value: Array
@@ -74,6 +75,7 @@ class WindowModel:
     rotation: Array
     position: Array
     brought: Array
+    stepped: Array
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
         """Return the model of one of several windows, or of some."""
@@ -160,6 +162,7 @@ def _models(
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         brought=brought,
+        stepped=noise.stepped,
     )
 
 
