@@ -16,12 +16,12 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.filter import _wandered
-from mbaid_ros.core.trajectory.state import layout_of
-from mbaid_ros.core.trajectory.variables import variables
+from mbaid_ros.core.trajectory.state import BODY, layout_of
+from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
 from mbaid_ros.core.unknowns.joint_tracking import JointTracking, joint_tracking
-from observed import MID, kernel, observe, windows
+from observed import MID, observe, windows
 
 SIZE, TIME = 1e-3, 2.0  # rad, s
 SECONDS = 25.0
@@ -71,12 +71,13 @@ def test_what_wanders_takes_the_pose_along() -> None:
     """The covariance after a step is that of the linear map that it is."""
     rng = np.random.default_rng(3)
     size, poses, places = 9, 3, np.array([5, 7])
-    root = np.asfortranarray(np.column_stack((np.triu(rng.normal(size=(size, size)) + 3.0 * np.eye(size)), np.zeros((size, 2)))))
+    triangle = np.triu(rng.normal(size=(size, size)) + 3.0 * np.eye(size))
+    root = np.asfortranarray(np.column_stack((triangle, np.zeros((size, 2)))))
     root[:, -1] = rng.normal(size=size)
     stepped, kept = rng.normal(size=(poses, 2)), np.array([0.8, 0.0])
     mapped, noise = np.eye(size), np.zeros((size, 2))
     mapped[places, places] = kept
-    mapped[np.ix_(range(poses), places)] = stepped * (kept - 1.0)
+    mapped[np.ix_(np.arange(poses), places)] = stepped * (kept - 1.0)
     deviation = np.sqrt(1.0 - kept**2)
     noise[places] = np.diag(deviation)
     noise[:poses] = stepped * deviation
@@ -87,6 +88,21 @@ def test_what_wanders_takes_the_pose_along() -> None:
     assert factor @ after[:, -1] == pytest.approx(mapped @ back @ root[:, -1])
 
 
+def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
+    """The force, whose numbers come last, is another one then: nothing is known of it, and of the rest what was."""
+    rng, size = np.random.default_rng(5), BODY.stop
+    scale = np.eye(size)
+    space = Variables(scale, np.ones(size), np.eye(6), np.eye(6), np.zeros(size), scale, np.zeros((0, 0)), np.ones(6))
+    root = np.triu(rng.normal(size=(size + 3, size + 3)) + 5.0 * np.eye(size + 3))
+    both = np.column_stack((root, np.zeros(size + 3), rng.normal(size=size + 3)))
+    left = space.going_on(both, np.ones(size), exchanged=False).left
+    assert left is not None
+    factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
+    assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
+    assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])
+
+
+@pytest.mark.long
 def test_a_servicer_whose_commands_are_logged(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
     truth = float_freely(servicer7, joints, start, SECONDS)
     misfits, silent = [], []
