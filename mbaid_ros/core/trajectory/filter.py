@@ -177,8 +177,8 @@ def _forgotten(root: Array, variables: Variables) -> Array:
 def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
     """Return the triangle after some variables have become a part of themselves, and others up to unit variance.
 
-    Before (v) and after (v'), v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of v,
-    x' and v', of which v is eliminated.
+    Before (v) and after (v'), v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
+    v, x' and v', of which v is eliminated.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class Uncertainty:
     orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle : the orbit that is declared, where it may be no circle
     torque : N m, of a torque from outside in base axes
-    tracking, tracking_time : of each joint: rad (m for a prismatic one), how far it wanders from where it is read to be,
-        and s, over which it does; empty is not at all
+    tracking, tracking_time : of each joint: rad (m for a prismatic one), how far it wanders from where it is read to
+        be, and s, over which it does; empty is not at all
     """
 
     zeros: Sequence[float] = ()

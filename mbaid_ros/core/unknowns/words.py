@@ -104,8 +104,8 @@ def of_suspect(cause: str, value: Array) -> str:
         )
     told = {
         'zero': f'the zero of {name} is off by {1e3 * float(np.sum(value)):+.3g} mrad (mm): measure it',
-        TRACKING: f'{name} is {1e3 * float(np.sum(value)):+.3g} mrad (mm) from where it is read to be: log encoders, or '
-        'raise known_joints.tracking_std',
+        TRACKING: f'{name} is {1e3 * float(np.sum(value)):+.3g} mrad (mm) from where it is read to be: log encoders, '
+        'or raise known_joints.tracking_std',
         'origin': f'the origin of {name} is off by {1e3 * size:.3g} mm: check the URDF',
         'axis': f'the axis of {name} is off by {1e3 * size:.3g} mrad: check the URDF',
         'time offset': f'the joints are stamped {1e3 * float(np.sum(value)):+.3g} ms late: check the stamps',
