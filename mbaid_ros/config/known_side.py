@@ -69,7 +69,8 @@ class RunJointDeviations(JointDeviations):
     tracking_std: float = parameter(
         0.0,
         'Standard deviation of what the true position of every joint wanders by about the measured one and its zero, '
-        'as where joint states hold commands, which the arm follows with errors; in m for a prismatic joint; 0 is none.',
+        'as where joint states hold commands, which the arm follows with errors; in m for a prismatic joint; 0 is '
+        'none.',
         unit='rad',
         minimum=0.0,
     )
