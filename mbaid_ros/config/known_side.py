@@ -56,17 +56,38 @@ class KnownLinksConfig:
     )
     calibration: str = parameter(
         '',
-        'JSON file of calibrate, whose covariance of links, joints and mount counts, not relative_std, known_joints '
-        'and odometry_mount; the URDF is then the one it wrote.',
+        'JSON file of calibrate, whose covariance of links, joints and mount counts, not relative_std, the zeros, '
+        'origins and axes of known_joints, and odometry_mount; the URDF is then the one it wrote.',
     )
     links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig(JointDeviations):
+class RunJointDeviations(JointDeviations):
+    """The same, and how far joints wander from where they are read to be."""
+
+    tracking_std: float = parameter(
+        0.0,
+        'Standard deviation of what the true position of every joint wanders by about the measured one and its zero, '
+        'as where joint states hold commands, which the arm follows with errors; in m for a prismatic joint; 0 is '
+        'none.',
+        unit='rad',
+        minimum=0.0,
+    )
+    tracking_time: float = parameter(
+        2.0,
+        'Time constant of that: errors so far apart have a correlation of 1/e. Not much less than window.',
+        unit='s',
+        minimum=0.01,
+        maximum=1e4,
+    )
+
+
+@dataclass(frozen=True)
+class KnownJointsConfig(RunJointDeviations):
     """How well the joints are known."""
 
-    joints: Mapping[str, Mapping[str, float]] = by_name(JointDeviations, 'joint')
+    joints: Mapping[str, Mapping[str, float]] = by_name(RunJointDeviations, 'joint')
 
 
 @dataclass(frozen=True)

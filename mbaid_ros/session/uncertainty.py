@@ -27,7 +27,9 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         A name is not that of a joint, or half of a prior is missing.
     """
     mount = config.odometry_mount
-    zeros, origins, axes = (_of_joints(config.known_joints, part, model) for part in ('zero', 'origin', 'axis'))
+    zeros, origins, axes = (
+        _of_joints(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
+    )
     uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
     orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
     return replace(uncertainty, target=_prior(config.target_prior), orbit=orbit, circle=uncertain_circle(config.orbit))
@@ -66,6 +68,8 @@ def with_surroundings(
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
         torque=config.disturbance.torque_std,
+        tracking=_of_joints(config.known_joints, 'tracking_std', model),
+        tracking_time=_of_joints(config.known_joints, 'tracking_time', model),
     )
 
 
@@ -81,14 +85,14 @@ def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
 
 
 def _of_joints(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
-    """Return the standard deviation of each joint's zero, origin or axis: its own, or that of all."""
+    """Return a parameter of each joint, the standard deviation of its zero, say: its own, or that of all."""
     foreign = [name for name in config.joints if name not in model.joint_names]
     if foreign:
         raise ParameterError(
             f"parameter 'known_joints.{foreign[0][:60]}' is of no joint; accepted: {listing(model.joint_names)}"
         )
-    every = getattr(config, f'{part}_std')
-    return tuple(config.joints.get(name, {}).get(f'{part}_std', every) for name in model.joint_names)
+    every = getattr(config, part)
+    return tuple(config.joints.get(name, {}).get(part, every) for name in model.joint_names)
 
 
 def _prior(config: TargetPriorConfig) -> TargetPrior:

@@ -30,6 +30,8 @@ _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
 _ARM = 42.0  # s, when the arm begins to move in the logs of 2021
+_TRACKING, _LAG = 2.0, 0.2  # s, time constants of what joints are off their commands by, and of how they follow
+_BEFORE = 200  # steps of that, until it is stationary
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Twin:
     slope: float
 
 
-def spot_2021(folder: Path, seed: int, duration: float = 32.0) -> Twin:
+def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float = 0.02) -> Twin:
     """Write what the bench of 2021 would have logged of a robot near the described one.
 
     Parameters
@@ -57,6 +59,7 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0) -> Twin:
     folder : where the log and the arm's commands are written
     seed : of the robot, its motion, and the noise
     duration : s, from the begin of the log's useful part
+    tracking : rad, standard deviation of how far the joints wander from their commands
     """
     rng = np.random.default_rng(seed)
     described = load_model(planar_urdf(CHASER, ''))
@@ -84,6 +87,7 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0) -> Twin:
     commanded = np.linspace(0.0, duration, 400)
     states = np.zeros((12, len(commanded)))
     states[3:6] = np.transpose([motion.reference(time)[0] for time in commanded]) - errors.zeros[:, None]
+    states[3:6] -= tracking * _wandering(np.random.default_rng([seed, 1]), commanded)
     savemat(folder / COMMANDS_FILE, {'primal': {'time': commanded, 'states': states}})
     return Twin(folder / 'run__stitched.mat', base, lag, float(np.linalg.norm(slope)))
 
@@ -128,6 +132,16 @@ def _arm(rng: np.random.Generator) -> Sinusoids:
     amplitude = rng.uniform(0.5, 1.0, (3, 1)) * rng.choice((-1.0, 1.0), (3, 1)) * np.array([[0.4], [0.9], [0.6]])
     start = np.array([np.pi / 2.0, 0.0, 0.0]) - amplitude[:, 0]
     return Sinusoids(start, amplitude, 1.0 / rng.uniform(12.0, 25.0, (3, 1)), np.full((3, 1), -np.pi / 2.0))
+
+
+def _wandering(rng: np.random.Generator, time: Array) -> Array:
+    """Return what three joints are off by at even times, (3, N): a first-order process behind a lag, variance 1."""
+    kept, passed = np.exp(-(time[1] - time[0]) / np.array([_TRACKING, _LAG]))
+    off, lagging = np.zeros((2, 3, len(time) + _BEFORE))
+    for index in range(1, off.shape[1]):
+        off[:, index] = kept * off[:, index - 1] + np.sqrt(1.0 - kept**2) * rng.normal(size=3)
+        lagging[:, index] = passed * lagging[:, index - 1] + (1.0 - passed) * off[:, index]
+    return np.asarray(lagging[:, _BEFORE:] * np.sqrt(1.0 + _LAG / _TRACKING))
 
 
 def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:

@@ -59,7 +59,7 @@ def test_the_base_the_slope_and_the_delay_are_found(bag: Path, twin: Twin, capsy
     found = json.loads(capsys.readouterr().out)
     mass, inertia = found['estimate']['mass'], found['estimate']['inertia']['izz']
     assert abs(mass - twin.truth[0]) < 3.0 * found['std']['mass']
-    assert abs(inertia - twin.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.3 * inertia
+    assert abs(inertia - twin.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.5 * inertia
     offset = found['time_offset']
     assert offset['value'] == pytest.approx(-twin.lag, abs=3.0 * offset['std'])
     (push,) = (event for event in found['events'] if event['kind'] == 'ramp')

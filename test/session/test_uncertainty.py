@@ -32,6 +32,15 @@ def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
     assert found.origins == (0.0,) * len(names)
 
 
+def test_a_joint_may_wander_more_than_the_others() -> None:
+    first, *_ = robot('table1').joint_names
+    given = {f'known_joints.{first}.tracking_std': 0.03, f'known_joints.{first}.tracking_time': 1.0}
+    found = declared(known_joints__tracking_std=0.01, **given)
+    assert found.tracking == (0.03, 0.01, 0.01, 0.01)
+    assert found.tracking_time == (1.0, 2.0, 2.0, 2.0)
+    assert declared().tracking == (0.0,) * 4
+
+
 def test_mount_and_time_and_target() -> None:
     found = declared(
         odometry_mount__position_std=2e-3,

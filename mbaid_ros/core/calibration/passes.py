@@ -255,6 +255,8 @@ def _of_momentum(belief: Belief, own: Variables) -> Array:
     What the motion has of its own is eliminated: its columns are zero, as those of the next motion are other numbers.
     """
     root, mine = belief.root, own.renewed.any(axis=1)
+    if own.times.size:
+        mine = mine | np.isfinite(own.times)
     if not mine.any():
         return root[own.poses : own.head]
     first = np.concatenate((np.zeros(own.own, dtype=bool), mine, np.zeros(2, dtype=bool)))

@@ -56,6 +56,7 @@ class WindowModel:
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     brought : (6, s) what the unknowns make of (P, L) on the way to the next window
+    stepped : (6, f) how far the base goes there with each of the unknowns' numbers that wander, when that grows by one
     integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     """
 
@@ -76,6 +77,7 @@ class WindowModel:
     rotation: Array
     position: Array
     brought: Array
+    stepped: Array
     integrated: Array = field(default_factory=lambda: np.array(None))
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
@@ -141,7 +143,8 @@ def _models(
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     change = stack.whitening
-    integrated = stack.integrates_twist
+    # What is carried from window to window knows of no joints that wander.
+    integrated = stack.integrates_twist & (layout.times.size == 0)
     # The joints' errors, independent from knot to knot, are in the change by those of two knots.
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
@@ -168,6 +171,7 @@ def _models(
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         brought=brought,
+        stepped=noise.stepped,
         integrated=ways,
     )
 

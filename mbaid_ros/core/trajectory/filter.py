@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.integrated_twist import Carried
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
@@ -71,7 +72,10 @@ def advance(belief: Belief, window: WhitenedWindow, variables: Variables, hypoth
     advanced = belief.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
     if variables.walks.shape[1]:
         walk = np.sqrt(window.length) * variables.walks
-        return advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
+        advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
+    if variables.times.size:
+        after = _wandered(advanced.root, variables.wandering, variables.kept(window.length), window.stepped)
+        return advanced.with_root(after)
     return advanced
 
 
@@ -159,7 +163,7 @@ def pose_reset(belief: Belief, variables: Variables) -> Belief:
     root, poses = belief.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
-    return belief.with_root(root)
+    return belief.with_root(_forgotten(root, variables))
 
 
 def new_motion(belief: Belief, variables: Variables) -> Belief:
@@ -172,7 +176,7 @@ def new_motion(belief: Belief, variables: Variables) -> Belief:
     root[:head, :head] = variables.prior()[1][:head, :head]
     if variables.renewed.shape[1]:
         root = _walked(root, variables.renewed, len(variables.scale))
-    return belief.with_root(root)
+    return belief.with_root(_forgotten(root, variables))
 
 
 def momentum_inflation(belief: Belief, window: WhitenedWindow, variables: Variables, sizes: Array) -> Belief:
@@ -234,6 +238,40 @@ def _walked(root: Array, noise: Array, own: int) -> Array:
     wide[:count, :count] = _identity(count)
     wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
     wide[count:, count:] = root
+    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
+    triangle[:, :size] *= _upper(size)
+    return triangle
+
+
+def _forgotten(root: Array, variables: Variables) -> Array:
+    """Return the triangle when nothing is known any more of what wanders."""
+    if not variables.times.size:
+        return root
+    count = len(variables.wandering)
+    return _wandered(root, variables.wandering, np.zeros(count), np.zeros((variables.poses, count)))
+
+
+def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
+    """Return the triangle after some variables have become a part of themselves, and others up to unit variance.
+
+    Before (v) and after (v'), v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
+    v, x' and v', of which v is eliminated.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    places : (f,) of these variables
+    kept : (f,) parts, below 1
+    stepped : (p, f) how much further the first p variables go on with them
+    """
+    size, count = len(root), len(places)
+    own, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
+    along = root[:, : len(stepped)] @ stepped
+    wide = np.zeros((count + size, count + size + 2), order='F')
+    wide[own, own], wide[own, count + places] = -kept * certain, certain
+    wide[count:, count:] = root
+    wide[count:, :count] = root[:, places] + along
+    wide[count:, count + places] = -along
     triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
     triangle[:, :size] *= _upper(size)
     return triangle

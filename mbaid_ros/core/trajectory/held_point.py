@@ -49,8 +49,7 @@ class HeldPoint:
         """Return the point for what is believed now: another one where docs/trajectory.md, eq. 6, holds."""
         assert self.point is not None, 'there is a start'
         moments = Moments.of(belief, self._variables)
-        first, count = self._variables.poses, len(self._variables.scale)
-        gather, root = self._variables.gather[first:], belief.root[first:, first:count]
+        gather, root = self._variables.gather[self._variables.lasting], self._known(belief.root)
         distance = root @ (gather @ (moments.mean - self._reference))
         if distance @ distance > _HELD:
             self._move(moments, root)
@@ -62,23 +61,23 @@ class HeldPoint:
         Parameters
         ----------
         moments : of the state
-        root : rows of R for all but the pose error
+        root : square-root information of all but the pose error and what wanders
         """
         assert self.point is not None, 'there is a start'
         layout, variables, held = self._layout, self._variables, self.point
-        first = variables.poses
+        lasting = variables.lasting
         state = moments.mean.copy()
         state[layout.parameters] = held.parameters
         state[layout.readings] = held.readings
         # Beside a body that is heavier than the robot, what is typical of the robot is little.
         heavier = float(moments.mean[BODY.start] / variables.typical_momentum[0])
         unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
-        unit[variables.own - first :] = _UNIT
+        unit[np.arange(len(variables.scale))[lasting] >= variables.own] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
         deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
-        offset = directions.T @ (unit * (variables.gather[first:] @ (moments.mean - state)))
+        offset = directions.T @ (unit * (variables.gather[lasting] @ (moments.mean - state)))
         moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
-        state += variables.spread[:, first:] @ (directions @ np.where(moving, offset, 0.0) / unit)
+        state += variables.spread[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
         step = state[layout.parameters] - held.parameters
         part = near_part(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
@@ -86,3 +85,14 @@ class HeldPoint:
             self._reference = moments.mean.copy()
         # What follows has to be linked to the windows before: at their readings.
         self.point = layout.beside(state, held)
+
+    def _known(self, root: Array) -> Array:
+        """Return the square-root information of all but the pose error and what wanders."""
+        variables = self._variables
+        first, count = variables.poses, len(variables.scale)
+        if not variables.times.size:
+            return root[first:, first:count]
+        places = np.arange(count)
+        order = np.concatenate((variables.wandering, places[variables.lasting]))
+        triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
+        return triangle[len(variables.wandering) : len(order), len(variables.wandering) :]

@@ -32,13 +32,16 @@ class JointNoise(ArrayRecord):
     by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the unknowns that the prediction depends on
     process : (B, 6, n + c) factor of the covariance of what accumulates on the way to the next window, by the noise of
         joints and of the c readings of what stores momentum
-    stored : (B, 6, c) factor of the covariance of the twist, by the noise of one reading of each of these
+    stored : (B, 6, c) factor of the covariance of the twist, by the noise of one reading of each of these, and by what
+        wanders within a window
+    stepped : (B, 6, f) how far the base goes with each of the unknowns' numbers that wander, when that grows by one
     """
 
     pose: Array
     by_unknowns: Array
     process: Array
     stored: Array
+    stepped: Array
 
 
 def joint_noise(
@@ -85,7 +88,15 @@ def joint_noise(
         stored = _by_readings(bodies[index[1]])
         samples = np.concatenate([stack.samples for stack in stacks])
         process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
-    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored)
+    stepped = np.zeros((*last.shape[:-1], 0))
+    if layout.times.size:
+        samples = np.concatenate([stack.samples for stack in stacks])
+        stepped = last @ layout.joint_steps
+        # The rate of what wanders is white, its density twice the variance over the time constant.
+        times = layout.times[np.isfinite(layout.times)]
+        within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
+        stored = np.concatenate((stored, within), axis=-1)
+    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [whole[begin:end] for begin, end in pairwise(ends)]
 

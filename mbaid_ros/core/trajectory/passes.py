@@ -147,7 +147,8 @@ class Passes:
         moments = Moments.of(track.belief, self.variables)
         deviation = moments.deviation[self.layout.parameters]
         state, correction = self._real(moments)
-        step: Array = state[self.layout.parameters] - point.parameters
+        # What wanders is linearised at nothing, wherever it is at last.
+        step: Array = self.layout.settled(state, moments.deviation)[self.layout.parameters] - point.parameters
         settled = bool(np.all(np.abs(step) < _SETTLED * deviation))  # a step that is cut short has settled nothing
         step *= near_part(point.parameters, step)
         state[self.layout.parameters] = point.parameters + step

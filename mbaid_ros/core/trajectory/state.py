@@ -144,13 +144,34 @@ class Layout:
 
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
-        values = state.copy()
+        values = self.settled(state, deviation)
         side = KnownSide.nominal(self.kernel)
+        for unknown, place in zip(self.unknowns, self.places, strict=True):
+            side = unknown.moved(side, unknown.factor @ values[place])
+        return Point(values[self.parameters], values[self.readings], side)
+
+    def settled(self, state: Array, deviation: Array | None = None) -> Array:
+        """Return what windows are linearised at (s,), of a state (s,) with standard deviations (s,)."""
+        values = state.copy()
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
             values[place] = unknown.settled(values[place], uncertain)
-            side = unknown.moved(side, unknown.factor @ values[place])
-        return Point(values[self.parameters], values[self.readings], side)
+        return values
+
+    @cached_property
+    def times(self) -> Array:
+        """Time constants (e,) of the unknowns' numbers, s; inf where they stay. Empty where all do."""
+        times = np.concatenate([np.zeros(0), *(unknown.times for unknown in self.unknowns)])
+        return times if np.isfinite(times).any() else np.zeros(0)
+
+    @cached_property
+    def joint_steps(self) -> Array:
+        """How much further on than read the joints are by each of the unknowns' numbers that wander, (n, f)."""
+        steps = [
+            np.zeros((self.kernel.model.joints, each.count)) if each.joint_steps is None else each.joint_steps
+            for each in self.unknowns
+        ]
+        return np.concatenate(steps, axis=1)[:, np.isfinite(self.times)] if self.times.size else np.zeros((0, 0))
 
     def beside(self, state: Array, point: Point) -> Point:
         """Return the point of a state (s,) at the readings of another: windows that follow each other share these."""

@@ -146,7 +146,9 @@ class TargetRuns:
         # What acts or drifts takes up what would show where the robot is wrong.
         undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
-        instead, explained = undisturbed.likeliest
+        # A force that is declared has no rival: nothing was followed without it.
+        declared = self._settings.constant != 'none'
+        instead, explained = ('', 0.0) if declared else undisturbed.likeliest
         return Evidence(
             nis=belief.nis / max(belief.measured, 1),
             innovations=belief.innovations,

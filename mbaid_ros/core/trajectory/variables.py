@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
@@ -38,6 +39,7 @@ class Variables:
     typical_momentum : (6,) typical sizes, whatever is known of it
     walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
     renewed : (e, w) factor of what they change by from one motion to the next
+    times : (e,) s, time constants of the unknowns' numbers, inf where they stay; empty where all do
     left : (v, v + 1) square-root information that the run has left before its target changed, and beside it what that
         makes of the mean; None where nothing has changed
     """
@@ -52,6 +54,7 @@ class Variables:
     typical_momentum: Array
     walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    times: Array = field(default_factory=lambda: np.zeros(0))
     left: Array | None = None
 
     @property
@@ -68,6 +71,22 @@ class Variables:
     def own(self) -> int:
         """How many are those of pose error, momentum and target body; the others are the unknowns themselves."""
         return self.basis.shape[1] - (len(self.basis) - BODY.stop)
+
+    @cached_property
+    def wandering(self) -> Integers:
+        """Places of those that forget what they were."""
+        return len(self.scale) - len(self.times) + np.flatnonzero(np.isfinite(self.times))
+
+    @cached_property
+    def lasting(self) -> Integers | slice:
+        """Places of all others but the pose error."""
+        if not self.times.size:
+            return slice(self.poses, None)
+        return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.wandering)
+
+    def kept(self, length: float) -> Array:
+        """Return what part of each of those that forget is left after a length in s, (f,)."""
+        return np.exp(-length / self.times[np.isfinite(self.times)])
 
     @cached_property
     def spread(self) -> Array:
@@ -106,13 +125,19 @@ class Variables:
 
         Parameters
         ----------
-        root : (v, v + 2) as of `Belief`, of what is left of the run before
+        root : (w, w + 2) as of `Belief`, of what is left of the run before; of w > v variables the last are a force's,
+            which is another one then
         mean : (s,) that it leads to
         exchanged : whether nothing is known of the target's mass
         """
         expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
         expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
         left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
+        count = len(self.scale)
+        if len(root) > count:
+            others = np.column_stack((left[:, count:-1], left[:, :count], left[:, -1]))
+            force = len(root) - count
+            left = np.asarray(np.linalg.qr(others, mode='r'))[force : len(root), force:]
         return replace(self, mean=expected, left=left)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
@@ -169,7 +194,17 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
     return Variables(
-        basis, scale, measured, force, mean, factor, known, typical[10:16], _walks(layout), _renewed(layout)
+        basis,
+        scale,
+        measured,
+        force,
+        mean,
+        factor,
+        known,
+        typical[10:16],
+        _walks(layout),
+        _renewed(layout),
+        layout.times,
     )
 
 
@@ -181,9 +216,13 @@ def _walks(layout: Layout) -> Array:
 
 
 def _renewed(layout: Layout) -> Array:
-    """Return the (e, w) factor of by how much those that every motion has of its own are others than in the last."""
+    """Return the (e, w) factor of by how much those that every motion has of its own are others than in the last.
+
+    What wanders is forgotten in between.
+    """
     own = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
-    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool)])
+    forgotten = np.isfinite(layout.times) if layout.times.size else False
+    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool) & ~np.asarray(forgotten)])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:

@@ -32,6 +32,8 @@ class WhitenedWindow:
     moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
     brought : (p, v) what else the variables make of the momentum on the way
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
+    stepped : (p, f) how much further the pose errors are at the next window's first knot by each of the unknowns'
+        numbers that wander, when that grows by one
     length : s
     places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried : where the twist is integrated, what links it to the windows before and after
@@ -49,6 +51,7 @@ class WhitenedWindow:
     brought: Array
     inertial: Array
     in_base_axes: Array
+    stepped: Array
     length: float
     places: Integers
     carried: Carried | None = None
@@ -114,6 +117,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             windows.transition[..., MOMENTUM],
             variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
             *_pushes(windows, variables),
+            turn @ windows.stepped,
             windows.length.tolist(),
             (each[3] for each in measured),
             carried,

@@ -12,7 +12,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, of_sensors, pushing
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, of_sensors, pushing, wandering
 
 _NOTHING = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
@@ -63,6 +63,7 @@ class CalibratedSide:
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
         others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
+        others += wandering(kernel, uncertainty).count
         known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
         sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
         known = known.beside(sensing, before=len(known.mean))

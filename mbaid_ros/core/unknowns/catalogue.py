@@ -13,6 +13,7 @@ from mbaid_ros.core.unknowns.external_torque import external_torque
 from mbaid_ros.core.unknowns.gravity import gravity
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.joint_placements import joint_placements
+from mbaid_ros.core.unknowns.joint_tracking import JointTracking, joint_tracking
 from mbaid_ros.core.unknowns.known_bodies import known_bodies
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
 from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
@@ -46,6 +47,8 @@ class Uncertainty:
     orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle : the orbit that is declared, where it may be no circle
     torque : N m, of a torque from outside in base axes
+    tracking, tracking_time : of each joint: rad (m for a prismatic one), how far it wanders from where it is read to
+        be, and s, over which it does; empty is not at all
     """
 
     zeros: Sequence[float] = ()
@@ -69,6 +72,8 @@ class Uncertainty:
     orbit: float = 0.0
     circle: Circle | None = None
     torque: float = 0.0
+    tracking: Sequence[float] = ()
+    tracking_time: Sequence[float] = ()
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -80,6 +85,7 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
         joint_placements(kernel, *placements),
         spin_inertias(kernel, uncertainty.spin_inertias),
         pushing(uncertainty),
+        wandering(kernel, uncertainty),
         odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
         *of_sensors(uncertainty),
     )
@@ -105,3 +111,8 @@ def pushing(uncertainty: Uncertainty) -> Thrusters:
     """Return the thrusters."""
     deviations = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
     return thrusters(uncertainty.thrusters, *deviations)
+
+
+def wandering(kernel: MomentumKernel, uncertainty: Uncertainty) -> JointTracking:
+    """Return how joints wander from where they are read to be: of a run, as no calibration speaks of it."""
+    return joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time)

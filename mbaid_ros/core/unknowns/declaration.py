@@ -187,6 +187,22 @@ class Unknown:
         """The (k, w) factor of what it changes by in a second, covariance factor factor^T; of no columns: it stays."""
         return np.zeros((len(self.factor), 0))
 
+    @property
+    def times(self) -> Array:
+        """Time constant (e,) of each independent number that is a first-order Gauss-Markov process, s; inf: it stays.
+
+        Its prior is the stationary one: variance one. What lies D apart has a correlation of exp(-D / time).
+        """
+        return np.full(self.count, np.inf)
+
+    @property
+    def joint_steps(self) -> Array | None:
+        """How much further on than read the joints are by each independent number, (n, e); None: it is not of them.
+
+        Where the number changes, joints move as no reading tells, and the base with them.
+        """
+        return None
+
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return the value to linearise at, of an estimate (k,) with standard deviations (k,)."""
         del deviation

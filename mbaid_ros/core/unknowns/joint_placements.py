@@ -51,9 +51,7 @@ class JointPlacements(Unknown):
         place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
         displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
         displacement[:, :, 4:, 3:] = turn
-        change = _by_displacement(kernel, states, parents)
-        columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, 6 numbers, 6 of the momentum)
-        return np.swapaxes(columns.reshape(count, joints * _EACH, 6), 1, 2)
+        return momentum_displaced(kernel, states, displacement)
 
     def moved(self, side: KnownSide, value: Array) -> KnownSide:
         """Return the known side with these placements."""
@@ -91,6 +89,19 @@ def joint_placements(
         f'{part}:{name}' for name in kernel.model.joint_names for part in ('zero', *('origin',) * 3, *('axis',) * 2)
     ]
     return JointPlacements(factor, tuple(labels), Kinematics(kernel.model).axial[1:, :, :2])
+
+
+def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
+    """Return how the momentum changes where what joints carry is displaced, (N, 6, n d).
+
+    Parameters
+    ----------
+    kernel, states : as for `Unknown.momentum_columns`
+    displacement : (N, n, d, 6) of each joint d small motions, as twists
+    """
+    change = _by_displacement(kernel, states, list(kernel.model.parents))
+    columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, d numbers, 6 of the momentum)
+    return np.swapaxes(columns.reshape(len(columns), -1, 6), 1, 2)
 
 
 def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequence[int]) -> Array:

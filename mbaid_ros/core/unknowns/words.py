@@ -12,6 +12,7 @@ from mbaid_ros.core.unknowns.clock_drift import CLOCK
 from mbaid_ros.core.unknowns.external_torque import TORQUE
 from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
 from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
+from mbaid_ros.core.unknowns.joint_tracking import TRACKING
 from mbaid_ros.core.unknowns.odometry_scale import SCALE
 from mbaid_ros.core.unknowns.orbit_shape import SHAPE
 from mbaid_ros.core.unknowns.suspects import LATE, TURNING
@@ -23,6 +24,7 @@ _KINDS = {
     'zero': "the joints' zeros",
     'origin': "the joints' origins",
     'axis': "the joints' axes",
+    TRACKING: 'how far joints are from where they are read to be',
     'mount': 'position and orientation of the odometry mount',
     SHAPE: 'eccentricity and mean motion of the orbit',
     TORQUE: 'torques from outside',
@@ -32,6 +34,7 @@ _DECLARED_BY = {
     'zero': 'known_joints.zero_std',
     'origin': 'known_joints.origin_std',
     'axis': 'known_joints.axis_std',
+    TRACKING: 'known_joints.tracking_std',
     'mount': 'odometry_mount.position_std, .orientation_std',
     TORQUE: 'disturbance.torque_std',
     SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
@@ -111,6 +114,8 @@ def of_suspect(cause: str, value: Array) -> str:
         )
     told = {
         'zero': f'the zero of {name} is off by {1e3 * float(np.sum(value)):+.3g} mrad (mm): measure it',
+        TRACKING: f'{name} is {1e3 * float(np.sum(value)):+.3g} mrad (mm) from where it is read to be: log encoders, '
+        'or raise known_joints.tracking_std',
         'origin': f'the origin of {name} is off by {1e3 * size:.3g} mm: check the URDF',
         'axis': f'the axis of {name} is off by {1e3 * size:.3g} mrad: check the URDF',
         'time offset': f'the joints are stamped {1e3 * float(np.sum(value)):+.3g} ms late: check the stamps',

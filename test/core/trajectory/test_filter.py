@@ -67,6 +67,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         rotation=np.eye(3),
         position=rng.normal(size=3),
         brought=np.zeros((6, STATE)),
+        stepped=np.zeros((6, 0)),
     )
 
 
