@@ -14,13 +14,13 @@ from mbaid_ros.core.geometry import Array
 GENERATION = 16  # motions drawn at a time
 _CHOSEN = 5  # of these, that the mean moves to
 _WEIGHTS = np.log(_CHOSEN + 0.5) - np.log(np.arange(1, _CHOSEN + 1))
-_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.3, 0.02, 0.15, 1.0  # of waypoints, in units of what limits allow
+_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.3, 0.02, 0.15, 1.0  # of speeds, in units of what limits allow
 _GROWN = 1.2  # times as large as the mean, at most, are what is varied
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 
 class Evolution:
-    """Where motions of one length are drawn, (K, k) waypoints.
+    """Where motions of one length are drawn, (K, k) speeds.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Evolution:
 
         Parameters
         ----------
-        size : (k,) of waypoints that limits allow; 0 of joints that are not moved
+        size : (k,) of speeds that limits allow; 0 of joints that are not moved
         generator : of random numbers
         """
         noise = generator.standard_normal(self._noise.shape)

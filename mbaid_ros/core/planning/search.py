@@ -8,7 +8,7 @@ for from it. What the limits ask for thus holds of all motions that are compared
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from mbaid_ros.core.planning.motions import Motions
 Criterion = Literal['worst', 'mean', 'volume']
 
 _DRAWN = 48  # motions at first
+_TURNS = 8  # of a joint, at most, in these
 _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
 _SHORTER = 0.97  # of the length at which a motion is expected to tell enough
 ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
@@ -63,12 +64,12 @@ class Candidate:
     Attributes
     ----------
     motions : those of its length
-    waypoints : (K, k)
+    speeds : (K, k)
     cost, ratio : as `Wanted` has them
     """
 
     motions: Motions
-    waypoints: Array
+    speeds: Array
     cost: float
     ratio: float
 
@@ -76,6 +77,11 @@ class Candidate:
     def duration(self) -> float:
         """Its length, s."""
         return self.motions.splines.duration
+
+    def lasting(self, duration: float) -> Candidate:
+        """Return the motion that goes by the same speeds for another time, s, as far as the joints may go."""
+        motions = self.motions.lasting(duration)
+        return replace(self, motions=motions, speeds=motions.within(self.speeds))
 
 
 class Search:
@@ -113,7 +119,7 @@ class Search:
         self.reached: Candidate | None = None
         self._first = min(first, _DRAWN)
         self.best = self._best_of(self._drawn(self._first)) or self._still()
-        self._evolution = Evolution(self.best.waypoints)
+        self._evolution = Evolution(self.best.speeds)
 
     def at_length(self) -> Iterator[int]:
         """Improve the best motion of the length there is; yield how many motions each part has compared."""
@@ -156,14 +162,13 @@ class Search:
             self.reached = self.best
 
     def _change(self, duration: float) -> None:
-        """Go on with motions of another length, the best one stretched or compressed to it."""
+        """Go on with motions of another length: those of the best one's speeds, and of its path."""
         self._motions = motions = self._motions.lasting(duration)
-        known = self.best.motions.splines.passed(self.best.waypoints, motions.splines)
-        seeds = [known * max(1.0, duration / self.best.duration), known]
+        seeds = [self.best.speeds, self.best.speeds * self.best.duration / duration]
         if self.reached is not None:
-            seeds.append(self.reached.motions.splines.passed(self.reached.waypoints, motions.splines))
+            seeds.append(self.reached.speeds)
         self.best = self._best_of(np.stack(seeds)) or self._still()
-        self._evolution = self._evolution.begun_at(self.best.waypoints)
+        self._evolution = self._evolution.begun_at(self.best.speeds)
 
     def _generation(self) -> None:
         """Draw motions about the best ones."""
@@ -175,28 +180,31 @@ class Search:
             self.best = best
 
     def _size(self) -> Array:
-        """Return the size (k,) of waypoints that the joints' limits allow."""
-        reach = np.sqrt(np.mean(self.best.waypoints**2, axis=0))
+        """Return the size (k,) of speeds that the joints' limits allow."""
+        reach = np.sqrt(np.mean(self.best.speeds**2, axis=0))
         if not reach.any():
             reach = np.sqrt(np.mean(self._drawn(1)[0] ** 2, axis=0))
         return np.asarray(np.where(self._motions.limits.moved, np.maximum(reach, 0.2 * reach.max()), 0.0))
 
     def _drawn(self, count: int) -> Array:
-        """Return motions of all joints as fast as these may go: there and back, in turns that are drawn."""
+        """Return motions of all joints as fast as these may go: there and back, with turns at instants that are drawn."""
         splines, limits = self._motions.splines, self._motions.limits
-        shape = (count, splines.waypoints, len(limits.moved))
-        speed = np.where(limits.moved, np.minimum(limits.velocity, 1e3), 0.0)
-        steps = self._generator.choice([-1.0, 1.0], shape) * self._generator.uniform(0.3, 1.0, shape)
-        return np.cumsum(steps, axis=1) * speed * splines.duration / splines.waypoints
+        joints = len(limits.moved)
+        turns = self._generator.random((count, 1, joints, _TURNS))
+        turns[self._generator.random(turns.shape) > self._generator.random((count, 1, 1, 1))] = 0.0
+        share = np.arange(0.5, splines.count)[:, None, None] / splines.count
+        sign = self._generator.choice([-1.0, 1.0], (count, 1, joints))
+        speed = np.where(limits.moved, limits.velocity, 0.0)
+        return np.asarray(speed * sign * (-1.0) ** (share > turns).sum(axis=-1))
 
-    def _best_of(self, waypoints: Array) -> Candidate | None:
+    def _best_of(self, speeds: Array) -> Candidate | None:
         """Return the best of some motions, as large as allowed; None where none is allowed."""
-        return self._first_allowed(*self._compared(waypoints), np.inf)
+        return self._first_allowed(*self._compared(speeds), np.inf)
 
-    def _compared(self, waypoints: Array) -> tuple[Array, Array, Array]:
+    def _compared(self, speeds: Array) -> tuple[Array, Array, Array]:
         """Return motions (B, K, k) as large as allowed, their costs (B,) and their ratios (B,)."""
         motions = self._motions
-        possible = motions.gentle(motions.within(waypoints), self.base)
+        possible = motions.gentle(motions.within(speeds), self.base)
         relative = motions.relative(possible, motions.coarse)
         return possible, self._wanted.cost(relative), self._wanted.ratio(relative)
 
@@ -212,5 +220,5 @@ class Search:
     def _still(self) -> Candidate:
         """Return joints at rest, which tell nothing worth comparing."""
         limits = self._motions.limits
-        shape = (self._motions.splines.waypoints, len(limits.moved))
+        shape = (self._motions.splines.count, len(limits.moved))
         return Candidate(self._motions, np.zeros(shape), np.inf, np.inf)
