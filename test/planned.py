@@ -96,7 +96,7 @@ def first_motion(name: str, seconds: float) -> JointTrajectory:
     limits = joint_limits(model, start, FASTEST, 0.1, ())
     splines = Splines(5, seconds)
     drawn = np.random.default_rng(3).standard_normal((5, model.joints))
-    return splines.trajectory(splines.within(drawn, start, limits), start, model.joint_names)
+    return splines.trajectory(splines.filling(drawn, start, limits), start, model.joint_names)
 
 
 def last_state(truth: Truth) -> State:

@@ -22,10 +22,10 @@ from mbaid_ros.core.trajectory.state import Point
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
 WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
 _FINE = 240  # steps of the base's motion along any trajectory
-_STEPS = 60  # of the base's motion, where nothing but that is asked for
+_STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
 # What motions beyond a limit are brought to, and whether by longer ramps, in turn.
 _MARGINS = ((0.95, True), (0.95, True), (0.95, False))
-_SPARSE = 2  # of these from one at which torques are asked for to the next
+_SPARSE = 2  # of these from one at which torques are asked for to the next: ends of pieces, where they are largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +161,9 @@ class Motions:
     @property
     def _instants(self) -> tuple[float, Array]:
         """A step, s, and every half step of the motion, (2 T - 1,) s."""
-        step = self.splines.duration / _STEPS
-        return step, np.arange(2 * _STEPS + 1) * 0.5 * step
+        steps = _STEPS * (self.splines.count + 2)
+        step = self.splines.duration / steps
+        return step, np.arange(2 * steps + 1) * 0.5 * step
 
     def course(self, speeds: Array) -> tuple[Array, BaseMotion, Array]:
         """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
@@ -174,7 +175,8 @@ class Motions:
     def _coasting(self) -> BaseMotion:
         """How the base moves while the joints rest."""
         position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
-        return self.floating.coasting(position, _STEPS + 1, self._instants[0])
+        step, times = self._instants
+        return self.floating.coasting(position, (len(times) + 1) // 2, step)
 
     def gentle(self, speeds: Array, most: BaseLimits) -> Array:
         """Return motions (B, K, k) within the limits of efforts and base.
@@ -185,7 +187,7 @@ class Motions:
         if not (np.isfinite(most.array).any() or self.efforts.limited):
             return speeds
         speeds = speeds.copy()
-        beyond = np.arange(len(speeds))
+        beyond = np.flatnonzero(np.ones(len(speeds)))
         for margin, ramps in _MARGINS:
             own = speeds[beyond]
             of_base, of_effort = self._use(own, most)

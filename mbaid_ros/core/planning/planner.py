@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ _SURE = 3.0  # standard deviations of what the motion does to the base that are 
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
+_CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
 _SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
 
 Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
@@ -229,7 +230,7 @@ class Planner:
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
         """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
-        if self._settings.duration or candidate.ratio > 1.0:
+        if self._settings.duration or candidate.ratio > _CLOSE:
             return candidate
         first = candidate.duration
         for _ in range(4):
@@ -243,7 +244,7 @@ class Planner:
     def _again(self, candidate: Candidate, speeds: Array) -> Candidate:
         relative = candidate.motions.relative(speeds[None], candidate.motions.coarse)[0]
         ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
-        return Candidate(candidate.motions, speeds, cost, ratio)
+        return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def _grid(self, duration: float) -> Grid:
         return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))

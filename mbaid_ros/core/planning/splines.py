@@ -82,15 +82,15 @@ class Splines:
     def within(self, speeds: Array, start: Array, limits: JointLimits, part: Array | float = 1.0) -> Array:
         """Return (..., K, k) speeds cut off where velocity or acceleration are at their limit.
 
-        Of a joint that goes too far the whole motion is made smaller. Of the accelerations a `part` (..., k) is allowed.
+        Of a joint that goes too far the whole motion is made smaller. A `part` (..., k) of the acceleration is allowed.
         """
         kept = np.clip(speeds, -_KEPT * limits.velocity, _KEPT * limits.velocity) * limits.moved
         change = _KEPT * limits.acceleration * part * self.step
         for course in (kept, np.flip(kept, axis=-2)):  # the second: backwards in time, in the same memory
             before: Array = np.zeros(kept.shape[-1])
-            for place in range(self.count):
-                before = np.clip(course[..., place, :], before - change, before + change)
-                course[..., place, :] = before
+            for index in range(self.count):
+                before = np.clip(course[..., index, :], before - change, before + change)
+                course[..., index, :] = before
         place = self._checked[0] @ kept
         most = (np.abs(place) / _room(place, start, limits)).max(axis=-2)
         return np.asarray(kept * np.where(most > _KEPT, _KEPT / np.maximum(most, _KEPT), 1.0)[..., None, :])
