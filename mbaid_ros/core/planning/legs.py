@@ -12,21 +12,22 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds
+NUMBERS = 2 * LEGS + 1  # of a joint: logarithms of lengths, speeds in parts of its limit, logarithm of a part of these
+_SLOWER = 3.0  # that logarithm in the beginning, at most, of half of the motions: where the base binds, joints differ
 
 
 def drawn_legs(count: int, joints: int, generator: np.random.Generator) -> Array:
-    """Return legs at full speed, of drawn lengths and directions, (count, 2 LEGS, k).
-
-    The first half are logarithms of lengths, in parts of their sum; the others speeds, in parts of the joint's limit.
-    """
+    """Return legs of drawn lengths and directions, (count, NUMBERS, k), in half of the motions at full speed."""
     shape = (count, LEGS, joints)
-    return np.concatenate((generator.standard_normal(shape), generator.choice([-1.0, 1.0], shape)), axis=1)
+    slower = generator.uniform(-_SLOWER, 0.0, (count, 1, joints))
+    slower[::2] = 0.0
+    return np.concatenate((generator.standard_normal(shape), generator.choice([-1.0, 1.0], shape), slower), axis=1)
 
 
 def possible_legs(legs: Array) -> Array:
-    """Return legs (..., 2 LEGS, k) none of which is faster than the joint's limit."""
+    """Return legs (..., NUMBERS, k) with speeds of a part of the limits at most, but for the part of all in common."""
     kept = legs.copy()
-    kept[..., LEGS:, :] = np.clip(legs[..., LEGS:, :], -1.0, 1.0)
+    kept[..., LEGS:-1, :] = np.clip(legs[..., LEGS:-1, :], -1.0, 1.0)
     return kept
 
 
@@ -35,15 +36,15 @@ def speeds_of(legs: Array, count: int) -> Array:
 
     Parameters
     ----------
-    legs : (B, 2 LEGS, k)
+    legs : (B, NUMBERS, k)
     count : number
     """
     lasting = np.exp(legs[:, :LEGS])
     lasting /= lasting.sum(axis=1, keepdims=True)
     begin = ((0, 0), (1, 0), (0, 0))
-    ends, places = (np.pad(np.cumsum(each, axis=1), begin) for each in (lasting, lasting * legs[:, LEGS:]))
+    ends, places = (np.pad(np.cumsum(each, axis=1), begin) for each in (lasting, lasting * legs[:, LEGS:-1]))
     share = np.arange(count + 1) / count
     passed = np.empty((len(legs), count + 1, legs.shape[-1]))
     for motion, joint in np.ndindex(len(legs), legs.shape[-1]):
         passed[motion, :, joint] = np.interp(share, ends[motion, :, joint], places[motion, :, joint])
-    return np.diff(passed, axis=1) * count
+    return np.asarray(np.diff(passed, axis=1) * count * np.exp(legs[:, -1:]))

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.planning.evolution import GENERATION, Evolution
-from mbaid_ros.core.planning.legs import LEGS, drawn_legs, possible_legs, speeds_of
+from mbaid_ros.core.planning.legs import NUMBERS, drawn_legs, possible_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 
@@ -64,7 +64,7 @@ class Candidate:
     Attributes
     ----------
     motions : those of its length
-    legs : (2 LEGS, k) that the search has it of
+    legs : (NUMBERS, k) that the search has it of
     speeds : (K, k) within the limits
     cost, ratio : as `Wanted` has them
     """
@@ -183,7 +183,7 @@ class Search:
         return self._first_allowed(self._compared(legs), np.inf)
 
     def _compared(self, legs: Array) -> _Compared:
-        """Return what becomes of motions (B, 2 LEGS, k), as large as allowed."""
+        """Return what becomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
         speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
@@ -204,11 +204,11 @@ class Search:
         """Return joints at rest, which tell nothing worth comparing."""
         joints = len(self._motions.limits.moved)
         speeds = np.zeros((self._motions.splines.count, joints))
-        return Candidate(self._motions, np.zeros((2 * LEGS, joints)), speeds, np.inf, np.inf)
+        return Candidate(self._motions, np.zeros((NUMBERS, joints)), speeds, np.inf, np.inf)
 
 
 class _Compared(NamedTuple):
-    """Motions side by side: legs (B, 2 LEGS, k), speeds (B, K, k), costs (B,) and ratios (B,)."""
+    """Motions side by side: legs (B, NUMBERS, k), speeds (B, K, k), costs (B,) and ratios (B,)."""
 
     legs: Array
     speeds: Array
