@@ -24,7 +24,7 @@ WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the 
 _FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
 # What motions beyond a limit are brought to, and whether by longer ramps, in turn.
-_MARGINS = ((0.95, True), (0.95, True), (0.95, False))
+_MARGINS = ((0.98, True), (0.95, True), (0.95, False))
 _SPARSE = 2  # of these from one at which torques are asked for to the next: ends of pieces, where they are largest
 
 
@@ -199,7 +199,7 @@ class Motions:
                 own = self._ramped(own, margin / np.maximum(of_effort / np.maximum(of_base, 1.0), margin))
             else:
                 of_base = np.maximum(of_base, of_effort)
-            speeds[beyond] = own * np.minimum(margin / of_base, 1.0)[:, None, None]
+            speeds[beyond] = own * (margin / np.maximum(of_base, margin))[:, None, None]
         return speeds
 
     def _ramped(self, speeds: Array, part: Array) -> Array:
