@@ -62,12 +62,14 @@ class Begun:
         return truth, self.method.update(windows(seen), 0)[-1]
 
 
-def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float) -> Truth:
+def follow(
+    unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float, step: float = STEP
+) -> Truth:
     """Return the motion of a robot that follows a trajectory."""
     model = unknown.model
     places = np.array([model.joint_names.index(name) for name in trajectory.joints])
     motion = Followed(trajectory, begin.joint_position, places)
-    return Simulation(model, motion, begin, STEP).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+    return Simulation(model, motion, begin, step).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
 def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -> Begun:

@@ -69,7 +69,7 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(servicer: Beg
     motions = planner(servicer).motions
     drawn = motions.within(FASTEST * speeds_of(drawn_legs(1, 7, np.random.default_rng(2)), motions.splines.count))
     trajectory = motions.splines.trajectory(drawn[0], motions.start, servicer.kernel.model.joint_names)
-    truth = follow(servicer.kernel, begin, trajectory, trajectory.duration)
+    truth = follow(servicer.kernel, begin, trajectory, trajectory.duration, 0.0125)  # finer, as ramps are short
     known = servicer.knowledge.state
     known[6:12], known[BODY] = total_momentum(servicer.kernel.model, truth)[0], servicer.kernel.target.parameters
     floating = replace(motions.as_if(servicer.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
