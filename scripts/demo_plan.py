@@ -65,7 +65,7 @@ def first_motion() -> Trajectory:
     splines = Splines(4, FIRST)
     drawn = np.random.default_rng(1).standard_normal((4, model.joints))
     limits = joint_limits(model, START, SPEED, 0.1, ())
-    return splines.trajectory(splines.within(drawn, START, limits), START, model.joint_names)
+    return splines.trajectory(splines.filling(drawn, START, limits), START, model.joint_names)
 
 
 def values(inertia: Any) -> Array:

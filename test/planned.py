@@ -62,12 +62,14 @@ class Begun:
         return truth, self.method.update(windows(seen), 0)[-1]
 
 
-def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float) -> Truth:
+def follow(
+    unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float, step: float = STEP
+) -> Truth:
     """Return the motion of a robot that follows a trajectory."""
     model = unknown.model
     places = np.array([model.joint_names.index(name) for name in trajectory.joints])
     motion = Followed(trajectory, begin.joint_position, places)
-    return Simulation(model, motion, begin, STEP).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+    return Simulation(model, motion, begin, step).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
 def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -> Begun:
@@ -96,7 +98,7 @@ def first_motion(name: str, seconds: float) -> JointTrajectory:
     limits = joint_limits(model, start, FASTEST, 0.1, ())
     splines = Splines(5, seconds)
     drawn = np.random.default_rng(3).standard_normal((5, model.joints))
-    return splines.trajectory(splines.within(drawn, start, limits), start, model.joint_names)
+    return splines.trajectory(splines.filling(drawn, start, limits), start, model.joint_names)
 
 
 def last_state(truth: Truth) -> State:

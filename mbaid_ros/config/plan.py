@@ -88,8 +88,8 @@ class PlanConfig:
         read_only=False,
     )
     stuck: tuple[str, ...] = parameter((), 'Joints that are not moved.', read_only=False)
-    waypoints: int = parameter(
-        6, 'Waypoints of the spline that each joint follows.', minimum=2, maximum=50, read_only=False
+    speeds: int = parameter(
+        32, 'Speeds that each joint goes by, one after the other.', minimum=4, maximum=100, read_only=False
     )
     effort: int = parameter(
         750, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False

@@ -60,7 +60,7 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
         base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),
         clearance=plan.clearance,
         stuck=plan.stuck,
-        waypoints=plan.waypoints,
+        speeds=plan.speeds,
         effort=plan.effort,
         seed=plan.seed,
         window=config.window,

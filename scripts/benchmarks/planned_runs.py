@@ -173,7 +173,7 @@ def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
 def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator) -> JointTrajectory:
     limits = joint_limits(kernel.model, state.joint_position, FIRST_SPEED, 0.1, ())
     splines = Splines(4, FIRST)
-    drawn = splines.within(generator.standard_normal((4, kernel.model.joints)), state.joint_position, limits)
+    drawn = splines.filling(generator.standard_normal((4, kernel.model.joints)), state.joint_position, limits)
     return splines.trajectory(drawn, state.joint_position, kernel.model.joint_names)
 
 

@@ -9,23 +9,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 
 GENERATION = 16  # motions drawn at a time
 _CHOSEN = 5  # of these, that the mean moves to
 _WEIGHTS = np.log(_CHOSEN + 0.5) - np.log(np.arange(1, _CHOSEN + 1))
-_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.3, 0.02, 0.15, 1.0  # of waypoints, in units of what limits allow
-_GROWN = 1.2  # times as large as the mean, at most, are what is varied
+_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.3, 0.02, 0.15, 1.0
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 
 class Evolution:
-    """Where motions of one length are drawn, (K, k) waypoints.
+    """Where motions of one length are drawn, each of (G, k) numbers.
 
     Parameters
     ----------
-    mean : (K, k) to begin at
-    step : to begin with, in units of what limits allow
+    mean : (G, k) to begin at
+    step : to begin with
     """
 
     def __init__(self, mean: Array, step: float = _FIRST_STEP) -> None:
@@ -38,27 +37,26 @@ class Evolution:
         """Return the same about another mean: of a length that is new, the step is no smaller than is worth trying."""
         return Evolution(mean, max(self._step, _AGAIN))
 
-    def drawn(self, size: Array, generator: np.random.Generator) -> Array:
-        """Return motions about the mean, (GENERATION, K, k).
+    def drawn(self, moved: Flags, generator: np.random.Generator) -> Array:
+        """Return motions about the mean, (GENERATION, G, k).
 
         Parameters
         ----------
-        size : (k,) of waypoints that limits allow; 0 of joints that are not moved
+        moved : (k,) joints that are varied
         generator : of random numbers
         """
         noise = generator.standard_normal(self._noise.shape)
         few = generator.random(noise.shape) < _FEW
         noise[GENERATION // 2 :] *= few[GENERATION // 2 :] / np.sqrt(_FEW)
-        self._noise = noise * (size > 0.0)
-        grown = generator.uniform(1.0, _GROWN, (GENERATION, 1, 1))
-        return np.asarray(grown * self._mean + self._step * size * self._noise)
+        self._noise = noise * moved
+        return np.asarray(self._mean + self._step * self._noise)
 
     def move(self, motions: Array, cost: Array) -> None:
         """Move the mean to the best motions of those that were drawn, and adapt the step.
 
         Parameters
         ----------
-        motions : (GENERATION, K, k) as they have become within the limits
+        motions : (GENERATION, G, k) that were drawn, as they have become
         cost : (GENERATION,) infinite or NaN of those that cannot be
         """
         order = [place for place in np.argsort(cost).tolist() if np.isfinite(cost[place])][:_CHOSEN]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ _SURE = 3.0  # standard deviations of what the motion does to the base that are 
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
+_CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
 _SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
 
 Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
@@ -47,7 +48,7 @@ class PlanSettings:
     base : how far the base may be moved
     clearance : m, of collision shapes
     stuck : joints that are not moved
-    waypoints : of each joint's spline
+    speeds : that each joint goes by, one after the other
     effort : motions that are compared
     seed : the same gives the same motion
     window : s, of the estimator
@@ -62,7 +63,7 @@ class PlanSettings:
     base: BaseLimits = field(default_factory=BaseLimits)
     clearance: float = 0.02
     stuck: Collection[str] = ()
-    waypoints: int = 6
+    speeds: int = 32
     effort: int = 750
     seed: int = 0
     window: float = _WINDOW
@@ -106,10 +107,9 @@ class Planner:
         self.motions = Motions(
             knowledge=knowledge,
             information=self.information,
-            splines=Splines(settings.waypoints, length),
+            splines=Splines(settings.speeds, length),
             limits=limits,
             efforts=_efforts(knowledge),
-            fewest=settings.waypoints,
         )
         self.motions.require_hold()
 
@@ -175,7 +175,7 @@ class Planner:
 
     def _advice(self, candidate: Candidate) -> list[str]:
         """Return what would help, beside this motion."""
-        beyond = beyond_motion(candidate.motions, candidate.waypoints, candidate.motions.coarse, self._wanted)
+        beyond = beyond_motion(candidate.motions, candidate.speeds, candidate.motions.coarse, self._wanted)
         return [line for line in (self.advice(), beyond) if line]
 
     def _notes(self) -> list[str]:
@@ -190,17 +190,17 @@ class Planner:
             notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
-    def _is_clear(self, motions: Motions, waypoints: Array) -> bool:
+    def _is_clear(self, motions: Motions, speeds: Array) -> bool:
         if not self._collisions.pairs:
             return True
         times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
-        return self._collisions.clear(motions.joints(waypoints[None], times)[0][:, 0])
+        return self._collisions.clear(motions.joints(speeds[None], times)[0][:, 0])
 
     def _bounds(self, candidate: Candidate, draws: int) -> Bounds:
         """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
-        waypoints = candidate.waypoints[None]
-        nominal = candidate.motions.excursions(waypoints)[0]
-        every = candidate.motions.excursions_of(self._draws[:draws], candidate.waypoints)
+        speeds = candidate.speeds[None]
+        nominal = candidate.motions.excursions(speeds)[0]
+        every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
         spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
         return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
 
@@ -214,19 +214,23 @@ class Planner:
         return BaseLimits(*(limits * part).tolist())
 
     def _sure(self, candidate: Candidate) -> Candidate:
+        """Return a motion that keeps efforts, and the base's limits however the robot is, and still tells enough."""
+        return self._lengthened(self._as_large_as_sure(candidate))
+
+    def _as_large_as_sure(self, candidate: Candidate) -> Candidate:
         """Return a motion made as much smaller as efforts ask for, and the base's limits however the robot is."""
         for _ in range(4):
             use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
-            effort = candidate.motions.effort(candidate.waypoints[None])
+            effort = candidate.motions.effort(candidate.speeds[None])
             use = max(use, float(candidate.motions.beside_holding(effort).max()))
             if use <= 1.0:
                 break
-            candidate = self._again(candidate, candidate.waypoints * 0.98 / use)
-        return self._lengthened(candidate)
+            candidate = self._again(candidate, candidate.speeds * 0.98 / use)
+        return candidate
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
-        """Return a motion that was to reach what is wanted, made slower until it does so in the estimator's windows."""
-        if self._settings.duration or candidate.ratio > 1.0:
+        """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
+        if self._settings.duration or candidate.ratio > _CLOSE:
             return candidate
         first = candidate.duration
         for _ in range(4):
@@ -234,14 +238,13 @@ class Planner:
             longer = candidate.duration * max(ratio, 1.0) ** 0.7 * 1.005
             if ratio <= 1.0 or longer > min((1.0 + _SMALL) * first, self._settings.longest):
                 break
-            slower = Candidate(candidate.motions.slower(longer), candidate.waypoints, candidate.cost, candidate.ratio)
-            candidate = slower
+            candidate = self._as_large_as_sure(candidate.lasting(longer))
         return candidate
 
-    def _again(self, candidate: Candidate, waypoints: Array) -> Candidate:
-        relative = candidate.motions.relative(waypoints[None], candidate.motions.coarse)[0]
+    def _again(self, candidate: Candidate, speeds: Array) -> Candidate:
+        relative = candidate.motions.relative(speeds[None], candidate.motions.coarse)[0]
         ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
-        return Candidate(candidate.motions, waypoints, cost, ratio)
+        return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def _grid(self, duration: float) -> Grid:
         return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))
@@ -249,7 +252,7 @@ class Planner:
     def _fine(self, candidate: Candidate) -> Array:
         """Return the relative standard deviations (W, 10) on the way, in windows as the estimator has them."""
         grid = self._grid(candidate.duration)
-        return candidate.motions.relative(candidate.waypoints[None], grid, every=1)[:, 0]
+        return candidate.motions.relative(candidate.speeds[None], grid, every=1)[:, 0]
 
     def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
         motions, settings = candidate.motions, self._settings
@@ -257,18 +260,18 @@ class Planner:
         model = motions.knowledge.layout.kernel.model
         names = model.independent_joints
         moved = np.flatnonzero(motions.limits.moved)
-        times, _, away = motions.course(candidate.waypoints[None])
+        times, _, away = motions.course(candidate.speeds[None])
         bounds = self._bounds(candidate, _MORE_DRAWS)
         use = np.concatenate(
             (
-                motions.splines.use(candidate.waypoints, motions.start, motions.limits),
-                motions.effort(candidate.waypoints[None]),
+                motions.splines.use(candidate.speeds, motions.start, motions.limits),
+                motions.effort(candidate.speeds[None]),
             )
         )[:, moved]
         # What the search was held to: a motion that is at that is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
         return Plan(
-            trajectory=motions.trajectory(candidate.waypoints),
+            trajectory=motions.trajectory(candidate.speeds),
             target=motions.knowledge.layout.kernel.target.name,
             before=self.information.relative,
             wanted=settings.relative,

@@ -8,13 +8,14 @@ for from it. What the limits ask for thus holds of all motions that are compared
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.planning.evolution import GENERATION, Evolution
+from mbaid_ros.core.planning.legs import NUMBERS, drawn_legs, possible_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 
@@ -63,12 +64,14 @@ class Candidate:
     Attributes
     ----------
     motions : those of its length
-    waypoints : (K, k)
+    legs : (NUMBERS, k) that the search has it of
+    speeds : (K, k) within the limits
     cost, ratio : as `Wanted` has them
     """
 
     motions: Motions
-    waypoints: Array
+    legs: Array
+    speeds: Array
     cost: float
     ratio: float
 
@@ -76,6 +79,11 @@ class Candidate:
     def duration(self) -> float:
         """Its length, s."""
         return self.motions.splines.duration
+
+    def lasting(self, duration: float) -> Candidate:
+        """Return the motion that goes by the same speeds for another time, s, as far as the joints may go."""
+        motions = self.motions.lasting(duration)
+        return replace(self, motions=motions, speeds=motions.within(self.speeds))
 
 
 class Search:
@@ -112,8 +120,9 @@ class Search:
         self._generator = np.random.default_rng(seed)
         self.reached: Candidate | None = None
         self._first = min(first, _DRAWN)
-        self.best = self._best_of(self._drawn(self._first)) or self._still()
-        self._evolution = Evolution(self.best.waypoints)
+        drawn = drawn_legs(self._first, len(motions.limits.moved), self._generator)
+        self.best = self._best_of(drawn) or self._still()
+        self._evolution = Evolution(self.best.legs)
 
     def at_length(self) -> Iterator[int]:
         """Improve the best motion of the length there is; yield how many motions each part has compared."""
@@ -156,61 +165,52 @@ class Search:
             self.reached = self.best
 
     def _change(self, duration: float) -> None:
-        """Go on with motions of another length, the best one stretched or compressed to it."""
-        self._motions = motions = self._motions.lasting(duration)
-        known = self.best.motions.splines.passed(self.best.waypoints, motions.splines)
-        seeds = [known * max(1.0, duration / self.best.duration), known]
-        if self.reached is not None:
-            seeds.append(self.reached.motions.splines.passed(self.reached.waypoints, motions.splines))
-        self.best = self._best_of(np.stack(seeds)) or self._still()
-        self._evolution = self._evolution.begun_at(self.best.waypoints)
+        """Go on with motions of another length, from the legs of the best one and of the shortest that does."""
+        self._motions = self._motions.lasting(duration)
+        legs = [each.legs for each in (self.best, self.reached) if each is not None]
+        self.best = self._best_of(np.stack(legs)) or self._still()
+        self._evolution = self._evolution.begun_at(self.best.legs)
 
     def _generation(self) -> None:
         """Draw motions about the best ones."""
-        drawn = self._evolution.drawn(self._size(), self._generator)
-        possible, cost, ratio = self._compared(drawn)
-        self._evolution.move(possible, cost)
-        best = self._first_allowed(possible, cost, ratio, self.best.cost)
-        if best is not None:
-            self.best = best
+        legs = possible_legs(self._evolution.drawn(self._motions.limits.moved, self._generator))
+        found = self._compared(legs)
+        self._evolution.move(legs, found.cost)
+        self.best = self._first_allowed(found, self.best.cost) or self.best
 
-    def _size(self) -> Array:
-        """Return the size (k,) of waypoints that the joints' limits allow."""
-        reach = np.sqrt(np.mean(self.best.waypoints**2, axis=0))
-        if not reach.any():
-            reach = np.sqrt(np.mean(self._drawn(1)[0] ** 2, axis=0))
-        return np.asarray(np.where(self._motions.limits.moved, np.maximum(reach, 0.2 * reach.max()), 0.0))
-
-    def _drawn(self, count: int) -> Array:
-        """Return motions of all joints as fast as these may go: there and back, in turns that are drawn."""
-        splines, limits = self._motions.splines, self._motions.limits
-        shape = (count, splines.waypoints, len(limits.moved))
-        speed = np.where(limits.moved, np.minimum(limits.velocity, 1e3), 0.0)
-        steps = self._generator.choice([-1.0, 1.0], shape) * self._generator.uniform(0.3, 1.0, shape)
-        return np.cumsum(steps, axis=1) * speed * splines.duration / splines.waypoints
-
-    def _best_of(self, waypoints: Array) -> Candidate | None:
+    def _best_of(self, legs: Array) -> Candidate | None:
         """Return the best of some motions, as large as allowed; None where none is allowed."""
-        return self._first_allowed(*self._compared(waypoints), np.inf)
+        return self._first_allowed(self._compared(legs), np.inf)
 
-    def _compared(self, waypoints: Array) -> tuple[Array, Array, Array]:
-        """Return motions (B, K, k) as large as allowed, their costs (B,) and their ratios (B,)."""
+    def _compared(self, legs: Array) -> _Compared:
+        """Return what becomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
-        possible = motions.gentle(motions.within(waypoints), self.base)
-        relative = motions.relative(possible, motions.coarse)
-        return possible, self._wanted.cost(relative), self._wanted.ratio(relative)
+        fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
+        speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
+        relative = motions.relative(speeds, motions.coarse)
+        return _Compared(legs, speeds, self._wanted.cost(relative), self._wanted.ratio(relative))
 
-    def _first_allowed(self, possible: Array, cost: Array, ratio: Array, less_than: float) -> Candidate | None:
+    def _first_allowed(self, found: _Compared, less_than: float) -> Candidate | None:
         """Return the best motion that costs less than the best so far and is allowed; None where none is."""
-        for place in np.argsort(cost).tolist():
-            if not cost[place] < less_than:
+        for place in np.argsort(found.cost).tolist():
+            if not found.cost[place] < less_than:
                 break
-            if self._allowed(self._motions, possible[place]):
-                return Candidate(self._motions, possible[place], float(cost[place]), float(ratio[place]))
+            if self._allowed(self._motions, found.speeds[place]):
+                cost, ratio = float(found.cost[place]), float(found.ratio[place])
+                return Candidate(self._motions, found.legs[place], found.speeds[place], cost, ratio)
         return None
 
     def _still(self) -> Candidate:
         """Return joints at rest, which tell nothing worth comparing."""
-        limits = self._motions.limits
-        shape = (self._motions.splines.waypoints, len(limits.moved))
-        return Candidate(self._motions, np.zeros(shape), np.inf, np.inf)
+        joints = len(self._motions.limits.moved)
+        speeds = np.zeros((self._motions.splines.count, joints))
+        return Candidate(self._motions, np.zeros((NUMBERS, joints)), speeds, np.inf, np.inf)
+
+
+class _Compared(NamedTuple):
+    """Motions side by side: legs (B, NUMBERS, k), speeds (B, K, k), costs (B,) and ratios (B,)."""
+
+    legs: Array
+    speeds: Array
+    cost: Array
+    ratio: Array

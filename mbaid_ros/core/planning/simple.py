@@ -13,11 +13,10 @@ from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 from mbaid_ros.core.planning.splines import Splines
 
-_SPACING, _EACH = 0.5, 10  # s, of the waypoints at most; of these for each joint at least
+_SPACING, _EACH = 0.5, 10  # s, of speeds at most; of these for each joint at least
 _RAMP = 2.0  # s, in which joints come from rest and back to it
 _TERMS, _PERIODS = 2, (8.0, 40.0)  # sinusoids a joint, s
 _LEGS = (4.0, 12.0)  # s, that a joint goes one way
-_MUCH = 1e3  # times as large as limits allow, to which motions are then made smaller
 
 Generator = np.random.Generator
 
@@ -35,13 +34,12 @@ def simple_motion(kind: str, motions: Motions, base: BaseLimits, seed: int) -> J
     duration = motions.splines.duration
     joints = len(motions.start)
     fine = replace(motions, splines=Splines(max(round(duration / _SPACING), _EACH * joints), duration))
-    times = np.arange(1, fine.splines.waypoints + 1) / fine.splines.waypoints * duration
+    times = np.arange(1, fine.splines.count + 1) / fine.splines.count * duration
     drawn = SIMPLE[kind](times, joints, np.random.default_rng(seed))
-    speed = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
-    waypoints = fine.within(_MUCH * duration * speed * drawn[None])
+    speeds = fine.splines.filling(np.diff(drawn, axis=0, prepend=0.0)[None], fine.start, fine.limits)
     for _ in range(3):
-        waypoints = fine.gentle(waypoints, base)
-    return fine.trajectory(waypoints[0])
+        speeds = fine.gentle(speeds, base)
+    return fine.trajectory(speeds[0])
 
 
 def _sinusoids(times: Array, joints: int, generator: Generator) -> Array:

@@ -12,6 +12,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.planning.legs import drawn_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.estimate import Estimate
@@ -66,9 +67,9 @@ def still(robot: Begun) -> JointTrajectory:
 def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(servicer: Begun) -> None:
     begin = state(servicer.knowledge.end.joint_position, np.zeros(7), (0.01, -0.02, 0.015), 0.03)
     motions = planner(servicer).motions
-    drawn = motions.within(np.random.default_rng(2).standard_normal((1, 6, 7)))
+    drawn = motions.within(FASTEST * speeds_of(drawn_legs(1, 7, np.random.default_rng(2)), motions.splines.count))
     trajectory = motions.splines.trajectory(drawn[0], motions.start, servicer.kernel.model.joint_names)
-    truth = follow(servicer.kernel, begin, trajectory, trajectory.duration)
+    truth = follow(servicer.kernel, begin, trajectory, trajectory.duration, 0.0125)  # finer, as ramps are short
     known = servicer.knowledge.state
     known[6:12], known[BODY] = total_momentum(servicer.kernel.model, truth)[0], servicer.kernel.target.parameters
     floating = replace(motions.as_if(servicer.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))

@@ -16,17 +16,26 @@ LIMITS = JointLimits(
     moved=np.array([True, True, False]),
 )
 START = np.array([0.2, 4.0, 0.5])
-SPLINES = Splines(5, 12.0)
+SPLINES = Splines(10, 12.0)  # pieces of 1 s
 INSIDE = np.linspace(0.0, 12.0, 481)
-DRAWN = np.random.default_rng(0).standard_normal((20, 5, 3)) * 3.0
+DRAWN = np.random.default_rng(0).standard_normal((20, 10, 3)) * 0.3
 
 
-def test_motions_pass_their_waypoints_and_rest_at_both_ends() -> None:
-    passed = SPLINES.basis(np.linspace(0.0, 12.0, 6)) @ DRAWN
-    assert passed[:, 1:] == pytest.approx(DRAWN)
-    assert passed[:, 0] == pytest.approx(0.0, abs=1e-12)
+def test_motions_rest_at_both_ends_and_go_at_the_speeds_between() -> None:
+    ends = np.array([0.0, 12.0])
+    assert SPLINES.basis(ends[:1]) @ DRAWN == pytest.approx(0.0, abs=1e-12)
     for order in (1, 2):
-        assert SPLINES.basis(np.array([0.0, 12.0]), order) @ DRAWN == pytest.approx(0.0, abs=1e-9)
+        assert SPLINES.basis(ends, order) @ DRAWN == pytest.approx(0.0, abs=1e-9)
+    steady = SPLINES.basis(INSIDE, 1) @ np.ones(10)
+    assert steady[(INSIDE >= 2.0) & (INSIDE <= 10.0)] == pytest.approx(1.0)
+    assert SPLINES.basis(ends[1:]) @ np.ones(10) == pytest.approx(10.0)  # a speed acts for a piece
+
+
+def test_rates_and_accelerations_are_those_of_the_positions() -> None:
+    step = 1e-4
+    for order in (0, 1):
+        ahead, behind = (SPLINES.basis(INSIDE[1:-1] + side * step, order) for side in (0.5, -0.5))
+        assert (ahead - behind) / step == pytest.approx(SPLINES.basis(INSIDE[1:-1], order + 1), abs=1e-3)
 
 
 def test_the_points_of_a_trajectory_make_the_very_same_motion() -> None:
@@ -36,21 +45,30 @@ def test_the_points_of_a_trajectory_make_the_very_same_motion() -> None:
         assert found == pytest.approx(expected + (START if order == 0 else 0.0), abs=1e-9)
 
 
-def test_motions_are_made_as_much_smaller_as_a_limit_asks_for() -> None:
+def test_motions_are_cut_off_at_the_limits_of_velocity_and_acceleration() -> None:
     moved = SPLINES.within(DRAWN, START, LIMITS)
-    use = SPLINES.use(moved, START, LIMITS)
-    assert np.max(use) <= 1.0
-    assert use[:, :, :2].max(axis=1) == pytest.approx(0.995, abs=1e-6)  # drawn ones exceed each joint's
+    assert np.max(SPLINES.use(moved, START, LIMITS)) <= 1.0
     position = START + SPLINES.basis(INSIDE) @ moved
     assert np.all((position[..., 0] >= -1.0) & (position[..., 0] <= 0.5))
     assert np.abs(SPLINES.basis(INSIDE, 1) @ moved).max() <= 0.2
     assert np.abs(SPLINES.basis(INSIDE, 2) @ moved).max() <= 0.1
     assert not moved[:, :, 2].any()  # a joint that must not be moved
+    assert SPLINES.within(moved, START, LIMITS) == pytest.approx(moved)
 
 
-def test_a_motion_is_known_by_the_waypoints_of_another_pace() -> None:
-    slower = Splines(5, 30.0)
-    assert SPLINES.passed(DRAWN, slower) == pytest.approx(DRAWN)
+def test_a_joint_goes_at_full_speed_but_for_its_ramps() -> None:
+    there_and_back = 9.0 * np.repeat([1.0, -1.0], 5)[:, None] * np.ones(3)
+    rate = np.abs(SPLINES.basis(INSIDE, 1) @ SPLINES.within(there_and_back, START, LIMITS))[:, 1]
+    # Of 0.2 rad/s at 0.1 rad/s^2: 2 s to come from rest, as long to go back to it, twice that to turn.
+    assert np.mean(rate > 0.99 * 0.2) > 0.15
+    gentle = SPLINES.within(there_and_back, START, LIMITS, np.array([0.5, 0.5, 0.5]))
+    assert SPLINES.use(gentle, START, LIMITS)[2, 1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_largest_motion_of_a_form_is_at_one_limit_of_each_joint() -> None:
+    for size in (1e-3, 1e3):
+        use = SPLINES.use(SPLINES.filling(size * DRAWN, START, LIMITS), START, LIMITS)
+        assert use[:, :, :2].max(axis=1) == pytest.approx(0.999)
 
 
 @pytest.mark.parametrize(
