@@ -47,6 +47,7 @@ _REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
 _BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
+_LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for
 
 
 Inquiry = Iterator['int | Found']
@@ -85,9 +86,6 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         found += yield from self._stopped(windows, base)
-        if _misfit(base) > WORTH:
-            found += yield from self._swinging(windows, at, base)
-            found += yield from self._noisier(windows, at, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -96,6 +94,12 @@ class Suspicion:
         found += _pulses(track, base)
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
         found += yield from self._changed(windows, point or at, times[:_PARTS], base)
+        if _misfit(base) > WORTH:
+            found += yield from self._noisier(windows, at, base)
+        # What has no name but its place is looked for where nothing that has one explains the data.
+        left = _misfit(base) - max((each.gain for each in found if each.physical), default=0.0)
+        if left > max(WORTH, _LEFT * _misfit(base)):
+            found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
         worth = tuple(each for each in found if each.gain > WORTH)
         yield Found(worth, base.innovations, _misfit(base))
