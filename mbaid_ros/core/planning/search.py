@@ -15,7 +15,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.planning.evolution import GENERATION, Evolution
-from mbaid_ros.core.planning.legs import NUMBERS, drawn_legs, possible_legs, speeds_of
+from mbaid_ros.core.planning.legs import NUMBERS, drawn_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
 
@@ -173,7 +173,7 @@ class Search:
 
     def _generation(self) -> None:
         """Draw motions about the best ones."""
-        legs = possible_legs(self._evolution.drawn(self._motions.limits.moved, self._generator))
+        legs = self._evolution.drawn(self._motions.limits.moved, self._generator)
         found = self._compared(legs)
         self._evolution.move(legs, found.cost)
         self.best = self._first_allowed(found, self.best.cost) or self.best
