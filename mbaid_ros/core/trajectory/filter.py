@@ -252,9 +252,9 @@ def _forgotten(root: Array, variables: Variables) -> Array:
 
 
 def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
-    """Return the triangle after some variables have become a part of themselves, and others up to unit variance.
+    """Return the triangle after some variables have become a part of themselves (docs/trajectory.md, eq. 11).
 
-    Before (v) and after (v'), v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
+    Of unit variance as before: v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
     v, x' and v', of which v is eliminated.
 
     Parameters
