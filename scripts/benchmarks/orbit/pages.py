@@ -51,7 +51,7 @@ def tables(store: Path) -> dict[str, str]:
 def _made_by(part: str, lines: Iterable[Line]) -> str:
     own = [line for line in lines if line['part'] == part]
     seeds = [len({line['seed'] for line in own if line.get('seconds', seconds) == seconds}) for seconds in DURATIONS]
-    words = f'{seeds[0]} seeds' if seeds[0] == seeds[1] else f'{seeds[0]} seeds of a minute, {seeds[1]} of five'
+    words = f'{seeds[0]} seeds' if seeds[1] in {0, seeds[0]} else f'{seeds[0]} seeds of a minute, {seeds[1]} of five'
     return provenance(words, f'scripts/benchmark_orbit.py {part}')
 
 
