@@ -108,7 +108,7 @@ def _disturbed(run: Run) -> str:
 
 def _accuracy(run: Run, truth: Truth | None) -> str:
     """Return how far from the truth the worst parameter is."""
-    if truth is None or not run.reached:
+    if truth is None or not run.reached or run.contradicted:
         return ''
     error = np.abs(run.final.parameters - truth.parameters)
     sigmas = error / run.final.std
