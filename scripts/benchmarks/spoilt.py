@@ -14,18 +14,21 @@ from mbaid_ros.core.simulation.run import Truth
 _FAR, _TURNED = 0.2, np.radians(5.0)  # m, rad: how far outliers are off
 
 
+def coloured(white: Array, time: Array, constant: float) -> Array:
+    """Return errors (N, 3) at (N,) s as an autoregression with a time constant (s), as large as the white ones are."""
+    keep = float(np.exp(-np.mean(np.diff(time)) / constant))
+    scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
+    scale[0] = 1.0
+    return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
+
+
 def correlated(base: BaseStream, truth: Truth, constant: float) -> BaseStream:
     """Return poses whose errors have a time constant (s) and the size that they had, white, before."""
-    keep = float(np.exp(-np.mean(np.diff(truth.time)) / constant))
-
-    def coloured(white: Array) -> Array:
-        scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
-        scale[0] = 1.0
-        return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
-
     true = rotation_from_quaternion(truth.base_orientation)
-    rotation = exp(coloured(log(base.rotation @ np.swapaxes(true, 1, 2)))) @ true
-    return _posed(base, truth.base_position + coloured(base.position - truth.base_position), rotation)
+    rotation = exp(coloured(log(base.rotation @ np.swapaxes(true, 1, 2)), truth.time, constant)) @ true
+    return _posed(
+        base, truth.base_position + coloured(base.position - truth.base_position, truth.time, constant), rotation
+    )
 
 
 def outliers(base: BaseStream, share: float, seed: int) -> BaseStream:

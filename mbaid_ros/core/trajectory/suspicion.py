@@ -94,15 +94,16 @@ class Suspicion:
         found += _pulses(track, base)
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
         found += yield from self._changed(windows, point or at, times[:_PARTS], base)
-        if _misfit(base) > WORTH:
+        misfit = _misfit(base)
+        if misfit > WORTH:
             found += yield from self._noisier(windows, at, base)
         # What has no name but its place is looked for where nothing that has one explains the data.
-        left = _misfit(base) - max((each.gain for each in found if each.physical), default=0.0)
-        if left > max(WORTH, _LEFT * _misfit(base)):
+        left = misfit - max((each.gain for each in found if each.physical), default=0.0)
+        if left > max(WORTH, _LEFT * misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
         worth = tuple(each for each in found if each.gain > WORTH)
-        yield Found(worth, base.innovations, _misfit(base))
+        yield Found(worth, base.innovations, misfit)
 
     def _from_outside(self, wide: WidePass, passed: Windows, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by what acts or drifts."""

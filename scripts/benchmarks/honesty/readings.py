@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from benchmarks.honesty.floating import turned
+from benchmarks.spoilt import coloured
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.simulation import quaternions
@@ -170,17 +170,11 @@ def with_base(readings: Readings, position: Array, orientation: Array) -> Readin
 def correlated(constant: float, readings: Readings, _rng: np.random.Generator) -> Readings:
     """Give the poses' noise a time constant (s), as strong as it was."""
     base, truth = readings.base, readings.truth
-    keep = float(np.exp(-np.mean(np.diff(truth.time)) / constant))
-
-    def coloured(white: Array) -> Array:
-        scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
-        scale[0] = 1.0
-        return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
-
     # Of a small rotation, the vector is twice the quaternion's imaginary part.
     error = 2.0 * quaternions.product(base.orientation, quaternions.conjugate(truth.base_orientation))[:, :3]
-    orientation = quaternions.product(quaternions.exp(coloured(error)), truth.base_orientation)
-    return with_base(readings, truth.base_position + coloured(base.position - truth.base_position), orientation)
+    orientation = quaternions.product(quaternions.exp(coloured(error, truth.time, constant)), truth.base_orientation)
+    position = truth.base_position + coloured(base.position - truth.base_position, truth.time, constant)
+    return with_base(readings, position, orientation)
 
 
 def wandering(step: float, readings: Readings, rng: np.random.Generator) -> Readings:
