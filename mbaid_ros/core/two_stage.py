@@ -140,6 +140,8 @@ class TwoStageEstimator:
             return _contradicted(early) if self._restarted and not self._agreed else early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
+        if not np.any(early.identifiable & late.identifiable):
+            return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
 
     def _judged(self, estimate: Estimate) -> Estimate:

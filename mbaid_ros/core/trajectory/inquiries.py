@@ -11,14 +11,16 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.findings import Change, Found
-from mbaid_ros.core.trajectory.suspicion import Suspicion
+from mbaid_ros.core.trajectory.suspicion import FEWEST, Suspicion
+from mbaid_ros.core.trajectory.wide_pass import SLIPPING
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.verdict.correlated import seen_in
 from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
-_FIRST, _AFTER_A_JUMP = 24, 6  # windows before the first inquiry, and since what may be a change of the target
+_FIRST = 24  # windows before the first inquiry
+_AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since what may be a change of the target: what tells of it is there
 _OPEN = 16  # windows, at most, that a jump is left open while an inquiry is under way
 _APART = 16  # windows from one inquiry to the next, at least
 _KEPT = 80  # windows that one is over

@@ -45,7 +45,7 @@ _LIKELY, _TRIED = 0.8, 2
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_BEFORE, _FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
+_BEFORE, FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for
 
@@ -119,22 +119,22 @@ class Suspicion:
     ) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a target that has moved in the grasp, or was exchanged, at some time."""
         changes: list[Suspected] = []
-        plain = self.extended()
+        plain, quiet = self.extended(), self.hypotheses[0]
         for time in times:
             place = next(index for index, window in enumerate(windows) if window.start >= time)
             later = windows[place + SLIPPING :]
             if place < _BEFORE:
                 continue
-            if len(later) < _FEWEST:
+            # What has been explained needs no later change.
+            if len(later) < FEWEST or any(each.change for each in changes):
                 break
             # Another body may be far from the one before: where it is to be looked for, a fit tells.
             points = point, self._as_described(later)
             yield _FITTED
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
-                quiet, exchanged = self.hypotheses[0], change.exchanged
-                track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=exchanged))
+                track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=change.exchanged))
                 explains = track is not None and _explains(track)
-                text = of_change(time, exchanged=exchanged)
+                text = of_change(time, exchanged=change.exchanged)
                 changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
 
@@ -191,7 +191,7 @@ class Suspicion:
         """Return what would be gained without the windows in which a joint's reading stands still."""
         found: list[Suspected] = []
         for stopped in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_TRIED]:
-            if len(stopped.windows) < _FEWEST:
+            if len(stopped.windows) < FEWEST:
                 continue
             # The run has been led astray by these windows.
             point = self._as_described(stopped.windows)

@@ -60,6 +60,17 @@ def test_after_a_slip_the_run_goes_on() -> None:
 
 
 @pytest.mark.long
+def test_a_wide_slip_is_told_from_the_first_inquiry_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'the body slips in the grasp by 30 deg'
+    shorten(monkeypatch, name, 48.0)
+    told = run((name, 'trajectory', 1))
+    assert told.status in PUBLISHED
+    assert 'moved in the grasp at 30.0 s' in told.causes
+    given = told.std > 0.0
+    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
+
+
+@pytest.mark.long
 def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     name = 'the hand loses the body'
     shorten(monkeypatch, name, 48.0)
