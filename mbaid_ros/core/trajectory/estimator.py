@@ -199,7 +199,7 @@ class TrajectoryEstimator:
         self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
-        judgement = with_undeclared_orbit(judgement, moments, layout, now.time)
+        judgement = with_undeclared_orbit(judgement, moments, layout)
         covariance = moments.as_far_off(sizes, layout, _ORDER) * judgement.widening
         solution = Solution(
             x=moments.mean[_ORDER],
