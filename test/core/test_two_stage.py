@@ -30,18 +30,22 @@ class Stage:
         self.restarts = 0
 
     def update(self, windows: list[Samples], _origin: int) -> list[Estimate]:
+        """Say the next ones."""
         return [self._said.pop(0) for _ in windows]
 
     def offer(self, estimate: Estimate) -> None:
         """Need no start."""
 
     def restart(self) -> None:
+        """Count it."""
         self.restarts += 1
 
     def work_off(self) -> bool:
+        """Have nothing to do."""
         return False
 
     def knowledge(self) -> Knowledge | None:
+        """Know nothing."""
         return None
 
 
@@ -83,6 +87,6 @@ def test_the_second_stage_starts_again_where_the_first_contradicts_it() -> None:
 
 
 @pytest.mark.parametrize(('mass', 'agrees'), [(106.0, True), (108.0, False)])
-def test_they_may_be_as_far_apart_as_chance_allows(mass: float, agrees: bool) -> None:  # noqa: FBT001
+def test_they_may_be_as_far_apart_as_chance_allows(mass: float, agrees: bool) -> None:
     found, _ = both([knowing(MASS)] * 3, [knowing(MASS, mass=mass)] * 3)
     assert [each.status for each in found] == ['estimating' if agrees else 'inconsistent'] * 3
