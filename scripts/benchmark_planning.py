@@ -39,7 +39,7 @@ Written by `make benchmark-planning` (`scripts/benchmark_planning.py`{arguments}
 Each state is that of a simulated robot, drawn: a pose of the arm, a slow tumble (2 mrad/s about each axis, one
 standard deviation), six seconds of a drawn motion at 2 deg/s at most, half a second of rest, seen by sensors of 100
 Hz (encoders 0.1 mrad, base 1 mm and 0.1 mrad, twist 1 mm/s and 0.1 mrad/s), identified by method `trajectory`. From
-there a motion is planned that brings every parameter to {wanted:g} %, with the default 750 motions compared.
+there a motion is planned that brings every parameter to {wanted:g} %, with the default 1200 motions compared.
 **planned**: its length, median. **best of {sinusoids}**: the shortest time in which one of {sinusoids} random
 sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow; they begin
 at rest, and need not end there) is predicted to reach the same, a dash where in half of the states none does so in

@@ -92,6 +92,6 @@ class PlanConfig:
         32, 'Speeds that each joint goes by, one after the other.', minimum=4, maximum=100, read_only=False
     )
     effort: int = parameter(
-        750, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
+        1200, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
     )
     seed: int = parameter(0, 'The same seed gives the same motion.', minimum=0, read_only=False)

@@ -11,10 +11,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 
-GENERATION = 16  # motions drawn at a time
-_CHOSEN = 5  # of these, that the mean moves to
+GENERATION = 32  # motions drawn at a time: fewer are hardly faster
+_CHOSEN = 9  # of these, that the mean moves to
 _WEIGHTS = np.log(_CHOSEN + 0.5) - np.log(np.arange(1, _CHOSEN + 1))
-_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.3, 0.02, 0.15, 1.0
+_FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.2, 0.02, 0.15, 1.0
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 

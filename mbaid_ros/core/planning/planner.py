@@ -64,7 +64,7 @@ class PlanSettings:
     clearance: float = 0.02
     stuck: Collection[str] = ()
     speeds: int = 32
-    effort: int = 750
+    effort: int = 1200
     seed: int = 0
     window: float = _WINDOW
 

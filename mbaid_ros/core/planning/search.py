@@ -135,11 +135,12 @@ class Search:
         """Look for the shortest motion that reaches what is wanted, of `longest` s at most, likewise."""
         yield self._first
         tried = 0  # generations of this length
+        longer_helps = True  # where the base's limit binds, more time alone hardly does
         while True:
             if self.best.ratio <= ENOUGH:
                 self._take()
                 length = self.best.duration * max(0.6, self.best.ratio**0.6 * _SHORTER)
-            elif tried >= (_PATIENCE if self.best.ratio < _FAR else 1):
+            elif tried >= (1 if self.best.ratio > _FAR and longer_helps else _PATIENCE):
                 length = self._longer(longest)
             else:
                 tried += 1
@@ -147,9 +148,12 @@ class Search:
                 yield GENERATION
                 continue
             tried = 0
-            if length != self.best.duration:
+            before = self.best
+            if length != before.duration:
                 self._change(length)
                 yield 1
+                if length > before.duration:
+                    longer_helps = self.best.ratio * length < before.ratio * before.duration
 
     def _longer(self, longest: float) -> float:
         """Return the length to go on with where the best motion of one does not tell enough."""
