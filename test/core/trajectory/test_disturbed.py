@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from observed import HIGH, MID, kernel, observe, windows
+from observed import HIGH, MID, estimator, kernel, observe, windows
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -47,8 +47,8 @@ def test_the_two_simulations_agree(robot: MomentumKernel, servicer: Truth, joint
 def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float) -> None:
     """Also where the linear momentum was known at first: the pulse is as large as any."""
     truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
-    estimator = make(robot, MID, adapt=True, uncertainty=replace(DEFAULT, linear_momentum=known))
-    last = estimator.update(windows(observe(truth, MID, 4)), 0)[-1]
+    following = make(robot, MID, adapt=True, uncertainty=replace(DEFAULT, linear_momentum=known))
+    last = following.update(windows(observe(truth, MID, 4)), 0)[-1]
     (event,) = last.events
     assert event.kind == 'step'
     assert PULSED - 0.5 <= event.time <= PULSED + 0.5
@@ -62,14 +62,14 @@ def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, know
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
     truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
-    estimator = make(robot, MID, adapt=True)
-    last = estimator.update(windows(observe(truth, MID, 5)), 0)[-1]
+    following = make(robot, MID, adapt=True)
+    last = following.update(windows(observe(truth, MID, 5)), 0)[-1]
     assert any(
         f'constant force or torque acts, in {"base" if axes == "body" else axes} axes' in x for x in last.warnings
     )
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
-    run = estimator._runs.run
+    run = following._runs.run
     assert run is not None
     moments = run.moments()
     error = moments.force - FORCE_TORQUE
@@ -78,6 +78,18 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), moments.force)
     # Without the hypothesis the force is taken for inertia.
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
+
+
+def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_robot(
+    robot: MomentumKernel, joints: Sinusoids, momentum: Array
+) -> None:
+    """No run without the force is followed then, so that what it gains over one cannot be told."""
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, 'body'))
+    told = {'disturbance__constant': 'body', 'known_links__relative_std': 1e-4, 'known_joints__zero_std': 1e-4}
+    run = estimator(robot, MID, method='trajectory', **told)
+    last = run.update(windows(observe(truth, MID, 5)), 0)[-1]
+    assert last.status in {'estimating', 'converged'}
+    assert normalised(last, robot) < LIMIT
 
 
 def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth) -> None:
@@ -137,8 +149,8 @@ def test_known_bodies_that_are_a_little_wrong(robot: MomentumKernel, servicer: T
 def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
     """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
     truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
-    estimator = make(robot, MID, adapt=True)
-    last = estimator.update(windows(observe(truth, MID)), 0)[-1]
+    following = make(robot, MID, adapt=True)
+    last = following.update(windows(observe(truth, MID)), 0)[-1]
     assert last.events[0].kind == 'ramp'
     assert np.all(np.abs(errors(last, robot)) < 0.02 * last.std)
 
