@@ -24,7 +24,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 
 _SEEDS, _QUICK_SEEDS = {'servicer7': 600, 'ets7': 100, 'table1': 100}, 8
-_OTHER_SEEDS = 50  # of what is not a plain case
+_OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # of what is not a plain case, and of slow odometry
 _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (10.0, 20.0, 60.0)
 _DRIFTS = (0.01, 0.1)  # m/s
@@ -52,7 +52,7 @@ def main() -> int:
         others = {'frames': _frames, 'sensors': _sensors}
         for section in arguments.sections:
             plan |= {
-                other: Job(job.times, min(job.seeds, _OTHER_SEEDS))
+                other: Job(job.times, min(job.seeds, _SLOW_SEEDS if other.every > 1 else _OTHER_SEEDS))
                 for case, job in plan.items()
                 for other in others[section](case)
             }

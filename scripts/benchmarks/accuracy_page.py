@@ -252,6 +252,7 @@ def _seeds(report: Report) -> str:
     parts = []
     for robot in report.robots():
         most = report.plan[report.plain(robot)[0]].seeds
-        fewer = [f'{METHODS[name].runs(most)} for {name}' for name in report.methods if METHODS[name].runs(most) < most]
+        runs = {name: METHODS[name].runs(most, plain=True) for name in report.methods}
+        fewer = [f'{count} for {name}' for name, count in runs.items() if count < most]
         parts.append(f'{most} seeds for {robot}' + (f' ({", ".join(fewer)})' if fewer else ''))
     return ', '.join(parts)

@@ -39,8 +39,10 @@ class Method:
     extra: bool = False
     finds_noise: bool = False
 
-    def runs(self, seeds: int) -> int:
-        """Return how many of some seeds it runs for."""
+    def runs(self, seeds: int, *, plain: bool) -> int:
+        """Return how many of some seeds it runs for; of cases that are not plain, which have few, for all."""
+        if not plain and not self.papers:
+            return seeds
         return max(round(self.share * seeds), min(self.fewest, seeds))
 
     def takes(self, case: Case) -> bool:

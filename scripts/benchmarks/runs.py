@@ -89,7 +89,8 @@ def monte_carlo(
         motion(robot)
     wanted = {
         (case, method): [
-            _Run(case, method, seed, job.times, truths[case.robot]) for seed in range(METHODS[method].runs(job.seeds))
+            _Run(case, method, seed, job.times, truths[case.robot])
+            for seed in range(METHODS[method].runs(job.seeds, plain=case.plain))
         ]
         for case, job in plan.items()
         for method in methods
