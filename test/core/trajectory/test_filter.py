@@ -8,67 +8,21 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from drawn_windows import NUMBERS, STATE, UNKNOWNS, prepare, variables, window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.chain import WindowModel
 from mbaid_ros.core.trajectory.filter import advance, momentum_inflation, pose_reset, update
-from mbaid_ros.core.trajectory.integrated_twist import IntegratedTwist
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR
-from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
-from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
+from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED, Hypothesis
 from mbaid_ros.core.verdict.innovations import Innovations
-
-UNKNOWNS = 3  # of the known side
-NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on
-STATE = BODY.stop + UNKNOWNS
-
-
-def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
-    """Return one window in the filter's variables."""
-    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, variables)[0]
-
-
-def variables(rng: np.random.Generator) -> Variables:
-    scale, deviation = rng.uniform(0.5, 2.0, STATE), rng.uniform(1.0, 1.4, STATE)
-    scale[BODY.stop :] = deviation[BODY.stop :] = 1.0
-    mean = rng.normal(size=STATE)
-    mean[BODY.stop :] = 0.0
-    force = np.diag(rng.uniform(0.5, 2.0, 6))
-    return Variables(np.eye(STATE), scale, np.eye(6), force, mean, np.diag(deviation), np.eye(UNKNOWNS), np.ones(6))
 
 
 def covariance_of(belief: Belief, space: Variables) -> Array:
     """Return the covariance of the state."""
     factor = Moments.of(belief, space).factor
     return np.asarray(factor @ factor.T)
-
-
-def positive(rng: np.random.Generator, size: float = 1.0) -> Array:
-    root = rng.normal(size=(6, 8))
-    return size * root @ root.T
-
-
-def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
-    turn = 0.1 * rng.normal(size=(6, STATE))
-    turn[:, :6] += np.eye(6)
-    return WindowModel(
-        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
-        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
-        transition=turn,
-        drift=rng.normal(size=6),
-        process=np.sqrt(process) * rng.normal(size=(6, 8)),
-        joints=rng.normal(size=(6, 3)),
-        joints_by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
-        joints_of_gyro=np.zeros((3, 3)),
-        joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
-        length=np.array(0.5),
-        rotation=np.eye(3),
-        position=rng.normal(size=3),
-        brought=np.zeros((6, STATE)),
-        stepped=np.zeros((6, 0)),
-    )
 
 
 def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, float, Array]:
@@ -303,56 +257,3 @@ def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
     expected = model.twist_rows[6:].T @ np.linalg.solve(model.twist_covariance[6:, 6:], model.twist_rows[6:])
     rows = alone.rows[6:] / space.scale
     assert rows.T @ rows == pytest.approx(expected)
-
-
-def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
-    rng = np.random.default_rng(0)
-    space, count = variables(rng), 3
-    models = []
-    for _ in range(count):
-        way = rng.normal(size=6), rng.normal(size=(6, STATE)), rng.normal(size=6), rng.normal(size=(6, STATE))
-        twist = IntegratedTwist(*way, 0.1 * positive(rng), np.array(0.45), np.array(0.08), np.array(0.7))
-        model = window(rng)
-        common = model.joints @ model.joints.T
-        several = np.empty((), dtype=object)
-        several[()] = twist
-        covariance = positive(rng) + common
-        models.append((replace(model, pose_covariance=covariance, integrated=several), twist, common))
-    belief = Belief.prior(space)
-    for model, _, _ in models:
-        white = prepare(model, space)
-        belief = advance(update(belief, white), white, space, UNDISTURBED)
-    # All at once, over the first state, c, and the noise q of each window's way.
-    size = STATE + 6 + 6 * count
-    whole: Array = np.eye(STATE, size)
-    carried: Array = np.zeros((6, size))
-    carried[:, STATE : STATE + 6] = np.eye(6)
-    constant: Array = np.zeros(STATE)
-    carried_constant: Array = np.zeros(6)
-    deviation = np.concatenate((np.diag(space.factor), np.full(6, OPEN_LENGTH), np.ones(6 * count)))
-    information = np.diag(deviation**-2.0)
-    right = information @ np.concatenate((space.mean, np.zeros(size - STATE)))
-    for place, (model, twist, common) in enumerate(models):
-        noise = np.zeros((6, size))
-        noise[:, STATE + 6 + 6 * place : STATE + 12 + 6 * place] = np.linalg.cholesky(twist.white)
-        rows = (model.pose_rows - twist.change * twist.way_rows) @ whole - twist.change * noise
-        of_mean = twist.mean_rows @ whole + carried + twist.share * noise
-        values = model.pose_value - twist.change * twist.way_value, twist.mean_value - carried_constant
-        values = (
-            values[0] - (model.pose_rows - twist.change * twist.way_rows) @ constant,
-            (values[1] - twist.mean_rows @ constant),
-        )
-        covariance = np.block([[model.pose_covariance, common], [common, common + twist.left * twist.white]])
-        both = np.concatenate((rows, of_mean))
-        information += both.T @ np.linalg.solve(covariance, both)
-        right += both.T @ np.linalg.solve(covariance, np.concatenate(values))
-        carried = carried + noise + twist.way_rows @ whole
-        carried_constant = carried_constant - twist.way_value + twist.way_rows @ constant
-        step = np.eye(STATE)
-        step[:6] = model.transition
-        whole, constant = step @ whole, step @ constant
-        constant[:6] += model.drift
-    solved = np.linalg.inv(information)
-    moments = Moments.of(belief, space)
-    assert space.spread @ belief.least_squares == pytest.approx(whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6)
-    assert moments.factor @ moments.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)
