@@ -31,6 +31,7 @@ HEADER = (
     'search',
 )
 PAGE = 'planning.md'
+_CLOSE = 0.2  # by which what is reached may differ from what was promised
 HEAD = """\
 # Planned motions, measured
 
@@ -47,7 +48,7 @@ at rest, and need not end there) is predicted to reach the same, a dash where in
 it. **{longer} compared**: the median where a search compares so many motions, of the first {few} states of two
 robots; in brackets that of the usual search for the same states. Then the planned motion is made by the simulated
 robot, with noise, and the run goes on. **reached / promised**: standard deviations of the estimator over the
-predicted ones, median and range over parameters and states. **in 95 %**: errors within the estimator's intervals.
+predicted ones, median and range over parameters and states, and the share of them within 0.8 to 1.2. **in 95 %**: errors within the estimator's intervals.
 **turned, most**: the furthest that a base was truly turned from where it would have been with the joints at rest, and
 how many were further than the limit. **turned, drawn**: the same of {draws} robots for each state, their body and
 momentum drawn from what the run knows where the motion begins; bodies that cannot be are left out. **search**: median
@@ -96,6 +97,7 @@ def _row(name: str, found: Outcomes, *, limited: bool) -> list[str]:
     ratio = found.planned / found.sinusoids
     known = ratio[np.isfinite(ratio)]
     reached = found.reached[np.isfinite(found.reached)]
+    within = 100.0 * np.mean(np.abs(reached - 1.0) <= _CLOSE)
     beyond = f', {int(np.sum(found.turned > TURN))} beyond' if limited else ''
     return [
         name,
@@ -104,7 +106,7 @@ def _row(name: str, found: Outcomes, *, limited: bool) -> list[str]:
         f'{number(float(np.median(found.sinusoids)), 1)} s',
         f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
         _longer(found),
-        f'{np.median(reached):.2f} ({reached.min():.2f} to {reached.max():.2f})',
+        f'{np.median(reached):.2f} ({reached.min():.2f} to {reached.max():.2f}), {within:.0f} %',
         f'{int(found.inside.sum())} of {found.inside.size}',
         f'{np.degrees(found.turned.max()):.2f} deg{beyond}',
         _strayed(found, limited=limited),
