@@ -48,7 +48,8 @@ at rest, and need not end there) is predicted to reach the same, a dash where in
 it. **{longer} compared**: the median where a search compares so many motions, of the first {few} states of two
 robots; in brackets that of the usual search for the same states. Then the planned motion is made by the simulated
 robot, with noise, and the run goes on. **reached / promised**: standard deviations of the estimator over the
-predicted ones, median and range over parameters and states, and the share of them within 0.8 to 1.2. **in 95 %**: errors within the estimator's intervals.
+predicted ones, median and range over parameters and states, and the share of them within 0.8 to 1.2. **in 95 %**:
+errors within the estimator's intervals.
 **turned, most**: the furthest that a base was truly turned from where it would have been with the joints at rest, and
 how many were further than the limit. **turned, drawn**: the same of {draws} robots for each state, their body and
 momentum drawn from what the run knows where the motion begins; bodies that cannot be are left out. **search**: median
