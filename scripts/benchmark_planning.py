@@ -15,6 +15,7 @@ from benchmarks.driver import add_run_arguments, driving, parser_of
 from benchmarks.pages import machine, number, table
 from benchmarks.planned_runs import DRAWS, LONGER, LONGER_SEEDS, TURN, WANTED, Case, Outcomes, run
 from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS
+from mbaid_ros.core.planning.planner import PlanSettings
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
 HEADER = (
@@ -40,7 +41,7 @@ Written by `make benchmark-planning` (`scripts/benchmark_planning.py`{arguments}
 Each state is that of a simulated robot, drawn: a pose of the arm, a slow tumble (2 mrad/s about each axis, one
 standard deviation), six seconds of a drawn motion at 2 deg/s at most, half a second of rest, seen by sensors of 100
 Hz (encoders 0.1 mrad, base 1 mm and 0.1 mrad, twist 1 mm/s and 0.1 mrad/s), identified by method `trajectory`. From
-there a motion is planned that brings every parameter to {wanted:g} %, with the default 1200 motions compared.
+there a motion is planned that brings every parameter to {wanted:g} %, with the default {usual} motions compared.
 **planned**: its length, median. **best of {sinusoids}**: the shortest time in which one of {sinusoids} random
 sinusoids (two terms a joint, periods of 8 to 40 s, as large as the same limits of joints and base allow; they begin
 at rest, and need not end there) is predicted to reach the same, a dash where in half of the states none does so in
@@ -80,6 +81,7 @@ def main() -> int:
             arguments=said,
             machine=machine(),
             wanted=100.0 * WANTED,
+            usual=PlanSettings.effort,
             sinusoids=SINUSOIDS,
             longest=LENGTHS[-1],
             longer=LONGER,

@@ -127,6 +127,14 @@ def test_an_orbit_that_is_no_circle_where_one_is_declared(frame: str) -> None:
     assert certain.status == 'inconsistent' or certain.events or nees(certain, run.target_inertia) > LIMIT
 
 
+def test_a_gravity_gradient_that_has_turned_too_far_is_no_quiet_error() -> None:
+    """In half a minute it turns by 0.6 rad: that is no longer a change at a constant rate."""
+    run = simulated(SECONDS, initial__base_position=AWAY, **given(declared('inertial', 2.0 * FAST)))
+    last = identify(run, session(orbit__undeclared_rate=2.0 * FAST))
+    assert last.status == 'inconsistent'
+    assert 'set orbit.mean_motion' in last.causes[0][0]
+
+
 def test_no_orbit_is_none() -> None:
     run = simulated(SECONDS)
     last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))

@@ -104,10 +104,10 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
         asked.append(compared)
         return len(asked) < 3
 
-    first = planner(servicer, duration=6.0, effort=200).plan(impatient)
-    assert first.compared < 200
+    first = planner(servicer, duration=6.0, effort=300).plan(impatient)
+    assert first.compared < 150
     asked.clear()
-    second = planner(servicer, duration=6.0, effort=200).plan(impatient)
+    second = planner(servicer, duration=6.0, effort=300).plan(impatient)
     assert np.array_equal(first.trajectory.position, second.trajectory.position)
 
 
