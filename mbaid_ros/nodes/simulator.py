@@ -75,6 +75,7 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
+        self._clock = -math.inf  # s of the run that /clock has told
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
         self._say_what_runs()
@@ -134,8 +135,9 @@ class SimulatorNode(Node):
         self._waiting.extend(self._run.read(self._computed))
 
     def _publish_clock(self, when: float) -> None:
-        if self._clock_outlet is not None:
+        if self._clock_outlet is not None and when > self._clock:
             self._clock_outlet.publish(self._run.clock(when))
+            self._clock = when
 
     def _say_what_runs(self) -> None:
         config = self._config

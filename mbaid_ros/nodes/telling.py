@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Mapping
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,6 +24,8 @@ from mbaid_ros.nodes.simulated_clock import SimulatedClock
 from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
+
+_TIDY_EVERY = 1.0  # s, at least, from one look for garbage after an estimate to the next
 
 
 class Telling:
@@ -53,6 +56,7 @@ class Telling:
         self._diagnostics: Diagnostics | None = None
         self._restarted = 0  # how often the session had started again when that was last told
         self._calibrated = ''  # what was last told of the robot's own bodies
+        self._tidied = 0.0  # s of the monotonic clock, when Python last looked for garbage
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
 
     def watch(self, diagnostics: Diagnostics) -> None:
@@ -75,8 +79,9 @@ class Telling:
                 capture = session.robot.captured(estimate)
                 self._outlets.publish_debris(debris_message(alone, estimate, TYPES, frames, capture))
             self.display.show(estimate, f'{frames.prefix}{frames.target_link}')
-        if found:
+        if found and monotonic() > self._tidied + _TIDY_EVERY:
             gc.collect()
+            self._tidied = monotonic()
         if session.restarted != self._restarted:
             self._follow_restart(session)
 
