@@ -75,7 +75,7 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
-        self._clock = -math.inf  # s of the run that /clock has told
+        self._clock_told = -math.inf  # s of the run that /clock has told
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
         self._say_what_runs()
@@ -135,9 +135,9 @@ class SimulatorNode(Node):
         self._waiting.extend(self._run.read(self._computed))
 
     def _publish_clock(self, when: float) -> None:
-        if self._clock_outlet is not None and when > self._clock:
+        if self._clock_outlet is not None and when > self._clock_told:
             self._clock_outlet.publish(self._run.clock(when))
-            self._clock = when
+            self._clock_told = when
 
     def _say_what_runs(self) -> None:
         config = self._config
