@@ -85,10 +85,11 @@ def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -
     return Begun(unknown, method, last_state(truth), samples[-1:])
 
 
-def planner(robot: Begun, **settings: object) -> Planner:
-    """Return what plans motions of a robot to 1 %, quickly."""
+def planner(robot: Begun, knowledge: Knowledge | None = None, **settings: object) -> Planner:
+    """Return what plans motions of a robot to 1 %, quickly; from what it has come to know where nothing is given."""
     given = {'relative': np.full(10, 0.01), 'joint_velocity': FASTEST, 'effort': 24, **settings}
-    return Planner(robot.knowledge, make_reporting(EstimatorConfig(), robot.kernel), PlanSettings(**given))  # type: ignore[arg-type]
+    reporting = make_reporting(EstimatorConfig(), robot.kernel)
+    return Planner(knowledge or robot.knowledge, reporting, PlanSettings(**given))  # type: ignore[arg-type]
 
 
 def first_motion(name: str, seconds: float) -> JointTrajectory:

@@ -19,6 +19,7 @@ from mbaid_ros.core.geometry import Array, Flags, rotation_from_quaternion
 from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.planning.information import Grid
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.core.planning.motions import Motions
 from mbaid_ros.core.planning.plan import Plan
@@ -38,6 +39,7 @@ from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.core.simulation.steered import made_to_follow
 from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.methods import make_reporting
 
@@ -46,6 +48,7 @@ NOISE = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
 RATE, SEEN, STEP = 100.0, 10.0, 0.05  # Hz, of the sensors, and of what is looked at alone; s, of the integrator
 WANTED = 0.01
 TURN = np.radians(2.0)  # rad, that the base may be turned by the motion
+WINDOW, KNOTS = 0.5, 10  # s, of the estimator
 FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
 SPIN = 0.002  # rad/s, standard deviation of the base's rates
 LONGER, LONGER_SEEDS = 5000, 4  # motions that a longer search compares, and the first of the states that it is made for
@@ -81,6 +84,7 @@ class Outcome:
     bound, turned : rad, by which the base was to be turned at most, and was
     strayed : (DRAWS,) rad, by which robots drawn from what the run knows are turned; NaN where one cannot be simulated
     reached : (10,) relative standard deviations of the estimator after the motion over those promised; NaN without any
+    true_body : (10,) over those that would have been promised if the body had been known; likewise
     normalised : (10,) errors in the estimator's standard deviations; NaN without any
     """
 
@@ -93,6 +97,7 @@ class Outcome:
     turned: float
     strayed: Array
     reached: Array
+    true_body: Array
     normalised: Array
 
 
@@ -109,6 +114,7 @@ class Outcomes(Runs):
     turned: Array
     strayed: Array
     reached: Array
+    true_body: Array
     normalised: Array
 
     @property
@@ -157,6 +163,7 @@ def run(case: Case) -> Outcome:
         turned,
         _strayed(planner.motions, _last(truth), plan, case.seed),
         reached,
+        reached * plan.after / _of_the_true_body(planner.motions, plan, kernel),
         normalised,
     )
 
@@ -194,7 +201,7 @@ def _method(kernel: MomentumKernel) -> Estimator:
 
 
 def _updated(method: Estimator, samples: Samples) -> Estimate:
-    cutter = Windows(0.5)
+    cutter = Windows(WINDOW)
     return method.update([*cutter.push(samples), *cutter.flush()], 0)[-1]
 
 
@@ -238,6 +245,15 @@ def _longer(knowledge: Knowledge, reporting: Reporting, settings: PlanSettings) 
     """Return the length of the motion that a longer search finds, s; NaN where it finds none."""
     plan = Planner(knowledge, reporting, replace(settings, effort=LONGER)).plan()
     return plan.trajectory.duration if plan.reached else np.nan
+
+
+def _of_the_true_body(motions: Motions, plan: Plan, kernel: MomentumKernel) -> Array:
+    """Return the relative standard deviations (10,) that a plan would have promised if the body had been known."""
+    known = motions.knowledge
+    mean = known.mean.copy()
+    mean[BODY] = kernel.target.parameters
+    grid = Grid.over(plan.trajectory.duration, WINDOW, KNOTS)
+    return motions.relative_along(plan.trajectory, grid, replace(known, mean=mean).point)
 
 
 def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:

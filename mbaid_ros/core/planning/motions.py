@@ -139,14 +139,24 @@ class Motions:
         names = self.knowledge.layout.kernel.model.independent_joints
         return self.splines.trajectory(speeds[:, moved], self.start[moved], tuple(names[each] for each in moved))
 
+    def along(self, trajectory: JointTrajectory, times: Array) -> tuple[Array, Array]:
+        """Return positions and rates (T, 1, n) of all joints at instants of a trajectory from the start on."""
+        model = self.knowledge.layout.kernel.model
+        position, rate = np.tile(self.start, (len(times), 1)), np.zeros((len(times), len(self.start)))
+        places = [model.independent_joints.index(name) for name in trajectory.joints]
+        position[:, places], rate[:, places], _ = trajectory.at(times)
+        return model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
+
+    def relative_along(self, trajectory: JointTrajectory, grid: Grid, point: Point) -> Array:
+        """Return relative standard deviations (10,) after a trajectory, if the robot is as it may be."""
+        position, rate = self.along(trajectory, grid.half_steps)
+        base = self.as_if(point).moved(position, rate, grid.spacing)
+        return self.information.as_if(point).after(grid, (position[::2], rate[::2]), base)[0]
+
     def excursion_along(self, trajectory: JointTrajectory, floating: Floating) -> Array:
         """Return how far a trajectory from the start on moves the base of a robot at most, (3,): rad, m, rad/s."""
         step = trajectory.duration / _FINE
-        model = self.knowledge.layout.kernel.model
-        position, rate = np.tile(self.start, (2 * _FINE + 1, 1)), np.zeros((2 * _FINE + 1, len(self.start)))
-        places = [model.independent_joints.index(name) for name in trajectory.joints]
-        position[:, places], rate[:, places], _ = trajectory.at(np.arange(2 * _FINE + 1) * 0.5 * step)
-        joints = model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
+        joints = self.along(trajectory, np.arange(2 * _FINE + 1) * 0.5 * step)
         coasting = floating.coasting(joints[0][0, 0], _FINE + 1, step)
         return np.asarray(floating.moved(*joints, step).away_from(coasting).max(axis=(0, 1)))
 

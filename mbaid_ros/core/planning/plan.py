@@ -11,6 +11,7 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
 
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
+_MARGIN = 1.02  # ratio to what is wanted, from which it is told that a plan may miss it
 BINDING = 0.9  # part of a limit from which a motion is at it
 # In the order of what motions use: of the joints, then of the base.
 LIMITS = (
@@ -71,6 +72,7 @@ class Plan:
     shortest : whether the shortest was looked for that reaches what is wanted
     longest : s, that was looked for
     compared : motions
+    may_be : relative standard deviations after the motion for bodies as the target may be, (D, 10)
     stuck : joints that are not moved
     notes : what else is to be known, a line each
     shapes : collision shapes of the robot
@@ -90,6 +92,7 @@ class Plan:
     shortest: bool
     longest: float
     compared: int
+    may_be: Array
     stuck: tuple[str, ...]
     notes: tuple[str, ...]
     shapes: int
@@ -98,6 +101,12 @@ class Plan:
     def after(self) -> Array:
         """Relative standard deviations after the motion, (10,)."""
         return self.course.value[-1]
+
+    @property
+    def between(self) -> Array:
+        """The smallest and the largest that these are for bodies as the target may be, (2, 10)."""
+        every = np.concatenate((self.may_be, self.after[None]))
+        return np.stack((every.min(axis=0), every.max(axis=0)))
 
     @property
     def ratio(self) -> float:
@@ -122,7 +131,12 @@ class Plan:
         length = f'{self.trajectory.duration:.1f} s'
         known = f'{self.worst} of {self.target}'
         if self.reached:
-            return f'{length} of motion bring every parameter of {self.target} below what is wanted; now {known}: {now}'
+            most = (self.between[1] / self.wanted)[self.asked].max()
+            margin = f'; at most to {most:.2f} times that with what the body may be as well' if most > _MARGIN else ''
+            return (
+                f'{length} of motion bring every parameter of {self.target} below what is wanted{margin}; now {known}: '
+                f'{now}'
+            )
         at = f'; the motion is at {", ".join(self.binding)}' if self.binding else ''
         if self.shortest and self.trajectory.duration < _WHOLE * self.longest:
             return (

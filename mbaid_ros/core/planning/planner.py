@@ -22,9 +22,11 @@ from mbaid_ros.core.planning.search import Candidate, Criterion, Search, Wanted
 from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.state import Point
 
 _FIRST = 20.0  # s, of the motions that a search begins with
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
+_TOLD = 8  # of these, for which it is told what the motion tells
 _SURE = 3.0  # standard deviations of what the motion does to the base that are kept from its limits
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
@@ -121,9 +123,12 @@ class Planner:
         )
 
     @cached_property
+    def _points(self) -> list[Point]:
+        return self.motions.knowledge.drawn(_MORE_DRAWS, self._settings.seed)
+
+    @cached_property
     def _draws(self) -> list[Floating]:
-        points = self.motions.knowledge.drawn(_MORE_DRAWS, self._settings.seed)
-        return [self.motions.as_if(point) for point in points]
+        return [self.motions.as_if(point) for point in self._points]
 
     @property
     def ratio(self) -> float:
@@ -270,13 +275,14 @@ class Planner:
         )[:, moved]
         # What the search was held to: a motion that is at that is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
+        trajectory, grid = motions.trajectory(candidate.speeds), self._grid(candidate.duration)
         return Plan(
-            trajectory=motions.trajectory(candidate.speeds),
+            trajectory=trajectory,
             target=motions.knowledge.layout.kernel.target.name,
             before=self.information.relative,
             wanted=settings.relative,
             asked=self.information.asked,
-            course=Course(self._grid(candidate.duration).ends, relative),
+            course=Course(grid.ends, relative),
             base=Course(times, away[:, 0]),
             bounds=bounds,
             base_limits=settings.base.array,
@@ -287,6 +293,7 @@ class Planner:
             shortest=not settings.duration,
             longest=settings.longest,
             compared=compared,
+            may_be=np.stack([motions.relative_along(trajectory, grid, point) for point in self._points[:_TOLD]]),
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,

@@ -16,17 +16,18 @@ _OF_BASE = ('rotation', 'translation', 'rate')
 
 def summary(plan: Plan) -> str:
     """Return a plan as a table for a terminal."""
-    rows = [plan.verdict, '', '             now        after      wanted']
+    rows = [plan.verdict, '', '             now        after      wanted     as the body may be']
     rows += [
-        f'  {name:6} {_percent(now)}  {_percent(then)}  {_percent(wanted)}'
+        f'  {name:6} {"  ".join(map(_percent, (now, then, wanted, least)))} to {_percent(most).strip()}'
         if asked
         else f'  {name:6} not told by any motion of this robot'
-        for name, now, then, wanted, asked in zip(
-            PARAMETERS, plan.before, plan.after, plan.wanted, plan.asked, strict=True
+        for name, now, then, wanted, least, most, asked in zip(
+            PARAMETERS, plan.before, plan.after, plan.wanted, *plan.between, plan.asked, strict=True
         )
     ]
     rows += [
         '  one standard deviation, as convergence.relative_std has it',
+        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from what is known now',
         *(f'  {line}' for line in plan.excursions),
         f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
     ]
@@ -56,12 +57,13 @@ def as_json(plan: Plan) -> dict[str, Any]:
         'verdict': plan.verdict,
         'duration': trajectory.duration,
         'relative_std': {
-            name: {'now': now, 'after': then, 'wanted': wanted} if asked else None
-            for name, now, then, wanted, asked in zip(
+            name: {'now': now, 'after': then, 'wanted': wanted, 'least': least, 'most': most} if asked else None
+            for name, now, then, wanted, least, most, asked in zip(
                 PARAMETERS,
                 plan.before.tolist(),
                 plan.after.tolist(),
                 plan.wanted.tolist(),
+                *plan.between.tolist(),
                 plan.asked.tolist(),
                 strict=True,
             )

@@ -45,10 +45,11 @@ def html(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str]) ->
         paragraph(plan.verdict, f'verdict {"good" if plan.reached else "bad"}'),
         listed(plan.notes, 'warnings'),
         '<h2>What it tells</h2>',
-        table(('', 'now', 'after the motion', 'wanted'), _told(plan)),
+        table(('', 'now', 'after the motion', 'as the body may be', 'wanted'), _told(plan)),
         paragraph(
             'One standard deviation: of the mass relative to it, of the centre of mass to convergence.length, of the '
-            'inertia to its moments.',
+            f'inertia to its moments. As the body may be: after the motion, for {len(plan.may_be)} bodies drawn from '
+            'what is known now.',
             'note',
         ),
         figure(_course(plan), 'Predicted standard deviations, relative to what is wanted: the motion has done at 1.'),
@@ -76,10 +77,12 @@ def _percent(value: float) -> str:
 
 
 def _told(plan: Plan) -> list[tuple[str, ...]]:
-    columns = zip(PARAMETERS, plan.before, plan.after, plan.wanted, plan.asked, strict=True)
+    columns = zip(PARAMETERS, plan.before, plan.after, *plan.between, plan.wanted, plan.asked, strict=True)
     return [
-        (name, *(map(_percent, (now, then, wanted)) if asked else (NO_NUMBER, 'by no motion of this robot', NO_NUMBER)))
-        for name, now, then, wanted, asked in columns
+        (name, _percent(now), _percent(then), f'{_percent(least)} to {_percent(most)}', _percent(wanted))
+        if asked
+        else (name, NO_NUMBER, 'by no motion of this robot', NO_NUMBER, NO_NUMBER)
+        for name, now, then, least, most, wanted, asked in columns
     ]
 
 

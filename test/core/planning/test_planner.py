@@ -12,6 +12,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.planning.information import Grid
 from mbaid_ros.core.planning.legs import drawn_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.plan import Plan
@@ -43,6 +44,35 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(
     # The filter linearises at numbers of its own: a few per cent. What the plan promises is kept within 20 %.
     assert reached / plan.after == pytest.approx(1.0, abs=0.15)
     assert np.all(plan.after < 0.9 * plan.before)
+
+
+def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(servicer: Begun) -> None:
+    planning = planner(servicer, duration=10.0)
+    plan, motions, known = planning.plan(), planning.motions, servicer.knowledge
+    grid = Grid.over(plan.trajectory.duration, 0.5, 10)
+    assert motions.relative_along(plan.trajectory, grid, known.point) == pytest.approx(plan.after, rel=1e-6)
+    assert len(plan.may_be) == 8
+    # Of a body that is known ten times as well the promise hardly depends on what it may be.
+    better = planner(servicer, replace(known, triangle=0.1 * known.triangle), duration=10.0).motions
+    close = [
+        better.relative_along(plan.trajectory, grid, point) / better.relative_along(plan.trajectory, grid, known.point)
+        for point in better.knowledge.drawn(8, 0)
+    ]
+    assert np.median(np.std(close, axis=0) / np.std(plan.may_be / plan.after, axis=0)) < 0.25
+
+
+def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached() -> None:
+    robot = begun()
+    wrong, true = robot.knowledge.mean.copy(), robot.knowledge.mean.copy()
+    wrong[BODY], true[BODY] = 1.3 * wrong[BODY], robot.kernel.target.parameters
+    planning = planner(robot, replace(robot.knowledge, mean=wrong), duration=10.0)
+    plan = planning.plan()
+    point = replace(robot.knowledge, mean=true).point
+    told = planning.motions.relative_along(plan.trajectory, Grid.over(10.0, 0.5, 10), point)
+    _, estimate = robot.moved(plan.trajectory)
+    reached = estimate.std / make_reporting(EstimatorConfig(), robot.kernel).sizes(estimate.parameters[None])[0]
+    assert reached / told == pytest.approx(1.0, abs=0.15)
+    assert np.abs(np.log(reached / told)).max() < 0.7 * np.abs(np.log(reached / plan.after)).max()
 
 
 def test_the_base_moves_as_predicted_and_no_further_than_is_allowed(
