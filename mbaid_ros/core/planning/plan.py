@@ -132,7 +132,7 @@ class Plan:
         known = f'{self.worst} of {self.target}'
         if self.reached:
             most = (self.between[1] / self.wanted)[self.asked].max()
-            margin = f'; at most to {most:.2f} times that with what the body may be as well' if most > _MARGIN else ''
+            margin = f' (up to {most:.2f} times it with the body as it may be)' if most > _MARGIN else ''
             return (
                 f'{length} of motion bring every parameter of {self.target} below what is wanted{margin}; now {known}: '
                 f'{now}'
