@@ -219,7 +219,11 @@ class SimulatorConfig:
     )
     seed: int = parameter(0, 'The same seed gives the same sensor noise.', minimum=0)
     real_time_factor: float = parameter(
-        1.0, 'Simulated seconds that pass in a second of the node.', minimum=0.0, maximum=1e3, exclusive_minimum=True
+        1.0,
+        'Simulated seconds that pass in a second of the node; fewer where the machine does not keep up.',
+        minimum=0.0,
+        maximum=1e3,
+        exclusive_minimum=True,
     )
     publish_clock: bool = parameter(
         False,  # noqa: FBT003 - a default

@@ -26,6 +26,7 @@ from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.arguments import simulator_arguments
 from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.pace import Pace
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin
@@ -37,6 +38,8 @@ _AHEAD = 0.1  # s of this machine's time that is simulated at once: a batch cost
 _SHORTEST_PERIOD = 0.001  # s, of the timer; at higher rates it publishes several messages at a time
 _PATIENCE = 2.0  # s, with subscribers that have not got everything when the run is over
 _DEPTH = 1000  # messages kept for a slow subscriber
+_PART = 0.2  # of these, that are told at once of each kind
+_LATE = 1.0  # s, by which a run is late when that is told
 
 
 class SimulatorNode(Node):
@@ -74,33 +77,40 @@ class SimulatorNode(Node):
         self.create_subscription(JointTrajectory, 'joint_trajectory', self._on_trajectory, qos(1))
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
-        self._begin = math.nan  # s of the monotonic clock at time 0 of the run; NaN before it begins
+        rate = max(self._config.joint_rate, self._config.odometry_rate)
+        self._pace = Pace(self._config.real_time_factor, _PART * _DEPTH / rate)
         self._clock_told = -math.inf  # s of the run that /clock has told
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
         self._say_what_runs()
         if not self._config.wait_for_subscribers:
             self._start()
-        rate = max(self._config.joint_rate, self._config.odometry_rate) * self._config.real_time_factor
         # A clock that nothing stops: this node is what others may take their time from.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(max(1.0 / rate, _SHORTEST_PERIOD), self._on_timer, clock=steady)
+        period = 1.0 / (rate * self._config.real_time_factor)
+        self.create_timer(max(period, _SHORTEST_PERIOD), self._on_timer, clock=steady)
 
     def _start(self) -> None:
         """Let the run begin now."""
         if not self._config.publish_clock:  # otherwise simulated time begins at 0
             self._run.start = time.time_ns()
         self._truth.publish(self._run.truth())
-        self._begin = time.monotonic()
+        self._pace.begin()
 
     def _on_timer(self) -> None:
         """Publish what is due."""
-        if math.isnan(self._begin):
+        if not self._pace.begun:
             wanted = self._config.wait_for_subscribers
             if any(outlet.get_subscription_count() < wanted for outlet in self._inputs):
                 return
             self._start()
-        now = (time.monotonic() - self._begin) * self._config.real_time_factor
+        now = self._pace.now()
+        if self._pace.late > _LATE:
+            self.get_logger().warning(  # type: ignore[no-untyped-call]
+                f'this machine does not keep up with real_time_factor {self._config.real_time_factor:g}: the run goes '
+                'on later, with nothing left out',
+                once=True,
+            )
         duration = self._config.duration
         over = 0.0 < duration <= now
         self._compute(now)

@@ -53,6 +53,7 @@ class Hours:
     marks : in order
     windows, lost_windows : from the first estimate to the last one
     messages, lost : on both topics, by the stamp at which the node told of them
+    seconds : that it took
     speed : seconds of stamps in a second
     status, parameters, deviations : of the last estimate
     """
@@ -62,6 +63,7 @@ class Hours:
     lost_windows: int = 0
     messages: int = 0
     lost: int = 0
+    seconds: float = 0.0
     speed: float = 0.0
     status: str = ''
     parameters: Array = field(default_factory=lambda: np.full(10, np.nan))
@@ -93,8 +95,8 @@ class _Listener(Node):
                     self.received[status.name] = int(item.value)
 
 
-def watched(estimator: Process, simulator: Process, seconds: float) -> Hours:
-    """Return what two processes show in a time on the wall, s; the simulator is stopped at its end.
+def watched(estimator: Process, simulator: Process, seconds: float, stamps: float) -> Hours:
+    """Return what two processes show in some s on the wall, or of stamps; the simulator is stopped at its end.
 
     Raises
     ------
@@ -118,13 +120,14 @@ def watched(estimator: Process, simulator: Process, seconds: float) -> Hours:
         if not listener.estimates:
             raise RuntimeError('no estimate')
         begin, at = time.monotonic(), listener.last
-        while (now := time.monotonic()) < begin + seconds:
+        while (now := time.monotonic()) < begin + seconds and listener.last < stamps:
             if estimator.poll() is not None or simulator.poll() is not None:
                 raise RuntimeError('estimator or simulator has ended')
             told = [(processor_time(each.pid), resident(each.pid)) for each in (estimator, simulator)]
             hours.marks.append(Mark(listener.last / 3600.0, *told))
             spin(now + min(_EVERY, seconds))
-        hours.speed = (listener.last - at) / (time.monotonic() - begin)
+        hours.seconds = time.monotonic() - begin
+        hours.speed = (listener.last - at) / hours.seconds
         simulator.terminate()
         spin(time.monotonic() + _LAST)
         _end(hours, listener)

@@ -57,6 +57,16 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
     assert seconds == sorted(seconds)
 
 
+def test_what_the_machine_does_not_keep_up_with_comes_later_and_nothing_is_left_out(graph: Graph) -> None:
+    joints = graph.collect('joint_states', JointState, DEEP)
+    odometry = graph.collect('odom', Odometry, DEEP)
+    fast = 'publish_clock:=true', 'real_time_factor:=1000', 'duration:=60', 'wait_for_subscribers:=1'
+    node = start(graph, *fast)
+    graph.wait(lambda: len(joints) == len(odometry) == 6001, 'every message')
+    assert node.wait() == 0
+    assert node.stderr.count('this machine does not keep up with real_time_factor 1000') == 1
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(graph: Graph, number: signal.Signals) -> None:
     node = start(graph, 'duration:=0')
