@@ -47,7 +47,7 @@ class Bounds:
     Attributes
     ----------
     nominal : of the robot as it is known best
-    sure : of robots as they may be as well, three standard deviations and more
+    sure : of robots as they may be as well, five standard deviations and more
     """
 
     nominal: Array

@@ -27,7 +27,7 @@ from mbaid_ros.core.trajectory.state import Point
 _FIRST = 20.0  # s, of the motions that a search begins with
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
 _TOLD = 8  # of these, for which it is told what the motion tells
-_SURE = 3.0  # standard deviations of what the motion does to the base that are kept from its limits
+_SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them

@@ -62,7 +62,7 @@ def html(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str]) ->
         '<h2>What it does to the base</h2>',
         table(('', 'most', 'for certain below', 'limit'), _excursions(plan)),
         paragraph(
-            'From where the base would be with the joints at rest; for certain is three standard deviations, and all '
+            'From where the base would be with the joints at rest; for certain is five standard deviations, and all '
             'of the robots that were drawn.',
             'note',
         ),
