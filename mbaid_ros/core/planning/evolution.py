@@ -12,8 +12,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags
 
 GENERATION = 32  # motions drawn at a time: fewer are hardly faster
-_CHOSEN = 9  # of these, that the mean moves to
-_WEIGHTS = np.log(_CHOSEN + 0.5) - np.log(np.arange(1, _CHOSEN + 1))
+CHOSEN = 9  # of these, that the mean moves to
+_WEIGHTS = np.log(CHOSEN + 0.5) - np.log(np.arange(1, CHOSEN + 1))
 _FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.2, 0.02, 0.15, 1.0
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
@@ -59,7 +59,7 @@ class Evolution:
         motions : (GENERATION, G, k) that were drawn, as they have become
         cost : (GENERATION,) infinite or NaN of those that cannot be
         """
-        order = [place for place in np.argsort(cost).tolist() if np.isfinite(cost[place])][:_CHOSEN]
+        order = [place for place in np.argsort(cost).tolist() if np.isfinite(cost[place])][:CHOSEN]
         if not order:
             return
         weights = _WEIGHTS[: len(order)] / _WEIGHTS[: len(order)].sum()

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
 _MARGIN = 1.02  # ratio to what is wanted, from which it is told that a plan may miss it
 BINDING = 0.9  # part of a limit from which a motion is at it
-# In the order of what motions use: of the joints, then of the base.
+# In the order of what motions use: of the joints, then of the base; then what keeps the robot out of its own way.
 LIMITS = (
     'the position limits of the joints',
     'the velocity limits of the joints',
@@ -22,6 +22,7 @@ LIMITS = (
     'plan.base_rotation',
     'plan.base_translation',
     'plan.base_rate',
+    'plan.clearance',
 )
 _UNITS = ('rad', 'm', 'rad/s')
 

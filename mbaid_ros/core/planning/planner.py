@@ -31,6 +31,7 @@ _SURE = 5.0  # standard deviations of what the motion does to the base that are 
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
+_PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 _CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
 _SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
 
@@ -155,11 +156,12 @@ class Planner:
                 'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
                 'plan.duration'
             )
-        search = Search(self.motions, self._wanted, settings.base, settings.seed, self._is_clear, settings.effort)
+        clear = self._clear_part if self._collisions.pairs else None
+        search = Search(self.motions, self._wanted, settings.base, settings.seed, clear, settings.effort)
         if not np.isfinite(search.best.cost):
             raise ParameterError(
-                'no motion of the joints keeps the collision shapes of the robot apart; accepted: a smaller '
-                'plan.clearance, or a pose that is further from itself'
+                'no motion of the joints, however small, keeps the collision shapes of the robot apart; accepted: a '
+                'smaller plan.clearance, or a pose that is further from itself'
             )
         search.base = self._tightened(search.best)
         compared = 0
@@ -171,7 +173,7 @@ class Planner:
                 search.base, length = self._tightened(search.best), search.best.duration
             if not progress(min(compared, settings.effort)) or compared >= settings.effort:
                 break
-        found = search.best if settings.duration or search.reached is None else search.reached
+        found = search.best if settings.duration else search.reached or search.nearest
         return self._finished(self._sure(found), search.base, compared)
 
     def advice(self) -> str:
@@ -195,11 +197,13 @@ class Planner:
             notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
-    def _is_clear(self, motions: Motions, speeds: Array) -> bool:
-        if not self._collisions.pairs:
-            return True
+    def _clear_part(self, motions: Motions, speeds: Array) -> float:
+        """Return the largest part of its size that keeps a motion clear of the robot itself; 0 where none does."""
         times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
-        return self._collisions.clear(motions.joints(speeds[None], times)[0][:, 0])
+        return next(
+            (part for part in _PARTS if self._collisions.clear(motions.joints(part * speeds[None], times)[0][:, 0])),
+            0.0,
+        )
 
     def _bounds(self, candidate: Candidate, draws: int) -> Bounds:
         """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
@@ -223,7 +227,7 @@ class Planner:
         return self._lengthened(self._as_large_as_sure(candidate))
 
     def _as_large_as_sure(self, candidate: Candidate) -> Candidate:
-        """Return a motion made as much smaller as efforts ask for, and the base's limits however the robot is."""
+        """Return a motion made as much smaller as efforts, collision shapes and the base's limits ask for."""
         for _ in range(4):
             use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
             effort = candidate.motions.effort(candidate.speeds[None])
@@ -231,6 +235,8 @@ class Planner:
             if use <= 1.0:
                 break
             candidate = self._again(candidate, candidate.speeds * 0.98 / use)
+        if (part := self._clear_part(candidate.motions, candidate.speeds)) < 1.0:
+            candidate = replace(self._again(candidate, candidate.speeds * part), part=part)
         return candidate
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
@@ -288,7 +294,9 @@ class Planner:
             base_limits=settings.base.array,
             use=use,
             binding=tuple(
-                name for name, part in zip(LIMITS, [*use.max(axis=1), *of_base], strict=True) if part > BINDING
+                name
+                for name, part in zip(LIMITS, [*use.max(axis=1), *of_base, candidate.part < 1.0], strict=True)
+                if part > BINDING
             ),
             shortest=not settings.duration,
             longest=settings.longest,

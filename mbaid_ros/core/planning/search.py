@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.planning.evolution import GENERATION, Evolution
+from mbaid_ros.core.planning.evolution import CHOSEN, GENERATION, Evolution
 from mbaid_ros.core.planning.legs import NUMBERS, drawn_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.motions import Motions
@@ -67,6 +67,7 @@ class Candidate:
     legs : (NUMBERS, k) that the search has it of
     speeds : (K, k) within the limits
     cost, ratio : as `Wanted` has them
+    part : of the size that it would have if nothing of the robot were in its own way
     """
 
     motions: Motions
@@ -74,6 +75,7 @@ class Candidate:
     speeds: Array
     cost: float
     ratio: float
+    part: float = 1.0
 
     @property
     def duration(self) -> float:
@@ -96,11 +98,13 @@ class Search:
     base : limits of what motions do to the base, if the robot is as it is known best; may change on the way
     seed : the same seed leads to the same motion
     first : motions that are drawn, at most
-    allowed : whether one motion (K, k) is, whatever its size: none of the others is taken
+    clear : to which part of its size one motion (K, k) has to be made smaller, for the robot not to be in its own way,
+        0 where that does not help; None for a robot that never is
 
     Attributes
     ----------
-    best : the motion that tells most, of the latest length; joints at rest while none is allowed
+    best : the motion that tells most, of the latest length; joints at rest where none is clear
+    nearest : the one that tells most, of any length
     reached : the shortest that tells enough; None while there is none
     """
 
@@ -110,18 +114,18 @@ class Search:
         wanted: Wanted,
         base: BaseLimits,
         seed: int,
-        allowed: Callable[[Motions, Array], bool],
+        clear: Callable[[Motions, Array], float] | None,
         first: int,
     ) -> None:
         self._motions = motions
         self._wanted = wanted
         self.base = base
-        self._allowed = allowed
+        self._clear = clear
         self._generator = np.random.default_rng(seed)
         self.reached: Candidate | None = None
         self._first = min(first, _DRAWN)
         drawn = drawn_legs(self._first, len(motions.limits.moved), self._generator)
-        self.best = self._best_of(drawn) or self._still()
+        self.best = self.nearest = self._best_of(drawn)
         self._evolution = Evolution(self.best.legs)
 
     def at_length(self) -> Iterator[int]:
@@ -172,37 +176,61 @@ class Search:
         """Go on with motions of another length, from the legs of the best one and of the shortest that does."""
         self._motions = self._motions.lasting(duration)
         legs = [each.legs for each in (self.best, self.reached) if each is not None]
-        self.best = self._best_of(np.stack(legs)) or self._still()
+        self.best = self._best_of(np.stack(legs))
+        self._note_nearest()
         self._evolution = self._evolution.begun_at(self.best.legs)
 
     def _generation(self) -> None:
         """Draw motions about the best ones."""
         legs = self._evolution.drawn(self._motions.limits.moved, self._generator)
         found = self._compared(legs)
-        self._evolution.move(legs, found.cost)
-        self.best = self._first_allowed(found, self.best.cost) or self.best
+        self._evolution.move(found.legs, found.cost)
+        if found.cost.min() < self.best.cost:
+            self.best = self._candidate(found, int(np.argmin(found.cost)))
+            self._note_nearest()
 
-    def _best_of(self, legs: Array) -> Candidate | None:
-        """Return the best of some motions, as large as allowed; None where none is allowed."""
-        return self._first_allowed(self._compared(legs), np.inf)
+    def _note_nearest(self) -> None:
+        if self.best.ratio < self.nearest.ratio:
+            self.nearest = self.best
+
+    def _best_of(self, legs: Array) -> Candidate:
+        """Return the best of some motions, as large as allowed; joints at rest where none is."""
+        found = self._compared(legs)
+        place = int(np.argmin(found.cost))
+        return self._candidate(found, place) if np.isfinite(found.cost[place]) else self._still()
 
     def _compared(self, legs: Array) -> _Compared:
         """Return what becomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
         speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
-        relative = motions.relative(speeds, motions.coarse)
-        return _Compared(legs, speeds, self._wanted.cost(relative), self._wanted.ratio(relative))
+        found = _Compared(legs, speeds, *self._told(speeds), np.ones(len(legs)))
+        return found if self._clear is None else self._kept_apart(found, self._clear)
 
-    def _first_allowed(self, found: _Compared, less_than: float) -> Candidate | None:
-        """Return the best motion that costs less than the best so far and is allowed; None where none is."""
-        for place in np.argsort(found.cost).tolist():
-            if not found.cost[place] < less_than:
-                break
-            if self._allowed(self._motions, found.speeds[place]):
-                cost, ratio = float(found.cost[place]), float(found.ratio[place])
-                return Candidate(self._motions, found.legs[place], found.speeds[place], cost, ratio)
-        return None
+    def _told(self, speeds: Array) -> tuple[Array, Array]:
+        """Return costs and ratios (B,) of motions."""
+        relative = self._motions.relative(speeds, self._motions.coarse)
+        cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
+        return np.where(np.isfinite(cost), cost, np.inf), ratio
+
+    def _kept_apart(self, found: _Compared, clear: Callable[[Motions, Array], float]) -> _Compared:
+        """Return motions of which the best, that count, are as small as keeps the robot out of its own way."""
+        legs, speeds, cost, ratio, part = (each.copy() for each in found)
+        looked_at: set[int] = set()
+        while due := [place for place in np.argsort(cost)[:CHOSEN].tolist() if place not in looked_at]:
+            looked_at.update(due)
+            part[due] = [clear(self._motions, speeds[place]) for place in due]
+            smaller = [place for place in due if 0.0 < part[place] < 1.0]
+            cost[[place for place in due if part[place] == 0.0]] = np.inf
+            if smaller:
+                legs[smaller, -1] += np.log(part[smaller])[:, None]
+                speeds[smaller] *= part[smaller, None, None]
+                cost[smaller], ratio[smaller] = self._told(speeds[smaller])
+        return _Compared(legs, speeds, cost, ratio, part)
+
+    def _candidate(self, found: _Compared, place: int) -> Candidate:
+        cost, ratio, part = (float(each[place]) for each in (found.cost, found.ratio, found.part))
+        return Candidate(self._motions, found.legs[place], found.speeds[place], cost, ratio, part)
 
     def _still(self) -> Candidate:
         """Return joints at rest, which tell nothing worth comparing."""
@@ -212,9 +240,10 @@ class Search:
 
 
 class _Compared(NamedTuple):
-    """Motions side by side: legs (B, NUMBERS, k), speeds (B, K, k), costs (B,) and ratios (B,)."""
+    """Motions side by side, as `Candidate` has one: (B, NUMBERS, k), (B, K, k), and (B,) each."""
 
     legs: Array
     speeds: Array
     cost: Array
     ratio: Array
+    part: Array

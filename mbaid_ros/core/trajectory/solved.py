@@ -17,6 +17,9 @@ from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.verdict.judgement import Judgement
 
+# Said where none is told that would be, if the run did not contradict its model.
+TOO_WIDE = 'intervals as wide as the contradictions in the data ask for tell of no parameter'
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -54,6 +57,7 @@ class Solved:
         if self.hypothesis.disturbed and self.hypothesis.physical:
             warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
         known = estimate.status != 'not_identifiable'
+        reasons = judgement.reasons if known or judgement.adequate else (*judgement.reasons, TOO_WIDE)
         shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
         return replace(
             estimate,
@@ -63,7 +67,7 @@ class Solved:
             causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
             events=self.events,
             thrusters=self.thrusters,
-            warnings=(*warnings, *judgement.reasons),
+            warnings=(*warnings, *reasons),
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,13 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.planning.collisions import Collisions, no_mesh
 from mbaid_ros.core.planning.information import Grid
 from mbaid_ros.core.planning.legs import drawn_legs, speeds_of
 from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.simulation.run import Truth, total_momentum
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.unknowns.carried import Carried
@@ -177,3 +180,39 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
         known = knowledge_of(asked)
         told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
     assert told[-1].startswith('of single joints joint')
+
+
+def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(servicer: Begun) -> None:
+    """A long motion takes joints far: it is made smaller, never given up, and tells no less than a short one."""
+    model = servicer.kernel.model
+    start = servicer.knowledge.end.joint_position
+    shapes = next(
+        made
+        for radius in np.arange(2.0, 0.2, -0.05)
+        if not (made := Collisions(with_spheres(model, radius), 0.02, start, no_mesh)).notes
+    )
+    assert shapes.pairs
+    told = {}
+    for seconds in (20.0, 90.0):
+        planning = planner(servicer, duration=seconds, effort=120)
+        free = planning.plan()
+        planning = planner(servicer, duration=seconds, effort=120)
+        planning._collisions = shapes
+        plan = planning.plan()
+        passed = np.linspace(0.0, seconds, 500)
+        assert shapes.clear(planning.motions.along(plan.trajectory, passed)[0][:, 0])
+        assert np.ptp(plan.trajectory.position, axis=0).max() > 0.02
+        told[seconds] = plan.ratio
+        # The free motion would have touched: this is no robot that is never in its own way.
+        assert seconds < 90.0 or not shapes.clear(planning.motions.along(free.trajectory, passed)[0][:, 0])
+    assert told[90.0] <= told[20.0]
+
+
+def with_spheres(model: RobotModel, radius: float) -> RobotModel:
+    """Return a robot with spheres for collisions: of a radius at the base, of 0.1 m at the last link."""
+    tree = ET.fromstring(model.urdf)
+    for name, size in ((model.base_link, radius), (model.last_link, 0.1)):
+        link = next(each for each in tree.iter('link') if each.get('name') == name)
+        geometry = ET.SubElement(ET.SubElement(link, 'collision'), 'geometry')
+        ET.SubElement(geometry, 'sphere', radius=str(size))
+    return load_model(ET.tostring(tree, encoding='unicode'))
