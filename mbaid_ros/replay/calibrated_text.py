@@ -84,7 +84,7 @@ def joint_rows(result: Calibrated) -> list[tuple[str, str, str, str]]:
 
 
 def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
-    """Return a line a body: name, mass, shift of the CoM, change of the inertia, what stayed at CAD."""
+    """Return a line a body: name, mass, shift of the CoM, change of the inertia, what is hardly better known."""
     return [_row(link) for link in result.calibration.links]
 
 
@@ -100,7 +100,7 @@ def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
     return one_line(link.name), f'{before} -> {mass}', com, moments, kept
 
 
-HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'stayed at CAD')
+HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'known no better than before')
 
 
 def summary(result: Calibrated) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 
 import numpy as np
 from tqdm import tqdm
@@ -14,6 +15,7 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.truth import TRUTH_FILE
@@ -24,6 +26,7 @@ NODE = 'simulator'
 JOINT_STATES, ODOMETRY, THRUST, STORED_MOMENTUM, IMU = '/joint_states', '/odom', '/thrust', '/stored_momentum', '/imu'
 DESCRIPTION, TRUTH = '/robot_description', f'/{NODE}/truth'
 
+_REST = 0.5  # s after a trajectory, where nothing is said of how long the run is
 _CHUNK = 1.0  # s of the run between two looks at the progress bar
 
 
@@ -54,6 +57,9 @@ def _config(arguments: argparse.Namespace) -> SimulatorConfig:
         own |= {'motion.kind': 'trajectory', 'motion.trajectory_file': arguments.trajectory}
     values |= {name: value for name, value in own.items() if value is not None}
     config = build(SimulatorConfig, values)
+    if config.duration == 0.0 and arguments.trajectory is not None:
+        end = config.motion.trajectory_begin + read_trajectory(arguments.trajectory).duration
+        config = replace(config, duration=end + _REST)
     if not config.robot_description_file:
         raise ParameterError("no robot is given; accepted: --model URDF, or the parameter 'robot_description_file'")
     if config.duration == 0.0:

@@ -99,7 +99,7 @@ def test_the_motion_as_yaml_and_as_a_message_is_the_same(result: Path, planned: 
 def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
     motion = ['--trajectory', str(result.parent / 'motion.yaml'), '-p', 'motion.trajectory_begin:=0.5']
     # Accelerations have kinks, which the integration takes for smooth within a step.
-    rates = ['-p', 'joint_rate:=10.0', '-p', 'odometry_rate:=10.0', '-p', 'step:=0.01', '--duration', '5']
+    rates = ['-p', 'joint_rate:=10.0', '-p', 'odometry_rate:=10.0', '-p', 'step:=0.01']  # as long as it takes
     assert simulate([*MODEL, *motion, *rates, '--output', str(tmp_path / 'bag')]) == 0
     with BagReader(str(tmp_path / 'bag')) as bag:
         positions = np.array([message.position for _, message, _ in bag.read(['/joint_states'])])
@@ -126,6 +126,8 @@ def test_the_plan_in_words(result: Path, capsys: pytest.CaptureFixture[str]) -> 
         ({'state': {'mean': []}}, [], "cannot be used (KeyError: 'joints')"),
         ({}, ['-p', 'known_links.relative_std:=0.01'], 'its state has 17 numbers, and '),
         ({'made_by': {'robot': {'sha256': 'ab', 'file': 'other.urdf'}}}, [], 'another robot description, other.urdf'),
+        ({}, ['-p', 'target_link:=link1'], "parameter 'target_link' is 'link1', and '"),
+        ({'status': None}, ['-p', 'target_link:=link1'], "parameter 'target_link' is 'link1', and '"),
         ({}, ['-p', 'plan.stuck:=[elbow]'], "names 'elbow'; accepted: joint1, joint2"),
         ({}, ['-p', 'plan.relative_std:=[0.0]'], 'accepted: numbers > 0, one or ten'),
         ({}, ['-p', 'plan.relative_std:=[10.0]', '-p', 'plan.duration:=0.0'], 'known as well as is wanted already'),

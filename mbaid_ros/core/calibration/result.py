@@ -77,7 +77,7 @@ class LinkResult:
 
     @property
     def stayed(self) -> Flags:
-        """(10,) True where the data say little, so that the value is that of the robot description."""
+        """(10,) True where the data say little: by itself the value is as uncertain as before."""
         return np.asarray(self.learnt < _MOVED)
 
 

@@ -103,7 +103,8 @@ class RobotModel:
         for parent in self.parents:
             depth.append(depth[parent] + 1)
         massive = [link for link in self.links if link.parameters[0] > 0.0] or list(self.links)
-        return max(massive, key=lambda link: (depth[link.body], link.body)).name
+        # Of several that are fixed to each other it is what comes last that is held.
+        return max(enumerate(massive), key=lambda place: (depth[place[1].body], place[1].body, place[0]))[1].name
 
     def link(self, name: str) -> Link:
         """Return the link called `name`.

@@ -63,6 +63,12 @@ def read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
     values = _given(arguments)
     if not arguments.params:
         values = {**{k: v for k, v in made.get('parameters', {}).items() if k not in _OF_THE_FILES}, **values}
+    target = values.get('target_link')
+    if target and target != content.get('target_link'):
+        raise ParameterError(
+            f"parameter 'target_link' is '{str(target)[:60]}', and '{path}' tells of '{content.get('target_link')}'; "
+            'accepted: that one, or a result of the other'
+        )
     return _begin(path, build(EstimatorConfig, values), urdf, str(content.get('status')), content.get('state'))
 
 
@@ -89,7 +95,7 @@ def _content(path: str) -> dict[str, Any]:
         raise DataError(f"'{path}' is not JSON: {error}; {_ACCEPTED}") from error
     if isinstance(content, list) and len(content) == 1:
         content = content[0]
-    if not isinstance(content, dict):
+    if not isinstance(content, dict) or 'status' not in content:
         raise DataError(f"'{path}' is no result of one run; {_ACCEPTED}")
     return content
 

@@ -188,7 +188,7 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(servicer: Begun) 
     start = servicer.knowledge.end.joint_position
     shapes = next(
         made
-        for radius in np.arange(2.0, 0.2, -0.05)
+        for radius in np.arange(2.0, 0.2, -0.05).tolist()
         if not (made := Collisions(with_spheres(model, radius), 0.02, start, no_mesh)).notes
     )
     assert shapes.pairs

@@ -115,6 +115,8 @@ def test_a_link_on_a_fixed_joint_belongs_to_the_body_that_carries_it() -> None:
     assert np.array_equal(debris.position, frame.placement.translation)
     # The arm itself stays known when the debris fixed to it is not.
     assert model.body_parameters(without='debris')[1] == pytest.approx(model.link('arm').parameters)
+    # Of links that are fixed to each other what comes last is what is held.
+    assert model.last_link == 'debris'
 
 
 @pytest.mark.parametrize(('name', 'last'), [('table1', 'link4'), ('ets7', 'link6'), ('servicer7', 'link7')])
