@@ -40,7 +40,7 @@ class Advising:
     def _found(self) -> str:
         session, estimate = self._state.session, self._state.estimate
         knowledge = None if session is None else session.knowledge()
-        if session is None or knowledge is None or estimate is None or estimate.status == 'inconsistent':
+        if session is None or knowledge is None or estimate is None or estimate.contradicted:
             return ''
         from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and is not needed to begin
 

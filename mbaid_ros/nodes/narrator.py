@@ -113,7 +113,7 @@ def headline(estimate: Estimate) -> str:
         parts.append('± 95 %')
     parts.append(f'residual {estimate.residual:.2g}')
     parts.append(_method(estimate))
-    if estimate.status == 'inconsistent' and estimate.causes:
+    if estimate.contradicted and estimate.causes:
         parts.append(f'likely cause: {estimate.causes[0][0]}')
     elif estimate.status in _ALARMING and estimate.warnings:
         parts.append(estimate.warnings[0])

@@ -10,10 +10,9 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.results.budget import MAIN_CAUSES
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
-from mbaid_ros.core.trajectory.solved import TOO_WIDE
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay.results import Run
 
@@ -92,7 +91,7 @@ def verdict(run: Run) -> str:
         return f'no estimate of {run.target_link}: the data hold no complete window{why}'
     if not run.reached:
         why = 'the motion does not determine any of its parameters'
-        return f'no estimate of {run.target_link}: {TOO_WIDE if TOO_WIDE in run.final.warnings else why}'
+        return f'no estimate of {run.target_link}: {WITHHELD if run.final.contradicted else why}'
     if run.final.status == 'converged':
         return f'the inertia of {run.target_link} is identified{rest}'
     return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'

@@ -119,7 +119,7 @@ class Run:
     @property
     def likeliest(self) -> tuple[tuple[str, float], ...]:
         """What may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
-        return self.final.causes if self.contradicted else ()
+        return self.final.causes if self.final.contradicted else ()
 
     @property
     def all_warnings(self) -> list[str]:

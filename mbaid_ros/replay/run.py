@@ -107,7 +107,7 @@ def replay_bag(
         phase=session.robot.phase,
         capture=session.robot.captured(history.last) if history.last else None,
         state=None if knowledge is None else as_numbers(knowledge),
-        advice='' if knowledge is None or final.status == 'inconsistent' else _advice(config, knowledge),
+        advice='' if knowledge is None or final.contradicted else _advice(config, knowledge),
     )
 
 

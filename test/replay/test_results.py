@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.result_text import summary
 from mbaid_ros.replay.results import History, Run, TopicStatistics
@@ -84,3 +86,14 @@ def test_standard_deviations_and_time_offset_in_json_and_on_the_terminal() -> No
     assert '± 0.20 kg' in text
     assert '± 95 %' in text
     assert text.count('warning: ') == 2
+
+
+@pytest.mark.parametrize('contradicted', [False, True])
+def test_numbers_that_are_withheld_because_the_data_contradict_the_model_have_causes(contradicted: bool) -> None:
+    causes = (('link base is not as described', 40.0),)
+    warnings = (WITHHELD,) if contradicted else ('the robot rests',)
+    final = Estimate(method='trajectory', status='not_identifiable', causes=causes, warnings=warnings)
+    told = summary(replace(hostile_run(), final=final))
+    assert ('the data contradict the model, and' in told.splitlines()[0]) == contradicted
+    assert ('the motion does not determine any' in told) == (not contradicted)
+    assert ('likely cause 1: link base is not as described' in told) == contradicted

@@ -12,6 +12,9 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.sensor_levels import SensorLevels
 
+# Said where none of the parameters is told that might be, if the data did not contradict the model.
+WITHHELD = 'the data contradict the model, and intervals as wide as that asks for tell of no parameter'
+
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
 
@@ -137,6 +140,11 @@ class Estimate:
     causes: tuple[tuple[str, float], ...] = ()
     events: tuple[Event, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict the model, be there numbers or none for that very reason."""
+        return self.status == 'inconsistent' or WITHHELD in self.warnings
 
     @property
     def std(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import Estimate, Event, Thruster
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Thruster
 from mbaid_ros.core.results.reporting import Instant, Solution
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.state import Layout
@@ -16,9 +16,6 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.verdict.judgement import Judgement
-
-# Said where none is told that would be, if the run did not contradict its model.
-TOO_WIDE = 'intervals as wide as the contradictions in the data ask for tell of no parameter'
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class Solved:
         if self.hypothesis.disturbed and self.hypothesis.physical:
             warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
         known = estimate.status != 'not_identifiable'
-        reasons = judgement.reasons if known or judgement.adequate else (*judgement.reasons, TOO_WIDE)
+        reasons = judgement.reasons if known or judgement.adequate else (*judgement.reasons, WITHHELD)
         shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
         return replace(
             estimate,

@@ -15,7 +15,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.samples import SensorNoise
@@ -81,6 +81,16 @@ def test_a_pulse(robot: MomentumKernel, floating: Float) -> None:
         assert at_once.time < PULSED + 1.0
         assert {x.status for x in estimates if x.time >= at_once.time} == {'inconsistent'}
         assert 'inconsistent' not in {x.status for x in estimates if x.time < at_once.time}
+
+
+def test_where_nothing_is_told_the_pulse_is(robot: MomentumKernel, floating: Float) -> None:
+    samples = observe(floating(pulse=(PULSED, 300.0 * PULSE)), MID, 0)
+    last = estimator(robot, MID, known_links__relative_std=1.0).update(windows(samples), 0)[-1]
+    assert last.status == 'not_identifiable'
+    assert last.contradicted
+    assert WITHHELD in last.warnings
+    resting = replace(samples[:1], time=samples.time[:1])
+    assert not estimator(robot, MID).update(windows(resting), 0)[-1].contradicted
 
 
 @pytest.mark.parametrize('size', [0.01, 0.2, 0.5])
