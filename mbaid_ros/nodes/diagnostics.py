@@ -25,6 +25,8 @@ from mbaid_ros.session import explain
 STALE_AFTER = 2.0  # s without a message
 _WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s, that a wait is told of once it is longer
 
+_CAUSES = 3  # that are told
+
 _LEVEL_OF_STATUS = {
     'waiting': WARN,
     'estimating': OK,
@@ -223,7 +225,9 @@ def _estimate(state: State) -> Report:
         ('residual', f'{estimate.residual:.3g}'),
         ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
         *_parameters(estimate),
+        *((f'likely cause {index + 1}', cause) for index, cause in enumerate(_causes(estimate))),
         (NEXT, state.advice),
+        *_plan(state),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
@@ -233,11 +237,25 @@ def _estimate(state: State) -> Report:
     level = _LEVEL_OF_STATUS[estimate.status]
     text = estimate.status.replace('_', ' ')
     if estimate.warnings:
-        text = f'{text}: {estimate.warnings[0]}'
+        causes = [f'likely cause: {cause}' for cause in _causes(estimate)]
+        text = f'{text}: {(*causes, *estimate.warnings)[0]}'
         level = max(level, WARN)
     if state.stale:
         return STALE, f'{text}; stale: {state.stale}', values
     return level, text, values
+
+
+def _causes(estimate: Estimate) -> tuple[str, ...]:
+    """Return what may be wrong where the data contradict the model, the likeliest first."""
+    return tuple(cause for cause, _ in estimate.causes[:_CAUSES]) if estimate.contradicted else ()
+
+
+def _plan(state: State) -> Values:
+    """Return what the motion on ~/motion comes to."""
+    if state.plan is None:
+        return []
+    reached, verdict = state.plan
+    return [('plan reaches what is wanted', reached), ('plan', verdict)]
 
 
 def _noise(levels: SensorLevels | None) -> Values:

@@ -74,7 +74,7 @@ class Estimating:
             node.create_service(SetBool, '~/pause', self._on_pause),
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
-        self._planning = Planning(node, lambda: self._state.session, self._narrator.event)
+        self._planning = Planning(node, self._state, self._narrator.event)
         self._advising = Advising(self._state, self._narrator.advice)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -254,7 +254,7 @@ class Estimating:
         if state.session is not None:
             state.session.reset()
         state.ignored = Counter()
-        self._planning.give_up()
+        self._planning.forget()
         self._telling.anew()
 
     # Reports

@@ -22,8 +22,8 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 from mbaid_ros.nodes.outlets import TYPES
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
+from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import trajectory_message
-from mbaid_ros.session import Session
 
 _PERIOD = 0.1  # s, between two looks at whether the motion is there
 
@@ -34,13 +34,13 @@ class Planning:
     Parameters
     ----------
     node : whose service and topic these are
-    session : gives the session as it is; None while there is none
+    state : what the node knows, and is told of the motion
     tell : what is told of what happens, in a line
     """
 
-    def __init__(self, node: Node, session: Callable[[], Session | None], tell: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, state: State, tell: Callable[[str], None]) -> None:
         self._node = node
-        self._session = session
+        self._state = state
         self._tell = tell
         self._publisher = quiet_publisher(node, JointTrajectory, '~/motion', LATCHED)
         self._service = node.create_service(Trigger, '~/plan', self._on_plan)
@@ -66,8 +66,13 @@ class Planning:
             self._answer.close()
         self._process = self._answer = None
 
+    def forget(self) -> None:
+        """Give up what is under way, and tell no more of the motion there is."""
+        self.give_up()
+        self._state.plan = None
+
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        session = self._session()
+        session = self._state.session
         knowledge = None if session is None else session.knowledge()
         if self._process is not None:
             response.message = 'a motion is being planned already; it comes on ~/motion'
@@ -80,7 +85,7 @@ class Planning:
             response.success = True
             response.message = (
                 f'planning from the state at {knowledge.end.time:.1f} s; the motion comes on ~/motion, the verdict in '
-                'the log'
+                '/diagnostics and in the log'
             )
             self._tell(response.message)
         return response
@@ -100,10 +105,11 @@ class Planning:
         if not self._answer.poll():
             return
         try:
-            found, lines = self._answer.recv()
+            found, reached, lines = self._answer.recv()
         except EOFError:
-            found, lines = None, ('no motion: the process that looked for it has ended',)
+            found, reached, lines = None, False, ('no motion: the process that looked for it has ended',)
         self.give_up()
+        self._state.plan = reached, lines[0]
         if found is not None:
             self._publisher.publish(trajectory_message(found, TYPES))
         for line in lines:
@@ -118,6 +124,6 @@ def _work(answer: Connection, config: EstimatorConfig, knowledge: Knowledge) -> 
     try:
         plan = make_planner(config, knowledge).plan()
     except MbaidError as error:
-        answer.send((None, (f'no motion: {error}',)))
+        answer.send((None, False, (f'no motion: {error}',)))
     else:
-        answer.send((plan.trajectory, (plan.verdict, *plan.excursions, *plan.notes)))
+        answer.send((plan.trajectory, plan.reached, (plan.verdict, *plan.excursions, *plan.notes)))

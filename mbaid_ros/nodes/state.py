@@ -21,6 +21,7 @@ class State:
     paused : True while no samples are taken
     stale : why the last estimate is not followed by another one; empty: it is
     advice : what motion would help most, in words; empty: none is needed or known
+    plan : of the motion on ~/motion whether it reaches what is wanted, and the verdict; None: there is none
     ignored : messages not handed to a session, by reason
     """
 
@@ -30,6 +31,7 @@ class State:
     paused: bool = False
     stale: str = ''
     advice: str = ''
+    plan: tuple[bool, str] | None = None
     ignored: Counter[str] = field(default_factory=Counter)
 
     @property

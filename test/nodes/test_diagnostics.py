@@ -7,7 +7,7 @@ import numpy as np
 from made_runs import budget, estimate
 from mbaid_ros.core.sensor_levels import SensorLevels
 from mbaid_ros.nodes.diagnostics import _estimate
-from mbaid_ros.nodes.sample_report import OK, WARN
+from mbaid_ros.nodes.sample_report import ERROR, OK, WARN
 from mbaid_ros.nodes.state import State
 
 
@@ -25,6 +25,21 @@ def test_without_a_budget_the_causes_are_empty() -> None:
     level, _, values = _estimate(State(estimate=estimate(warnings=('wrong',))))
     assert level == WARN
     assert dict(values)['main causes of the variance'] == ''
+
+
+def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
+    causes = tuple((f'cause {number}', 50.0 - number) for number in range(5))
+    level, text, values = _estimate(State(estimate=estimate(status='inconsistent', warnings=('w',), causes=causes)))
+    assert (level, text) == (ERROR, 'inconsistent: likely cause: cause 0')
+    assert [value for key, value in values if key.startswith('likely cause')] == ['cause 0', 'cause 1', 'cause 2']
+    _, text, values = _estimate(State(estimate=estimate(warnings=('w',), causes=causes)))
+    assert text == 'converged: w'
+    assert not any(key.startswith('likely cause') for key, _ in values)
+
+
+def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
+    told = dict(_estimate(State(estimate=estimate(), plan=(False, 'out of reach')))[2])
+    assert (told['plan reaches what is wanted'], told['plan']) == (False, 'out of reach')
 
 
 def test_the_noise_that_counts_is_told_first() -> None:
