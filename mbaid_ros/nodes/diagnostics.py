@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import LATE_THRUST
-from mbaid_ros.core.results.budget import MAIN_CAUSES
+from mbaid_ros.core.results.budget import MAIN_CAUSES, UNCHECKED
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
@@ -229,6 +229,7 @@ def _estimate(state: State) -> Report:
         (NEXT, state.advice),
         *_plan(state),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
+        (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting(estimate.std)),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
         *_noise(estimate.noise),

@@ -9,7 +9,7 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.results.budget import MAIN_CAUSES
+from mbaid_ros.core.results.budget import MAIN_CAUSES, UNCHECKED
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.core.results.rounding import rounded
@@ -40,6 +40,8 @@ def summary(run: Run) -> str:
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
     mostly = '' if run.final.budget is None or run.contradicted else run.final.budget.told(run.final.std)
     rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
+    resting = '' if run.final.budget is None or run.contradicted else run.final.budget.resting(run.final.std)
+    rows += [f'  {UNCHECKED}: {one_line(resting)}'] if resting else []
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]
     rows += [f'  {one_line(line)}' for line in likely_causes(run)]

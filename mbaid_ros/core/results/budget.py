@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 
 SENSOR_NOISE = 'sensor noise'
 MAIN_CAUSES = 'main causes of the variance'  # what `told` says
+UNCHECKED = 'rests on what this motion cannot check'  # what `resting` says
 GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
 _MOST = 0.5  # share from which one cause is told of
+_RESTS, _TOLD = 0.1, 5  # share from which it is told that an estimate rests on what is declared; of how many things
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +28,13 @@ class ErrorBudget:
     ----------
     causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
     shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
+    unchecked : (10, c) those of them that rest on a declaration which the data hardly see: if it is wrong, the
+        parameter is further off than its interval says, and no residual shows it; 0 for all others
     """
 
     causes: tuple[str, ...]
     shares: Array
+    unchecked: Array = field(default_factory=lambda: np.zeros((10, 1)))
 
     def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
         """Return the shares of one parameter, the largest first, without those below `least`; empty where not known."""
@@ -70,6 +75,20 @@ class ErrorBudget:
             cause, share = next(iter(shares.items()))
             found.setdefault(cause, []).append(f'{percent(share)} of {group}')
         return ', '.join(f'{short(cause)} ({", ".join(groups)})' for cause, groups in found.items())
+
+    def resting(self) -> str:
+        """Return which declarations the intervals rest on that the data hardly see, in a line as that of `told`.
+
+        The share is the largest that one has in the variance of any parameter of a group.
+        """
+        found: dict[str, list[tuple[float, str]]] = {}
+        for group, which in GROUPS.items():
+            largest = np.max(np.nan_to_num(self.unchecked[which]), axis=0)
+            for cause, share in zip(self.causes, largest, strict=False):
+                if share >= _RESTS:
+                    found.setdefault(cause, []).append((float(share), f'{percent(share)} of {group}'))
+        order = sorted(found, key=lambda cause: -max(found[cause])[0])[:_TOLD]
+        return ', '.join(f'{short(cause)} ({", ".join(text for _, text in found[cause])})' for cause in order)
 
     def dominant(self, std: Array) -> dict[str, dict[str, float]]:
         """Return what, other than sensor noise, makes more than half of a group's variance: by group; std (10,)."""

@@ -26,7 +26,8 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     """
     variables = moments.variables
     own = moments.factor_of(physical_jacobian(moments.mean[BODY]) @ variables.spread[BODY, : variables.own])
-    squares = moments.contributions(own, layout).T ** 2
+    errors = moments.contributions(own, layout).T * sizes
+    squares = errors**2
     given = []
     if uncertainty.target.given:
         given.append(('target prior', slice(variables.head, variables.own)))
@@ -34,13 +35,41 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
     whole = np.sum(own**2, axis=1)
-    noise = whole - squares.sum(axis=1) - priors.sum(axis=0)
+    noise = whole - np.sum((errors / sizes) ** 2, axis=1) - priors.sum(axis=0)
     # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
     noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
-    parts = np.column_stack((noise, (squares * sizes**2) @ layout.belongs, priors.T))
+    parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
-        return ErrorBudget(names, parts / parts.sum(axis=1, keepdims=True))
+        shares = parts / parts.sum(axis=1, keepdims=True)
+        unchecked = np.zeros(shares.shape)
+        declared = slice(1, 1 + len(layout.causes))
+        unchecked[:, declared] = np.where(
+            shares[:, declared] > _seen(errors, moments, layout), shares[:, declared], 0.0
+        )
+    return ErrorBudget(names, shares, unchecked)
+
+
+def _seen(errors: Array, moments: Moments, layout: Layout) -> Array:
+    """Return (m, c) which part of each cause's prior variance the data take off, in the direction that matters.
+
+    An estimate errs by k sqrt(share) standard deviations if what is declared is k of its own off in that direction, and
+    the data see k^2 times this part of that, as a chi-square: where the part is less than the share the estimate is far
+    off before the data say so.
+
+    Parameters
+    ----------
+    errors : (m, e) of estimates, for each of the unknowns' independent numbers that is one off
+    moments, layout : of the filter
+    """
+    _, factor = moments.unknowns(layout)
+    seen = np.ones((len(errors), len(layout.causes)))
+    for place in range(len(layout.causes)):
+        own = np.flatnonzero(layout.belongs[:, place])
+        direction = errors[:, own]
+        left = np.sum((direction @ factor[own]) ** 2, axis=1) / np.maximum(np.sum(direction**2, axis=1), 1e-300)
+        seen[:, place] = 1.0 - left
+    return seen
 
 
 def _of_a_prior(own: Array, moments: Moments, variables: Variables, which: slice) -> Array:
