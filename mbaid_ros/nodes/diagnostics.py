@@ -229,7 +229,7 @@ def _estimate(state: State) -> Report:
         (NEXT, state.advice),
         *_plan(state),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
-        (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting(estimate.std)),
+        (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting()),
         ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
         *_noise(estimate.noise),

@@ -36,7 +36,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'std': shaped_std(final.std),
         'covariance': matrix(final.covariance),
         'error_budget': None if final.budget is None else shaped_budget(final.budget),
-        'unchecked': None if final.budget is None else final.budget.resting(final.std) or None,
+        'unchecked': None if final.budget is None else final.budget.resting() or None,
         'identifiable': shaped([bool(flag) for flag in final.identifiable]),
         'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
         'time_offset': None

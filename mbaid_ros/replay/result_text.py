@@ -40,7 +40,7 @@ def summary(run: Run) -> str:
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
     mostly = '' if run.final.budget is None or run.contradicted else run.final.budget.told(run.final.std)
     rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
-    resting = '' if run.final.budget is None or run.contradicted else run.final.budget.resting(run.final.std)
+    resting = '' if run.final.budget is None or run.contradicted else run.final.budget.resting()
     rows += [f'  {UNCHECKED}: {one_line(resting)}'] if resting else []
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]

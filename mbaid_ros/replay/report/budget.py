@@ -145,7 +145,7 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
         names = _joined(list(groups))
         shares = _joined([percent(share) for share in groups.values()])
         told.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {described(cause)}.')
-    if resting := budget.resting(std):
+    if resting := budget.resting():
         told.append(
             f'The intervals rest on what this motion cannot check: {resting}. They hold if these are as declared; if '
             'one is not, no residual shows it.'
