@@ -81,6 +81,7 @@ def test_the_json_has_what_scripts_rely_on(capsys: pytest.CaptureFixture[str], b
     result = result_of(capsys, bag)
     assert list(result) == [
         *('bag', 'method', 'stage', 'target_link', 'status', 'estimate', 'std', 'covariance', 'error_budget'),
+        'unchecked',
         *('identifiable', 'momentum', 'time_offset', 'noise', 'thrusters', 'events', 'residual', 'causes', 'capture'),
         *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'state', 'advice', 'history'),
     ]

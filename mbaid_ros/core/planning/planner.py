@@ -10,6 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.advice import beyond_motion, single_joint
 from mbaid_ros.core.planning.collisions import Collisions, ReadMesh, no_mesh
 from mbaid_ros.core.planning.efforts import Efforts
@@ -265,6 +266,13 @@ class Planner:
         grid = self._grid(candidate.duration)
         return candidate.motions.relative(candidate.speeds[None], grid, every=1)[:, 0]
 
+    def _as_it_may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
+        """Return standard deviations after a motion over those of the body as known best, (_TOLD, 10)."""
+        points = (self.motions.knowledge.point, *self._points[:_TOLD])
+        # Of a ratio the search's few windows tell as much as the estimator's.
+        known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
+        return np.stack(others) / known
+
     def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
         motions, settings = candidate.motions, self._settings
         relative = self._fine(candidate)
@@ -301,7 +309,7 @@ class Planner:
             shortest=not settings.duration,
             longest=settings.longest,
             compared=compared,
-            may_be=np.stack([motions.relative_along(trajectory, grid, point) for point in self._points[:_TOLD]]),
+            may_be=relative[-1] * self._as_it_may_be(motions, trajectory),
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,
