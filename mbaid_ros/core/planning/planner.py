@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.planning.advice import beyond_motion, single_joint
+from mbaid_ros.core.planning.assurance import Assurance
 from mbaid_ros.core.planning.collisions import Collisions, ReadMesh, no_mesh
 from mbaid_ros.core.planning.efforts import Efforts
-from mbaid_ros.core.planning.floating import Floating
 from mbaid_ros.core.planning.information import Grid, Information
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.core.planning.motions import Motions
-from mbaid_ros.core.planning.plan import BINDING, LIMITS, Bounds, Course, Plan
+from mbaid_ros.core.planning.plan import BINDING, LIMITS, Course, Plan
 from mbaid_ros.core.planning.search import Candidate, Criterion, Search, Wanted
 from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.knowledge import Knowledge
-from mbaid_ros.core.trajectory.state import Point
 
 _FIRST = 20.0  # s, of the motions that a search begins with
-_DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
-_TOLD = 8  # of these, for which it is told what the motion tells
-_SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
 _OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
-_PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 _CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
 _SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
 
@@ -125,12 +119,9 @@ class Planner:
         )
 
     @cached_property
-    def _points(self) -> list[Point]:
-        return self.motions.knowledge.drawn(_MORE_DRAWS, self._settings.seed)
-
-    @cached_property
-    def _draws(self) -> list[Floating]:
-        return [self.motions.as_if(point) for point in self._points]
+    def _assurance(self) -> Assurance:
+        settings = self._settings
+        return Assurance(self.motions, self._wanted, settings.base, self._collisions, settings.seed)
 
     @property
     def ratio(self) -> float:
@@ -157,25 +148,25 @@ class Planner:
                 'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
                 'plan.duration'
             )
-        clear = self._clear_part if self._collisions.pairs else None
+        clear = self._assurance.clear_part if self._collisions.pairs else None
         search = Search(self.motions, self._wanted, settings.base, settings.seed, clear, settings.effort)
         if not np.isfinite(search.best.cost):
             raise ParameterError(
                 'no motion of the joints, however small, keeps the collision shapes of the robot apart; accepted: a '
                 'smaller plan.clearance, or a pose that is further from itself'
             )
-        search.base = self._tightened(search.best)
+        search.base = self._assurance.tightened(search.best)
         compared = 0
         steps = search.at_length() if settings.duration else search.shortest(settings.longest)
         length = search.best.duration
         for count in steps:
             compared += count
             if not 1.0 / _OTHER < search.best.duration / length < _OTHER:
-                search.base, length = self._tightened(search.best), search.best.duration
+                search.base, length = self._assurance.tightened(search.best), search.best.duration
             if not progress(min(compared, settings.effort)) or compared >= settings.effort:
                 break
         found = search.best if settings.duration else search.reached or search.nearest
-        return self._finished(self._sure(found), search.base, compared)
+        return self._finished(self._lengthened(self._assurance.sure(found)), search.base, compared)
 
     def advice(self) -> str:
         """Return which joint, moved by itself, would help most; empty where all is known as well as is wanted."""
@@ -198,48 +189,6 @@ class Planner:
             notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
-    def _clear_part(self, motions: Motions, speeds: Array) -> float:
-        """Return the largest part of its size that keeps a motion clear of the robot itself; 0 where none does."""
-        times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
-        return next(
-            (part for part in _PARTS if self._collisions.clear(motions.joints(part * speeds[None], times)[0][:, 0])),
-            0.0,
-        )
-
-    def _bounds(self, candidate: Candidate, draws: int) -> Bounds:
-        """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
-        speeds = candidate.speeds[None]
-        nominal = candidate.motions.excursions(speeds)[0]
-        every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
-        spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
-        return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
-
-    def _tightened(self, candidate: Candidate) -> BaseLimits:
-        """Return limits for the robot as it is known best that keep it within its own however it is."""
-        limits = self._settings.base.array
-        if not np.isfinite(limits).any():
-            return self._settings.base
-        bounds = self._bounds(candidate, _DRAWS)
-        part = np.clip(bounds.nominal / np.maximum(bounds.sure, 1e-300), 0.05, 1.0)
-        return BaseLimits(*(limits * part).tolist())
-
-    def _sure(self, candidate: Candidate) -> Candidate:
-        """Return a motion that keeps efforts, and the base's limits however the robot is, and still tells enough."""
-        return self._lengthened(self._as_large_as_sure(candidate))
-
-    def _as_large_as_sure(self, candidate: Candidate) -> Candidate:
-        """Return a motion made as much smaller as efforts, collision shapes and the base's limits ask for."""
-        for _ in range(4):
-            use = float((self._bounds(candidate, _MORE_DRAWS).sure / self._settings.base.array).max())
-            effort = candidate.motions.effort(candidate.speeds[None])
-            use = max(use, float(candidate.motions.beside_holding(effort).max()))
-            if use <= 1.0:
-                break
-            candidate = self._again(candidate, candidate.speeds * 0.98 / use)
-        if (part := self._clear_part(candidate.motions, candidate.speeds)) < 1.0:
-            candidate = replace(self._again(candidate, candidate.speeds * part), part=part)
-        return candidate
-
     def _lengthened(self, candidate: Candidate) -> Candidate:
         """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
         if self._settings.duration or candidate.ratio > _CLOSE:
@@ -250,13 +199,8 @@ class Planner:
             longer = candidate.duration * max(ratio, 1.0) ** 0.7 * 1.005
             if ratio <= 1.0 or longer > min((1.0 + _SMALL) * first, self._settings.longest):
                 break
-            candidate = self._as_large_as_sure(candidate.lasting(longer))
+            candidate = self._assurance.sure(candidate.lasting(longer))
         return candidate
-
-    def _again(self, candidate: Candidate, speeds: Array) -> Candidate:
-        relative = candidate.motions.relative(speeds[None], candidate.motions.coarse)[0]
-        ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
-        return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def _grid(self, duration: float) -> Grid:
         return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))
@@ -266,13 +210,6 @@ class Planner:
         grid = self._grid(candidate.duration)
         return candidate.motions.relative(candidate.speeds[None], grid, every=1)[:, 0]
 
-    def _as_it_may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
-        """Return standard deviations after a motion over those of the body as known best, (_TOLD, 10)."""
-        points = (self.motions.knowledge.point, *self._points[:_TOLD])
-        # Of a ratio the search's few windows tell as much as the estimator's.
-        known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
-        return np.stack(others) / known
-
     def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
         motions, settings = candidate.motions, self._settings
         relative = self._fine(candidate)
@@ -280,7 +217,7 @@ class Planner:
         names = model.independent_joints
         moved = np.flatnonzero(motions.limits.moved)
         times, _, away = motions.course(candidate.speeds[None])
-        bounds = self._bounds(candidate, _MORE_DRAWS)
+        bounds = self._assurance.bounds(candidate)
         use = np.concatenate(
             (
                 motions.splines.use(candidate.speeds, motions.start, motions.limits),
@@ -309,7 +246,7 @@ class Planner:
             shortest=not settings.duration,
             longest=settings.longest,
             compared=compared,
-            may_be=relative[-1] * self._as_it_may_be(motions, trajectory),
+            may_be=relative[-1] * self._assurance.may_be(motions, trajectory),
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
             shapes=self._collisions.shapes,
