@@ -78,7 +78,7 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         rate = max(self._config.joint_rate, self._config.odometry_rate)
-        self._pace = Pace(self._config.real_time_factor, _PART * _DEPTH / rate)
+        self._pace = Pace(self._config.real_time_factor, _PART * _DEPTH / max(rate, self._config.imu.rate))
         self._clock_told = -math.inf  # s of the run that /clock has told
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
