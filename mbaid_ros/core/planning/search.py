@@ -26,7 +26,6 @@ _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to b
 _SHORTER = 0.97  # of the length at which a motion is expected to tell enough
 ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
 _PATIENCE = 8  # generations of one length, before another is tried
-_STARTS, _PROBED = 3, 4  # of a search, where the base's limit binds; generations of each
 _FAR = 1.25  # ratio from which a length is not the one to try long
 
 
@@ -141,22 +140,11 @@ class Search:
         yield self._first
         tried = 0  # generations of this length
         longer_helps = True  # where the base's limit binds, more time alone hardly does
-        starts: list[Candidate] = []  # what the search has come to from drawn motions, where it is begun anew
         while True:
-            probing = not longer_helps and self.reached is None and len(starts) < _STARTS
             if self.best.ratio <= ENOUGH:
                 self._take()
                 length = self.best.duration * max(0.6, self.best.ratio**0.6 * _SHORTER)
-            elif tried >= (1 if self.best.ratio > _FAR and longer_helps else _PROBED if probing else _PATIENCE):
-                # What matters there is where a search begins: some end at several times what others come to.
-                if probing:
-                    starts.append(self.best)
-                    tried = 0
-                    if len(starts) < _STARTS:
-                        yield self._begin_anew()
-                    else:
-                        self._go_on_from(min(starts, key=lambda each: each.cost))
-                    continue
+            elif tried >= (1 if self.best.ratio > _FAR and longer_helps else _PATIENCE):
                 length = self._longer(longest)
             else:
                 tried += 1
@@ -170,17 +158,6 @@ class Search:
                 yield 1
                 if length > before.duration:
                     longer_helps = self.best.ratio * length < before.ratio * before.duration
-
-    def _begin_anew(self) -> int:
-        """Begin at other drawn motions of the same length, and return how many."""
-        self.best = self._best_of(drawn_legs(self._first, len(self._motions.limits.moved), self._generator))
-        self._note_nearest()
-        self._evolution = Evolution(self.best.legs)
-        return self._first
-
-    def _go_on_from(self, candidate: Candidate) -> None:
-        self.best = candidate
-        self._evolution = self._evolution.begun_at(candidate.legs)
 
     def _longer(self, longest: float) -> float:
         """Return the length to go on with where the best motion of one does not tell enough."""
