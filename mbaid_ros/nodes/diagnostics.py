@@ -214,6 +214,7 @@ def _estimate(state: State) -> Report:
     estimate = state.estimate
     if estimate is None:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
+    causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
     values: Values = [
         ('stale', bool(state.stale)),
         ('method', estimate.method),
@@ -225,7 +226,7 @@ def _estimate(state: State) -> Report:
         ('residual', f'{estimate.residual:.3g}'),
         ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
         *_parameters(estimate),
-        *((f'likely cause {index + 1}', cause) for index, cause in enumerate(_causes(estimate))),
+        *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
         *_plan(state),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
@@ -238,17 +239,11 @@ def _estimate(state: State) -> Report:
     level = _LEVEL_OF_STATUS[estimate.status]
     text = estimate.status.replace('_', ' ')
     if estimate.warnings:
-        causes = [f'likely cause: {cause}' for cause in _causes(estimate)]
-        text = f'{text}: {(*causes, *estimate.warnings)[0]}'
+        text = f'{text}: likely cause: {causes[0]}' if causes else f'{text}: {estimate.warnings[0]}'
         level = max(level, WARN)
     if state.stale:
         return STALE, f'{text}; stale: {state.stale}', values
     return level, text, values
-
-
-def _causes(estimate: Estimate) -> tuple[str, ...]:
-    """Return what may be wrong where the data contradict the model, the likeliest first."""
-    return tuple(cause for cause, _ in estimate.causes[:_CAUSES]) if estimate.contradicted else ()
 
 
 def _plan(state: State) -> Values:

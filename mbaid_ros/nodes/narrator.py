@@ -113,8 +113,8 @@ def headline(estimate: Estimate) -> str:
         parts.append('± 95 %')
     parts.append(f'residual {estimate.residual:.2g}')
     parts.append(_method(estimate))
-    if estimate.contradicted and estimate.causes:
-        parts.append(f'likely cause: {estimate.causes[0][0]}')
+    if estimate.likely_causes:
+        parts.append(f'likely cause: {estimate.likely_causes[0][0]}')
     elif estimate.status in _ALARMING and estimate.warnings:
         parts.append(estimate.warnings[0])
     return ', '.join(parts)

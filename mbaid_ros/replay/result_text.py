@@ -38,10 +38,9 @@ def summary(run: Run) -> str:
         rows += _captured(run.capture)
     label = '' if np.all(np.isnan(run.final.std)) else '; ± 95 %'
     rows += [f'  {run.final.samples} samples, {run.final.time:.3g} s, method {method(run.final)}{label}']
-    mostly = '' if run.final.budget is None or run.contradicted else run.final.budget.told(run.final.std)
-    rows += [f'  {MAIN_CAUSES}: {one_line(mostly)}'] if mostly else []
-    resting = '' if run.final.budget is None or run.contradicted else run.final.budget.resting()
-    rows += [f'  {UNCHECKED}: {one_line(resting)}'] if resting else []
+    if run.final.budget is not None and not run.contradicted:
+        told = {MAIN_CAUSES: run.final.budget.told(run.final.std), UNCHECKED: run.final.budget.resting()}
+        rows += [f'  {what}: {one_line(causes)}' for what, causes in told.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]
     rows += [f'  {one_line(line)}' for line in likely_causes(run)]

@@ -119,7 +119,7 @@ class Run:
     @property
     def likeliest(self) -> tuple[tuple[str, float], ...]:
         """What may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
-        return self.final.causes if self.final.contradicted else ()
+        return self.final.likely_causes
 
     @property
     def all_warnings(self) -> list[str]:

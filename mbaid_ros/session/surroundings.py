@@ -72,7 +72,7 @@ def suspecting(estimates: list[Estimate], others: Sequence[str]) -> list[Estimat
         gain = causes[0][1] if causes else 0.0
         return replace(estimate, causes=(*causes[:1], (text, gain), *causes[1:]))
 
-    return [told(each) if each.status == 'inconsistent' else each for each in estimates]
+    return [told(each) if each.contradicted else each for each in estimates]
 
 
 def storage(config: WheelsConfig, model: RobotModel) -> Storage:

@@ -230,7 +230,7 @@ def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
         velocity = np.concatenate((*(twist @ floating.rotation), np.zeros(model.joints)))
         try:
             # What no motion tells of a planar robot is not drawn.
-            body = np.where(asked, physical(point.parameters[None, 6:16])[0], physical(target.parameters))
+            body = np.where(asked, physical(point.body[None])[0], physical(target.parameters))
             robot = load_model(replace_inertial(model.urdf, target.name, body), model.base_link)
             state = replace(begin, velocity=velocity)
             seconds = plan.trajectory.duration

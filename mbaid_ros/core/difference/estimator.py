@@ -21,7 +21,7 @@ from mbaid_ros.core.equations.nuisance import ConsiderParameters
 from mbaid_ros.core.equations.subspace import subspace
 from mbaid_ros.core.equations.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -191,13 +191,5 @@ def _judged(
     warnings: tuple[str, ...],
 ) -> Estimate:
     """Return the estimate with what contradicts a constant momentum, and further warnings."""
-    known = estimate.status != 'not_identifiable'
-    if contradictions and not known:
-        contradictions = (*contradictions, WITHHELD)
-    return replace(
-        estimate,
-        status='inconsistent' if contradictions and known else estimate.status,
-        causes=causes,
-        events=() if event is None else (event,),
-        warnings=(*estimate.warnings, *contradictions, *warnings),
-    )
+    told = estimate.contradicted_by(contradictions)
+    return replace(told, causes=causes, events=() if event is None else (event,), warnings=(*told.warnings, *warnings))

@@ -16,6 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
 
 ORDER = 6
+_AT_ONCE = 40  # readings that are looked at together, at least: few cost as much as many
 _ALL = 2048  # readings, of which all differences are looked at
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
@@ -53,6 +54,7 @@ class Differences:
         self._values: Array = np.zeros((0, max(each.stop for each in columns)))
         self._sizes: Array = np.zeros((0, len(columns)))
         self._seen = 0  # readings before these
+        self._waiting: list[tuple[Stamps, Array, Array]] = []  # readings that have not been looked at
         self._told: list[tuple[Stamps, Integers]] = []  # what is not counted: when it was known, rows and bins
         self.counts: Integers = np.zeros((len(self.kinds), _BINS), dtype=np.int64)
 
@@ -65,9 +67,17 @@ class Differences:
         values : (N, w) of all kinds, side by side; nine columns are a rotation matrix
         sizes : (N, kinds) of the errors, as declared
         """
-        new = len(self._stamp)
-        self._stamp = np.concatenate((self._stamp, stamp))
-        self._values, self._sizes = np.concatenate((self._values, values)), np.concatenate((self._sizes, sizes))
+        self._waiting.append((stamp, values, sizes))
+        if sum(len(each) for each, _, _ in self._waiting) >= _AT_ONCE:
+            self._look()
+
+    def _look(self) -> None:
+        """Make the differences of the readings that wait."""
+        if not self._waiting:
+            return
+        new, kept = len(self._stamp), (self._stamp, self._values, self._sizes)
+        self._stamp, self._values, self._sizes = map(np.concatenate, zip(kept, *self._waiting, strict=True))
+        self._waiting.clear()
         found = [self._differences(row, kind, stride, new) for row, (kind, stride) in enumerate(self.kinds)]
         when, code = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(when, kind='stable')
@@ -78,6 +88,7 @@ class Differences:
 
     def count(self, stamp: int) -> None:
         """Count what was known by a stamp, ns."""
+        self._look()
         while self._told:
             when, code = self._told[0]
             end = int(np.searchsorted(when, stamp, side='right'))

@@ -8,12 +8,11 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.differences import BINOMIAL, Differences, variances
-from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
+from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensor_levels import CHANNELS
 
 _STRIDES = (1, 2, 4, 8, 16, 32)
 _FEWEST = 60  # differences that tell a level
-_AT_ONCE = 40  # readings of a stream whose differences are looked at together, at least: few cost as much as many
 _ANEW = 1.25  # times as many differences, at which levels are worked out again
 _SHORTEST = 3  # strides over which correlated noise grows, where nothing else tells it
 _SMALL = 0.25  # variance of neighbours' differences over that declared, where something does
@@ -56,7 +55,6 @@ class NoiseLevels:
         self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), ((1,), (1,)))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
         self._base = Differences(columns, (_STRIDES, _STRIDES, (1,), (1,)))
-        self._waiting: dict[Differences, list[tuple[Stamps, Array, Array]]] = {self._joints: [], self._base: []}
         self._counted, self._free = 0, False
         self._levels = Levels(np.full(len(CHANNELS), np.nan), 0.0)
 
@@ -64,27 +62,14 @@ class NoiseLevels:
         """Take readings of each kind in the order of their stamps."""
         if joints is not None and len(joints.stamp):
             values = np.concatenate((joints.position, joints.velocity), axis=1)
-            self._put(self._joints, joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
+            self._joints.take(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
             sizes = [
                 np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=2))
                 for each in (base.pose_covariance, base.twist_covariance)
             ]
-            self._put(self._base, base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
-
-    def _put(self, differences: Differences, stamp: Stamps, values: Array, sizes: Array) -> None:
-        """Let readings of one stream wait until there are enough to look at."""
-        waiting = self._waiting[differences]
-        waiting.append((stamp, values, sizes))
-        if sum(len(each) for each, _, _ in waiting) >= _AT_ONCE:
-            self._look_at(differences)
-
-    def _look_at(self, differences: Differences) -> None:
-        """Look at the readings of one stream that wait."""
-        if waiting := self._waiting[differences]:
-            differences.take(*(np.concatenate(parts) for parts in zip(*waiting, strict=True)))
-            waiting.clear()
+            self._base.take(base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
 
     def until(self, stamp: int, spacing: float, *, free: bool) -> Levels:
         """Return what the readings until a stamp say, no earlier than that of the call before.
@@ -95,9 +80,8 @@ class NoiseLevels:
         spacing : s, between poses
         free : whether levels of poses are found; else they are as declared, and only how they are correlated is found
         """
-        for differences in self._waiting:
-            self._look_at(differences)
-            differences.count(stamp)
+        self._joints.count(stamp)
+        self._base.count(stamp)
         total = int(self._joints.counts.sum() + self._base.counts.sum())
         if total > _ANEW * self._counted or free is not self._free:
             self._counted, self._free = total, free

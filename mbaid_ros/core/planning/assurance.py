@@ -49,6 +49,8 @@ class Assurance:
 
     def clear_part(self, motions: Motions, speeds: Array) -> float:
         """Return the largest part of its size that keeps a motion (K, k) clear of the robot; 0 where none does."""
+        if not self._collisions.pairs:
+            return 1.0
         times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
         return next(
             (part for part in _PARTS if self._collisions.clear(motions.joints(part * speeds[None], times)[0][:, 0])),

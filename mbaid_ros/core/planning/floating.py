@@ -85,7 +85,7 @@ class Floating:
         placed = kernel.kinematics.configure(upright, position)
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
-        mobility, moving = mobility_and_momentum(kernel.with_target(self.point.parameters[6:16]), placed, twists)
+        mobility, moving = mobility_and_momentum(kernel.with_target(self.point.body), placed, twists)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)

@@ -23,14 +23,13 @@ from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.filter import advance, update
 from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.trajectory.knowledge import FIRST, Knowledge
-from mbaid_ros.core.trajectory.state import BODY, LINEAR, Point
+from mbaid_ros.core.trajectory.state import BODY, Point
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.trajectory.windows import Stack, Window
 from mbaid_ros.core.verdict.innovations import Innovations
 
 _NOTHING = 1e-6  # of its size, by which what a motion leaves open must not move a parameter that it tells
-_BODY = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)  # of a point's parameters
 _MOST = 256  # windows linearised at once: more of them no longer fit the processor's memory
 
 
@@ -79,7 +78,7 @@ class Information:
     def __init__(self, knowledge: Knowledge, reporting: Reporting, point: Point | None = None) -> None:
         self._known, self._reporting = knowledge, reporting
         self._point = point or knowledge.point
-        body = self._point.parameters[_BODY]
+        body = self._point.body
         self.parameters = physical(body[None])[0]
         self._jacobian = physical_jacobian(body[None])[0]
         self._scale = reporting.scale

@@ -148,7 +148,7 @@ class Planner:
                 'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
                 'plan.duration'
             )
-        clear = self._assurance.clear_part if self._collisions.pairs else None
+        clear = self._assurance.clear_part
         search = Search(self.motions, self._wanted, settings.base, settings.seed, clear, settings.effort)
         if not np.isfinite(search.best.cost):
             raise ParameterError(
@@ -256,4 +256,4 @@ class Planner:
 def _efforts(knowledge: Knowledge) -> Efforts:
     """Return the efforts of the robot as it is known best."""
     point, model = knowledge.point, knowledge.layout.kernel.model
-    return Efforts(model, point.side.kernel.with_target(point.parameters[6:16]))
+    return Efforts(model, point.side.kernel.with_target(point.body))

@@ -98,8 +98,8 @@ class Search:
     base : limits of what motions do to the base, if the robot is as it is known best; may change on the way
     seed : the same seed leads to the same motion
     first : motions that are drawn, at most
-    clear : to which part of its size one motion (K, k) has to be made smaller, for the robot not to be in its own way,
-        0 where that does not help; None for a robot that never is
+    clear : to which part of its size one motion (K, k) has to be made smaller, for the robot not to be in its own way;
+        0 where that does not help
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Search:
         wanted: Wanted,
         base: BaseLimits,
         seed: int,
-        clear: Callable[[Motions, Array], float] | None,
+        clear: Callable[[Motions, Array], float],
         first: int,
     ) -> None:
         self._motions = motions
@@ -204,8 +204,7 @@ class Search:
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
         speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
-        found = _Compared(legs, speeds, *self._told(speeds), np.ones(len(legs)))
-        return found if self._clear is None else self._kept_apart(found, self._clear)
+        return self._kept_apart(_Compared(legs, speeds, *self._told(speeds), np.ones(len(legs))))
 
     def _told(self, speeds: Array) -> tuple[Array, Array]:
         """Return costs and ratios (B,) of motions."""
@@ -213,13 +212,13 @@ class Search:
         cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
         return np.where(np.isfinite(cost), cost, np.inf), ratio
 
-    def _kept_apart(self, found: _Compared, clear: Callable[[Motions, Array], float]) -> _Compared:
+    def _kept_apart(self, found: _Compared) -> _Compared:
         """Return motions of which the best, that count, are as small as keeps the robot out of its own way."""
         legs, speeds, cost, ratio, part = (each.copy() for each in found)
         looked_at: set[int] = set()
         while due := [place for place in np.argsort(cost)[:CHOSEN].tolist() if place not in looked_at]:
             looked_at.update(due)
-            part[due] = [clear(self._motions, speeds[place]) for place in due]
+            part[due] = [self._clear(self._motions, speeds[place]) for place in due]
             smaller = [place for place in due if 0.0 < part[place] < 1.0]
             cost[[place for place in due if part[place] == 0.0]] = np.inf
             if smaller:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.parameters import PARAMETERS
 
 SENSOR_NOISE = 'sensor noise'
@@ -28,13 +28,13 @@ class ErrorBudget:
     ----------
     causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
     shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
-    unchecked : (10, c) those of them that rest on a declaration which the data hardly see: if it is wrong, the
-        parameter is further off than its interval says, and no residual shows it; 0 for all others
+    unchecked : (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is
+        further off than its interval says, and no residual shows it; none where not given
     """
 
     causes: tuple[str, ...]
     shares: Array
-    unchecked: Array = field(default_factory=lambda: np.zeros((10, 1)))
+    unchecked: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
 
     def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
         """Return the shares of one parameter, the largest first, without those below `least`; empty where not known."""
@@ -82,9 +82,9 @@ class ErrorBudget:
         The share is the largest that one has in the variance of any parameter of a group.
         """
         found: dict[str, list[tuple[float, str]]] = {}
+        shares = np.where(self.unchecked & np.isfinite(self.shares), self.shares, 0.0)
         for group, which in GROUPS.items():
-            largest = np.max(np.nan_to_num(self.unchecked[which]), axis=0)
-            for cause, share in zip(self.causes, largest, strict=False):
+            for cause, share in zip(self.causes, np.max(shares[which], axis=0), strict=True):
                 if share >= _RESTS:
                     found.setdefault(cause, []).append((float(share), f'{percent(share)} of {group}'))
         order = sorted(found, key=lambda cause: -max(found[cause])[0])[:_TOLD]

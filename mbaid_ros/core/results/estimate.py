@@ -147,6 +147,19 @@ class Estimate:
         return self.status == 'inconsistent' or WITHHELD in self.warnings
 
     @property
+    def likely_causes(self) -> tuple[tuple[str, float], ...]:
+        """The causes where the data contradict the model; none where something is suspicious at most."""
+        return self.causes if self.contradicted else ()
+
+    def contradicted_by(self, reasons: Sequence[str]) -> Estimate:
+        """Return it with what contradicts the model, a line each, if anything does: inconsistent, or withheld."""
+        if not reasons:
+            return self
+        if self.status == 'not_identifiable':
+            return replace(self, warnings=(*self.warnings, *reasons, WITHHELD))
+        return replace(self, status='inconsistent', warnings=(*self.warnings, *reasons))
+
+    @property
     def std(self) -> Array:
         """One standard deviation of each parameter, (10,), NaN where not available."""
         return np.sqrt(np.diag(self.covariance))

@@ -42,11 +42,9 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
-        unchecked = np.zeros(shares.shape)
-        declared = slice(1, 1 + len(layout.causes))
-        unchecked[:, declared] = np.where(
-            shares[:, declared] > _seen(errors, moments, layout), shares[:, declared], 0.0
-        )
+    unchecked = np.zeros(shares.shape, dtype=bool)
+    declared = slice(1, 1 + len(layout.causes))
+    unchecked[:, declared] = shares[:, declared] > _seen(errors, moments, layout)
     return ErrorBudget(names, shares, unchecked)
 
 
@@ -63,13 +61,9 @@ def _seen(errors: Array, moments: Moments, layout: Layout) -> Array:
     moments, layout : of the filter
     """
     _, factor = moments.unknowns(layout)
-    seen = np.ones((len(errors), len(layout.causes)))
-    for place in range(len(layout.causes)):
-        own = np.flatnonzero(layout.belongs[:, place])
-        direction = errors[:, own]
-        left = np.sum((direction @ factor[own]) ** 2, axis=1) / np.maximum(np.sum(direction**2, axis=1), 1e-300)
-        seen[:, place] = 1.0 - left
-    return seen
+    within = (layout.belongs @ layout.belongs.T) * (factor @ factor.T)  # covariances of numbers of the same cause
+    left = ((errors @ within) * errors) @ layout.belongs
+    return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
 
 def _of_a_prior(own: Array, moments: Moments, variables: Variables, which: slice) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Thruster
+from mbaid_ros.core.results.estimate import Estimate, Event, Thruster
 from mbaid_ros.core.results.reporting import Instant, Solution
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.state import Layout
@@ -54,17 +54,14 @@ class Solved:
         if self.hypothesis.disturbed and self.hypothesis.physical:
             warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
         known = estimate.status != 'not_identifiable'
-        reasons = judgement.reasons if known or judgement.adequate else (*judgement.reasons, WITHHELD)
         shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
         return replace(
-            estimate,
+            replace(estimate, warnings=tuple(warnings)).contradicted_by(judgement.reasons),
             stage='trajectory',
-            status='inconsistent' if known and not judgement.adequate else estimate.status,
             budget=replace(self.budget, shares=shares) if known else None,
             causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
             events=self.events,
             thrusters=self.thrusters,
-            warnings=(*warnings, *reasons),
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )

@@ -43,6 +43,11 @@ class Point:
     readings: Array
     side: KnownSide
 
+    @property
+    def body(self) -> Array:
+        """Standard parameters of the target (10,)."""
+        return self.parameters[BODY.start - LINEAR.start : BODY.stop - LINEAR.start]
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:

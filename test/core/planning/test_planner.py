@@ -118,7 +118,7 @@ def test_before_any_motion_what_is_known_is_what_the_run_says(servicer: Begun) -
     information = planner(servicer).information
     assert information.asked.all()
     assert np.all(np.isfinite(information.relative))
-    drawn = np.array([point.parameters[6:16] for point in knowledge.drawn(4000, 0)])
+    drawn = np.array([point.body for point in knowledge.drawn(4000, 0)])
     spread = drawn.std(axis=0) / knowledge.deviation[BODY]
     assert spread == pytest.approx(1.0, abs=0.05)
     assert isinstance(knowledge.layout.known, Carried)

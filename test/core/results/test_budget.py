@@ -93,7 +93,7 @@ def test_more_data_leave_at_least_what_is_said(times: float) -> None:
 
 def test_what_an_estimate_rests_on_comes_by_the_parameter_it_matters_most_for() -> None:
     shares = budget().shares
-    unchecked = np.where(shares > 0.2, shares, 0.0) * [0.0, 1.0, 1.0]
+    unchecked = (shares > 0.2) & [False, True, True]
     found = ErrorBudget(CAUSES, shares, unchecked).resting()
     link = 'link base_link (90 % of mass, 30 % of centre of mass, 30 % of inertia)'
     assert found == f'{link}, zero of joint6 (85 % of centre of mass)'
