@@ -63,7 +63,9 @@ def perturbed(model: RobotModel, priors: tuple[LinkPrior, ...], seed: int) -> Ro
                 prior.inertia * np.sqrt(true[_ROWS] * true[_COLUMNS]),
             )
         )
-        wrong = next(x for x in (true + size * rng.normal(size=10) for _ in range(100)) if is_physical(standard(x)))
+        drawn = (true + size * rng.normal(size=10) for _ in range(100))
+        heavier = (x + np.concatenate((np.zeros(4), (x[0] / true[0] - 1.0) * true[4:])) for x in drawn)
+        wrong = next(x for x in heavier if is_physical(standard(x)))
         links.append(replace(link, parameters=standard(wrong)))
     return replace(model, links=tuple(links))
 

@@ -28,8 +28,8 @@ class LinkPriorConfig:
     )
     inertia_relative_std: float = parameter(
         0.1,
-        'Standard deviation of each element I_ij about the centre of mass, relative to sqrt(I_ii I_jj); 0 means that '
-        'nothing is known of it.',
+        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
+        'sqrt(I_ii I_jj); 0 means that nothing is known of it.',
         minimum=0.0,
     )
 

@@ -29,7 +29,7 @@ class LinkDeviations:
 
     mass_relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of the mass of this link and all that is fixed to it.',
+        'Relative standard deviation of the mass of this link and all that is fixed to it; the inertia goes with it.',
         minimum=0.0,
         maximum=1.0,
     )
@@ -38,7 +38,7 @@ class LinkDeviations:
     )
     inertia_relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of the elements of their inertia about the centre of mass.',
+        'Relative standard deviation of the elements of their inertia about the centre of mass, at a given mass.',
         minimum=0.0,
         maximum=1.0,
     )
@@ -50,7 +50,8 @@ class KnownLinksConfig:
 
     relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of the inertial parameters of every known body; 0 takes the URDF as exact.',
+        'Relative standard deviation of every known body as a whole, all of its inertial parameters by one factor, and '
+        'beside that of each of them by itself; 0 takes the URDF as exact.',
         minimum=0.0,
         maximum=1.0,
     )

@@ -37,8 +37,8 @@ NAME = 'simulator'
 _AHEAD = 0.1  # s of this machine's time that is simulated at once: a batch costs little more than a single sample
 _SHORTEST_PERIOD = 0.001  # s, of the timer; at higher rates it publishes several messages at a time
 _PATIENCE = 2.0  # s, with subscribers that have not got everything when the run is over
-_DEPTH = 1000  # messages kept for a slow subscriber
-_PART = 0.2  # of these, that are told at once of each kind
+_DEPTH = 5000  # messages kept for a slow subscriber: no fewer than the estimator keeps
+_AT_ONCE = 200  # messages of each kind that are told at once
 _LATE = 1.0  # s, by which a run is late when that is told
 
 
@@ -78,7 +78,7 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         rate = max(self._config.joint_rate, self._config.odometry_rate)
-        self._pace = Pace(self._config.real_time_factor, _PART * _DEPTH / max(rate, self._config.imu.rate))
+        self._pace = Pace(self._config.real_time_factor, _AT_ONCE / max(rate, self._config.imu.rate))
         self._clock_told = -math.inf  # s of the run that /clock has told
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())

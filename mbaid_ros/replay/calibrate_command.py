@@ -157,3 +157,13 @@ def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace)
         sys.stdout.write(text)
     else:
         print(summary(result))
+        if not result.contradicted:
+            _tell_what_goes_on_from_it(arguments)
+
+
+def _tell_what_goes_on_from_it(arguments: argparse.Namespace) -> None:
+    """Say how an estimation is given what has been found: robot and covariance belong together."""
+    if arguments.output and arguments.json:
+        print(f'replay and estimator go on from it: {arguments.output}, with known_links.calibration {arguments.json}')
+    elif arguments.output:
+        print(f'how well {arguments.output} is known is kept by --json FILE alone, for known_links.calibration')

@@ -82,17 +82,21 @@ def verdict(run: Run) -> str:
     """Return the result in one sentence."""
     missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
     rest = f'; not determined by this motion: {missing}' if missing else ''
+    if not run.reached or run.phase != 'post_capture':
+        return f'no estimate of {run.target_link}: {_why_none(run)}'
     if run.contradicted:
         why = 'robot description, noise values or conservation of momentum are not as assumed'
         return f'the data contradict the model, so the numbers of {run.target_link} must not be trusted: {why}'
-    if run.phase != 'post_capture':
-        return f'no estimate of {run.target_link}: the data end before the capture'
-    if run.final.status == 'waiting':
-        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
-        return f'no estimate of {run.target_link}: the data hold no complete window{why}'
-    if not run.reached:
-        why = 'the motion does not determine any of its parameters'
-        return f'no estimate of {run.target_link}: {WITHHELD if run.final.contradicted else why}'
     if run.final.status == 'converged':
         return f'the inertia of {run.target_link} is identified{rest}'
     return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
+
+
+def _why_none(run: Run) -> str:
+    """Return why there is no estimate."""
+    if run.phase != 'post_capture':
+        return 'the data end before the capture'
+    if run.final.status == 'waiting':
+        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
+        return f'the data hold no complete window{why}'
+    return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

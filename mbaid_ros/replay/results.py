@@ -113,8 +113,8 @@ class Run:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model: what comes out must not be trusted."""
-        return self.final.status == 'inconsistent'
+        """Whether the data contradict the model: what comes out, if anything does, must not be trusted."""
+        return self.final.contradicted
 
     @property
     def likeliest(self) -> tuple[tuple[str, float], ...]:

@@ -102,6 +102,7 @@ def cad_urdf(seed: int, base_mass_std: float = BASE_MASS_STD) -> str:
             values = true.copy()
             values[0] *= 1.0 + std * errors[0]
             values[1:4] += COM_STD * errors[1:4]
+            values[4:] *= values[0] / true[0]
             values[4:] += INERTIA_STD * np.sqrt(true[_ROWS] * true[_COLUMNS]) * errors[4:]
             if is_physical(standard(values)):
                 break

@@ -261,8 +261,12 @@ def test_an_unphysical_prior_is_refused(place: Path, tmp_path: Path, capsys: pyt
 def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'free.urdf').write_text(free_urdf(), encoding='utf-8')
     recorded.write(tmp_path / 'one', free_servicer(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
-    assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf')]) == 0
-    assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in capsys.readouterr().out
+    found = {name: str(tmp_path / f'found.{name}') for name in ('urdf', 'json')}
+    outputs = ['--output', found['urdf'], '--json', found['json']]
+    assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf'), *outputs]) == 0
+    told = capsys.readouterr().out
+    assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in told
+    assert f'{found["urdf"]}, with known_links.calibration {found["json"]}' in told.splitlines()[-1]
     still = free_motion(3, 20.0, joints=(3,))[np.zeros(400, dtype=int)]
     motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name}
     motions['time'] = np.arange(400) / 20.0

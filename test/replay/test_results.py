@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.result_text import summary
 from mbaid_ros.replay.results import History, Run, TopicStatistics
@@ -97,3 +98,4 @@ def test_numbers_that_are_withheld_because_the_data_contradict_the_model_have_ca
     assert ('the data contradict the model, and' in told.splitlines()[0]) == contradicted
     assert ('the motion does not determine any' in told) == (not contradicted)
     assert ('likely cause 1: link base is not as described' in told) == contradicted
+    assert exit_code([replace(hostile_run(), final=final)]) == (4 if contradicted else 3)

@@ -34,9 +34,9 @@ class LinkPrior:
 
     Attributes
     ----------
-    mass : relative
+    mass : relative; the inertia goes with it
     com : m, of each coordinate of the centre of mass
-    inertia : of the element I_ij about the centre of mass, relative to sqrt(I_ii I_jj)
+    inertia : of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
     empty : whether a link without <inertial> is known to have no mass
     """
 
@@ -118,8 +118,8 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     return Prior(kernel.unknown, tuple(stds), mean, covariance, given)
 
 
-def physical_std(link: Link, std: LinkPrior) -> Array:
-    """Return the (10,) standard deviations of (m, r_c, I_c); infinite where nothing is known."""
+def _physical_std(link: Link, std: LinkPrior) -> Array:
+    """Return the (10,) standard deviations of (m, r_c, I_c at that m); infinite where nothing is known."""
     values = physical(link.parameters)
     diagonal = values[[4, 7, 9]]
     floor = _SMALLEST * float(np.sum(diagonal)) / 3.0
@@ -132,7 +132,10 @@ def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     """Return the (10, 10) covariance of a link's standard parameters."""
     _require_a_body(link)
     # Rows of what nothing is known of vanish; the wide prior keeps the matrix regular.
-    rows = physical_jacobian(link.parameters) / physical_std(link, std)[:, None]
+    rows = physical_jacobian(link.parameters)
+    if std.mass > 0.0:
+        rows[4:] -= np.outer(physical(link.parameters)[4:] / link.parameters[0], rows[0])
+    rows /= _physical_std(link, std)[:, None]
     information = scale[:, None] * (rows.T @ rows) * scale + np.eye(10) / NO_PRIOR**2
     covariance = np.linalg.inv(information)
     return np.asarray(0.5 * (covariance + covariance.T) * scale[:, None] * scale)

@@ -94,7 +94,7 @@ class Run:
     def contradictions(self) -> tuple[str, ...]:
         """Why the momentum of this run, or its noise, cannot be what it is taken for."""
         event, test = self.event, self._conservation
-        found = [f'the momentum is not constant: {event}; method trajectory follows such changes'] if event else []
+        found = [f'the momentum is not constant: {event}'] if event else []
         if test.excessive:
             found.append(
                 f'windows are {test.mean:.1f} times as far from their predictions as the noise parameters explain '

@@ -40,6 +40,27 @@ class KnownErrors:
         return np.asarray(self.factor @ self.factor.T)
 
 
+def relative_factor(parameters: Array, std: float) -> Array:
+    """Return a factor of the covariance of a body's (10,) standard parameters phi, off by a relative size.
+
+    As a whole, all by one factor, and beside that each by itself, relative to its `body_sizes` s: std^2 (phi phi^T +
+    diag(s^2)) (docs/trajectory.md, eq. 12). Were each off by itself alone, the mean of ten would be known better than
+    any: of the base's, in units of which a target is weighed.
+
+    Parameters
+    ----------
+    parameters : (10,)
+    std : relative standard deviation, of either
+
+    Returns
+    -------
+    (10, 10), lower triangular
+    """
+    sizes = body_sizes(parameters)
+    whole = parameters / sizes
+    return np.asarray(std * sizes[:, None] * np.linalg.cholesky(np.eye(10) + np.outer(whole, whole)))
+
+
 def body_sizes(parameters: Array) -> Array:
     """Return what relative errors of a body's (10,) standard parameters are relative to.
 
@@ -57,7 +78,10 @@ def _size(parameters: Array) -> float:
 
 @dataclass(frozen=True)
 class BodyDeviations:
-    """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative)."""
+    """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
+
+    First moment and inertia go with the mass: what is said of the inertia is at a given one.
+    """
 
     mass: float
     com: float
@@ -71,22 +95,24 @@ class BodyDeviations:
     def factor(self, parameters: Array) -> Array:
         """Return the (10, e) factor of the covariance of the standard parameters (10,)."""
         inertia = np.full(6, float(physical(parameters)[[4, 7, 9]].sum()) / 3.0)
-        deviation = np.concatenate(([self.mass * parameters[0]], np.full(3, self.com), self.inertia * inertia))
-        return np.asarray(np.linalg.solve(physical_jacobian(parameters), np.diag(deviation))[:, deviation > 0.0])
+        deviation = np.concatenate(([self.mass], np.full(3, self.com), self.inertia * inertia))
+        turned = np.linalg.solve(physical_jacobian(parameters), np.eye(10))
+        turned[:, 0] = parameters  # a heavier body, the same otherwise
+        return np.asarray((turned * deviation)[:, deviation > 0.0])
 
 
 def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
-    """Return independent errors of a relative size; of some bodies as they are declared.
+    """Return errors of a relative size, each body's by itself (`relative_factor`); of some as they are declared.
 
     Parameters
     ----------
     known : (n + 1, 10) standard parameters of the known bodies
-    std : relative standard deviation of a body's parameters; 0 is exact
+    std : relative standard deviation; 0 is exact
     own : of single bodies, by index
     """
     own = own or {}
     factors = {
-        int(body): own[body].factor(known[body]) if body in own else np.diag(np.full(10, std) * body_sizes(known[body]))
+        int(body): own[body].factor(known[body]) if body in own else relative_factor(known[body], std)
         for body in np.flatnonzero(known[:, 0] > 0.0)
         if body in own or std > 0.0
     }

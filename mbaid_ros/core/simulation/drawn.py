@@ -9,7 +9,7 @@ import numpy as np
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
-from mbaid_ros.core.robot.known_errors import body_sizes
+from mbaid_ros.core.robot.known_errors import relative_factor
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, in_frame_of
 
@@ -23,7 +23,7 @@ class ErrorSizes:
 
     Attributes
     ----------
-    links_relative_std : of the standard parameters of each moving body, relative to its `body_sizes`
+    links_relative_std : of each moving body, as `relative_factor` has it
     zero_std : rad, or m for a prismatic joint, of each joint's zero
     origin_std : m, of each coordinate of each joint's origin
     axis_std : rad, of each joint's axis about both directions normal to it
@@ -44,7 +44,7 @@ def generator(seed: int) -> np.random.Generator:
 
 
 def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Generator) -> ModelErrors:
-    """Draw the errors of a robot: Gaussian, all independent, the target link's inertia exact.
+    """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
     Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
     makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than it says.
@@ -82,17 +82,17 @@ def _bodies(model: RobotModel, target: str, std: float, rng: np.random.Generator
     if std > 0.0:
         for body, stream in enumerate(rng.spawn(len(known))):
             if known[body, 0] > 0.0:
-                change[body] = _body(model, target, body, std * body_sizes(known[body]), stream)
+                change[body] = _body(model, target, body, relative_factor(known[body], std), stream)
     return change
 
 
-def _body(model: RobotModel, target: str, body: int, size: Array, rng: np.random.Generator) -> Array:
+def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.random.Generator) -> Array:
     """Draw the (10,) errors of one moving body, such that the link that takes them can exist."""
     link = changing_link(model, body, (target,))
     if link is None:
         return np.zeros(10)
     for _ in range(_DRAWS):
-        change = size * rng.standard_normal(10)
+        change = factor @ rng.standard_normal(10)
         if is_physical(link.parameters + in_frame_of(link, change)):
             return change
     raise ModelError(

@@ -137,15 +137,17 @@ def _budget(budget: ErrorBudget) -> str:
 _INTRODUCTION = """
 # Robots that are not their URDF
 
-Robots drawn as the simulator draws them (`model_errors.*`): links 1 %, joint zeros 1 mrad, joint origins 1 mm, joint
-axes 1 mrad, odometry mount 2 mm and 2 mrad, one standard deviation each; the target is exact. They move as the
-`*_simulator.yaml` of `config/` says, with *mid* noise at 100 Hz, and method `trajectory` takes a minute of it with
-default parameters, told the noise and how large the errors may be; a robot and its noise have one seed.
+Robots drawn as the simulator draws them (`model_errors.*`): links 1 % as a whole and each of their parameters 1 %
+beside that ([trajectory.md](trajectory.md#a-known-body)), joint zeros 1 mrad, joint origins 1 mm, joint axes 1 mrad,
+odometry mount 2 mm and 2 mrad, one standard deviation each; the target is exact. They move as the `*_simulator.yaml` of
+`config/` says, with *mid* noise at 100 Hz, and method `trajectory` takes a minute of it with default parameters, told
+the noise and how large the errors may be; a robot and its noise have one seed.
 
 ## Whether the intervals hold
 
 - *all*: everything is off, and said to be; then one block alone, the others exact and said to be; then everything,
-  with priors that are wrong by a factor of two.
+  with priors that are wrong: by a factor of two, or about the links, which are off by one factor each, *as a whole*, or
+  *each number by itself*.
 - *coverage*: of the 95 % intervals, the mean over the parameters, and the parameters with the fewest and the most. The
   parameters of one run are hardly independent (one wrong mass scales most of them): over twenty robots the mean
   itself is good to 5 % or so.

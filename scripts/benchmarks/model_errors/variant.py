@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import LEVELS, drawn
+from benchmarks.data import LEVELS, drawn, kernel
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.known_errors import body_sizes, relative_factor
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.simulation.drawn import ErrorSizes
 
@@ -42,6 +44,8 @@ DEFECTS = {
 }
 STEPS = (0.1, 0.3, 1.0, 3.0)
 PLANAR = ('table1',)
+# The ways in which a body is off: as `relative_factor` has it, by one factor, or each of its numbers by itself.
+WAYS = AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
 # Of a robot whose joints turn about z: m, h_x, h_y, I_zz.
 _IN_PLANE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -57,6 +61,7 @@ class Variant:
     sizes : that robots are drawn with
     told : that the estimator takes them to be drawn with
     spatial : whether a planar robot's errors may lead out of its plane
+    links : in which way they are off, of WAYS
     """
 
     robot: str
@@ -64,10 +69,12 @@ class Variant:
     sizes: ErrorSizes
     told: ErrorSizes
     spatial: bool = False
+    links: str = AS_DECLARED
 
     def errors(self, seed: int) -> ModelErrors:
         """Return those of the robot of a seed: those of a planar one leave it planar, as a table does that it is on."""
         errors = drawn(self.robot, self.sizes, seed)
+        errors = replace(errors, bodies=self._bodies(errors.bodies))
         if self.robot not in PLANAR or self.spatial:
             return errors
         return replace(
@@ -77,6 +84,18 @@ class Variant:
             tilts=np.zeros_like(errors.tilts),
             mount=errors.mount * np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]),
         )
+
+    def _bodies(self, drawn_ones: Array) -> Array:
+        """Return (n + 1, 10) errors of the bodies that are as declared, in the way that is wanted."""
+        if self.links == AS_DECLARED:
+            return drawn_ones
+        changed = np.zeros_like(drawn_ones)
+        for body, known in enumerate(kernel(self.robot).known):
+            if known[0] > 0.0:
+                std = self.sizes.links_relative_std
+                numbers = np.linalg.solve(relative_factor(known, std), drawn_ones[body])
+                changed[body] = std * (numbers[0] * known if self.links == WHOLE else numbers * body_sizes(known))
+        return changed
 
     @property
     def file_name(self) -> str:
@@ -101,12 +120,14 @@ def block(name: str) -> ErrorSizes:
 
 
 def monte_carlo(robot: str) -> Iterator[Variant]:
-    """Yield what is drawn of a robot: all blocks, one at a time, and with priors that are wrong by a factor of two."""
+    """Yield what is drawn of a robot: all blocks, one at a time, and with priors that are wrong."""
     yield Variant(robot, 'all', DEFAULT, DEFAULT)
     for name in BLOCKS:
         yield Variant(robot, name, block(name), block(name))
     yield Variant(robot, 'all, priors twice as large', DEFAULT, scaled(DEFAULT, 2.0))
     yield Variant(robot, 'all, priors half as large', DEFAULT, scaled(DEFAULT, 0.5))
+    for way in (WHOLE, APART):
+        yield Variant(robot, f'all, links off {way}', DEFAULT, DEFAULT, links=way)
     if robot in PLANAR:
         yield Variant(robot, 'all, out of the plane too', DEFAULT, DEFAULT, spatial=True)
 

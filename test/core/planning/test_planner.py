@@ -157,14 +157,14 @@ def test_what_is_known_well_enough_needs_no_motion(servicer: Begun) -> None:
 
 
 def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
-    robot = begun('ets7', known_links__relative_std=0.05)
+    robot = begun('ets7', known_joints__joint6__zero_std=0.05)
     plan = planner(robot, duration=20.0, effort=10).plan()
     assert not plan.reached
     single, beyond = plan.notes[:2]
     assert re.match(
         r'of single joints joint\d tells most of \w+: [\d.]+ deg there and back in 10 s bring it from', single
     )
-    assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from link:base_link: better', beyond)
+    assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from zero:joint6: better', beyond)
 
 
 def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:

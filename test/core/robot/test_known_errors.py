@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import BodyDeviations, body_sizes, calibrated, declared
+from mbaid_ros.core.robot.known_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 from mbaid_ros.core.robot.model import load_model
 
 LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
@@ -65,14 +65,35 @@ def test_a_factor_holds_the_covariance_whatever_the_sizes() -> None:
     assert found / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)
 
 
-def test_declared_errors_are_independent_and_relative() -> None:
+def test_declared_errors_are_of_each_body_as_a_whole_and_of_each_parameter_by_itself() -> None:
     robot = MomentumKernel(load_model(URDF), 'tool')
     exact = BodyDeviations(0.0, 0.0, 0.0)
     errors = declared(robot.known, 0.01, {1: exact})
     assert errors.bodies == (0, 2)
-    sizes = 0.01 * np.concatenate((body_sizes(robot.known[0]), body_sizes(robot.known[2])))
-    assert errors.covariance == pytest.approx(np.diag(sizes**2))
+    assert errors.count == 20
+    sizes = np.array([body_sizes(robot.known[body]) for body in errors.bodies])
+    whole = np.zeros((20, 2))
+    whole[:10, 0], whole[10:, 1] = robot.known[0], robot.known[2]
+    wanted = 0.01**2 * (np.diag(sizes.ravel() ** 2) + whole @ whole.T)
+    unit = 0.01 * sizes.ravel()
+    assert errors.covariance / np.outer(unit, unit) == pytest.approx(wanted / np.outer(unit, unit), abs=1e-12)
     assert declared(robot.known, 0.0).count == 0
+
+
+def test_a_base_that_is_off_as_a_whole_is_as_likely_as_it_is_declared() -> None:
+    base = MomentumKernel(load_model(URDF), 'tool').known[0]
+    factor = relative_factor(base, 0.01)
+    away = np.linalg.solve(factor, 0.01 * base)
+    assert 0.9 < np.linalg.norm(away) < 1.0
+
+
+def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it() -> None:
+    body = MomentumKernel(load_model(URDF), 'tool').known[1]
+    factor = BodyDeviations(0.02, 0.0, 0.0).factor(body)
+    assert factor == pytest.approx(0.02 * body[:, None], rel=1e-12)
+    apart = BodyDeviations(0.02, 0.003, 0.05).factor(body)
+    heavier = physical(body) * np.concatenate(([1.02], np.ones(3), np.full(6, 1.02)))
+    assert physical(body + apart[:, 0]) == pytest.approx(heavier, abs=1e-12)
 
 
 def test_a_single_body_may_be_known_in_mass_com_and_inertia_each_by_itself() -> None:
@@ -80,6 +101,7 @@ def test_a_single_body_may_be_known_in_mass_com_and_inertia_each_by_itself() -> 
     body = robot.known[1]
     covariance = declared(robot.known, 0.0, {1: BodyDeviations(0.02, 0.003, 0.0)}).covariance
     of_physical = physical_jacobian(body) @ covariance @ physical_jacobian(body).T
-    wanted = np.diag([(0.02 * body[0]) ** 2, *(0.003**2,) * 3, *(0.0,) * 6])
+    heavier = 0.02 * np.concatenate((body[:1], np.zeros(3), physical(body)[4:]))
+    wanted = np.diag([0.0, *(0.003**2,) * 3, *(0.0,) * 6]) + np.outer(heavier, heavier)
     size = np.concatenate(([body[0]], np.ones(3), np.full(6, body[0])))
     assert of_physical / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)

@@ -78,7 +78,7 @@ def test_the_spread_is_that_of_the_sizes() -> None:
     model, count = robot('servicer7'), 400
     draws = [draw(model, 'link7', ALL, generator(seed)) for seed in range(count)]
     prior = declared(model.body_parameters(without='link7'), ALL.links_relative_std)
-    units = np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]) / np.diag(prior.factor)
+    units = np.linalg.solve(prior.factor, np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]).T).T
     blocks = {'bodies': (units, 1.0)}
     for name in ('zero_std', 'origin_std', 'mount_position_std', 'mount_orientation_std'):
         part = {'mount_position_std': np.s_[3:], 'mount_orientation_std': np.s_[:3]}.get(name, np.s_[:])

@@ -13,12 +13,13 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import declared
+from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from observed import MID, kernel, observe, windows
+from observed import MID, configured_motion, identify, kernel, observe, true_body, windows
 from wrong_robots import DECLARED, LINKS, Wrong
 
 SEEDS = range(3)
@@ -121,3 +122,16 @@ def test_taken_for_exact_they_lead_astray_which_shows(runs: list[Run]) -> None:
     # Far beyond the intervals that the noise alone would give; correlated innovations widen them.
     assert normalised(exact, robot) > normalised(run.last, robot)
     assert exact.status == 'inconsistent'
+
+
+@pytest.mark.parametrize('share', [0.02, -0.02])
+def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_reported(share: float) -> None:
+    """No motion tells a factor on all bodies: the target is as far off as they are, and its interval has to say so."""
+    robot = kernel('ets7')
+    errors = replace(ModelErrors.none(robot.model.joints), bodies=share * robot.known)
+    truth = configured_motion('ets7', 30.0, 20.0, 0.05, errors)
+    last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
+    away = (last.parameters - true_body(robot)) / last.std
+    assert last.identifiable.all()
+    assert last.parameters[0] / true_body(robot)[0] - 1.0 == pytest.approx(-share, abs=0.005)
+    assert np.abs(away).max() < 2.5
