@@ -15,7 +15,7 @@ from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.nodes.terminal import NEXT
 from mbaid_ros.session import Survey
 
-PATIENCE = 5.0  # s without what is needed, after which it is said what that is
+PATIENCE = 5.0  # s without what is needed, or of a motion that says too little, after which that is told
 _NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
 _ALARMING = {'inconsistent', 'not_identifiable'}
 
@@ -72,7 +72,7 @@ class Narrator:
             f'window to {estimate.time:.3f} s: {estimate.status}, {estimate.samples} samples, residual '
             f'{estimate.residual:.3g}, {_method(estimate)}'
         )
-        if estimate.status in {'waiting', self._status}:
+        if estimate.status in {'waiting', self._status} or _too_early(estimate):
             return
         first, self._status = not self._status, estimate.status
         lead = 'first estimate, ' if first else ''
@@ -100,6 +100,11 @@ class Narrator:
     def event(self, text: str) -> None:
         """Tell what somebody has asked for: a reset, a pause, a capture."""
         self._log.info(one_line(text))
+
+
+def _too_early(estimate: Estimate) -> bool:
+    """Whether it is of the first seconds of a motion, which hardly ever determine anything: no reason for alarm yet."""
+    return estimate.status == 'not_identifiable' and estimate.time < PATIENCE and not estimate.contradicted
 
 
 def headline(estimate: Estimate) -> str:

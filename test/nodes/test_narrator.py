@@ -10,6 +10,7 @@ import pytest
 
 from graph import Graph
 from made_runs import estimate
+from mbaid_ros.core.results.estimate import WITHHELD
 from mbaid_ros.nodes.narrator import Narrator, headline
 from mbaid_ros.session import survey
 from simulated import CONFIG, robot
@@ -68,6 +69,21 @@ def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -
     assert log.at('warning')[0].endswith('residual 7, difference, likely cause: the mass of link2 is off')
     nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan), warnings=('nothing moves',))
     assert headline(nothing) == 'residual 1, difference, nothing moves'
+
+
+def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: Log) -> None:
+    narrator = Narrator(log)
+    nothing = {'status': 'not_identifiable', 'parameters': np.full(10, np.nan)}
+    for time in (0.5, 1.0, 4.9):
+        narrator.estimate(estimate(time=time, **nothing))
+    assert not log.at('info') + log.at('warning')
+    for time in (5.0, 5.5):
+        narrator.estimate(estimate(time=time, **nothing))
+    (told,) = log.at('warning')
+    assert told.startswith('first estimate, not identifiable after 5.0 s')
+    withheld = Narrator(log)
+    withheld.estimate(estimate(time=1.0, warnings=(WITHHELD,), **nothing))
+    assert len(log.at('warning')) == 2
 
 
 def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
