@@ -57,7 +57,7 @@ def relative_factor(parameters: Array, std: float) -> Array:
     (10, 10), lower triangular
     """
     sizes = body_sizes(parameters)
-    whole = parameters / sizes
+    whole = np.divide(parameters, sizes, out=np.zeros(10), where=sizes > 0.0)  # a point at its joint has mass alone
     return np.asarray(std * sizes[:, None] * np.linalg.cholesky(np.eye(10) + np.outer(whole, whole)))
 
 

@@ -87,6 +87,11 @@ def test_a_base_that_is_off_as_a_whole_is_as_likely_as_it_is_declared() -> None:
     assert 0.9 < np.linalg.norm(away) < 1.0
 
 
+def test_a_point_at_its_joint_is_off_in_mass_alone() -> None:
+    factor = relative_factor(np.array([3.0, *(0.0,) * 9]), 0.01)
+    assert factor @ factor.T == pytest.approx(np.diag([2.0 * 0.03**2, *(0.0,) * 9]))
+
+
 def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it() -> None:
     body = MomentumKernel(load_model(URDF), 'tool').known[1]
     factor = BodyDeviations(0.02, 0.0, 0.0).factor(body)
