@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import KnownLinksConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import (
     BodyDeviations,
@@ -28,6 +29,11 @@ from mbaid_ros.session.uncertainty import declared_uncertainty
 # Parts of a body's typical sizes by which its values in the two files may differ: they are written to 12 digits.
 # Joints' frames: m, and about as many rad.
 _SAME = 1e-6
+# Said of data that contradict a model in which nothing may be off.
+EXACT_ROBOT = (
+    'the robot is said to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or say how well it is known'
+)
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 
 
@@ -97,6 +103,22 @@ def known_side(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
         found.covariance,
     )
     return KnownRobot(*side.known_to(kernel, uncertainty))
+
+
+def doubting_exactness(estimates: list[Estimate], config: EstimatorConfig) -> list[Estimate]:
+    """Return estimates, of which those that contradict the data recall that the robot is said to be its URDF exactly.
+
+    Single causes are tried one by one: that everything is a little off is none of them.
+    """
+    links, joints, mount = config.known_links, config.known_joints, config.odometry_mount
+    uncertain = (
+        *(links.relative_std, links.links, links.calibration),
+        *(joints.zero_std, joints.origin_std, joints.axis_std, joints.tracking_std, joints.joints),
+        *(mount.position_std, mount.orientation_std),
+    )
+    if any(uncertain):
+        return estimates
+    return [replace(each, warnings=(*each.warnings, EXACT_ROBOT)) if each.contradicted else each for each in estimates]
 
 
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:

@@ -20,6 +20,7 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.session.inbox import Inbox
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, gyro_of
+from mbaid_ros.session.known import doubting_exactness
 from mbaid_ros.session.methods import capture_of, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.schedule import PART, Schedule
@@ -92,7 +93,7 @@ class Segment:
         estimates = self.identifier.push(*streams)
         joints_there_are = self._robot.model.joint_names  # also those that follow others
         others = [name for name in self.intake.joint_reader.others if name not in joints_there_are]
-        return suspecting(estimates, others)
+        return doubting_exactness(suspecting(estimates, others), self._config)
 
     def is_time(self, name: str, stamp: int, inbox: Inbox) -> bool:
         """Tell whether to work after a message on a topic: a part of a window has gathered, or one may be complete.

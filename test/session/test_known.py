@@ -11,16 +11,18 @@ import pytest
 from scipy.linalg import block_diag
 
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.core.unknowns.clock_drift import ClockDrift
 from mbaid_ros.core.unknowns.gravity import Gravity
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.twist_bias import TwistBias
-from mbaid_ros.session.known import known_side, with_known_errors
+from mbaid_ros.session.known import EXACT_ROBOT, doubting_exactness, known_side, with_known_errors
 from servicing import LINKS, free_servicer, standard_parameters
 
 ROBOT = MomentumKernel(free_servicer(), 'link7')
@@ -178,3 +180,21 @@ def test_a_file_that_is_no_text(tmp_path: Path) -> None:
     config = build(EstimatorConfig, {'known_links.calibration': str(path)}).known_links
     with pytest.raises(ParameterError, match=r'not text in UTF-8; accepted: what calibrate --json writes$'):
         with_known_errors(ROBOT, config)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'status', 'recalled'),
+    [
+        (EXACT, 'inconsistent', True),
+        (EXACT, 'estimating', False),
+        ({}, 'inconsistent', False),
+        (EXACT | {'known_joints.joint2.zero_std': 1e-3}, 'inconsistent', False),
+        (EXACT | {'odometry_mount.position_std': 1e-3}, 'inconsistent', False),
+    ],
+)
+def test_data_that_contradict_a_robot_without_errors_recall_that_it_is_said_to_have_none(
+    parameters: dict[str, object], status: Any, recalled: bool
+) -> None:
+    told = Estimate(method='trajectory', status=status, warnings=('one',))
+    (again,) = doubting_exactness([told], build(EstimatorConfig, parameters))
+    assert again.warnings == (('one', EXACT_ROBOT) if recalled else ('one',))
