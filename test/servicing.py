@@ -63,11 +63,17 @@ def perturbed(model: RobotModel, priors: tuple[LinkPrior, ...], seed: int) -> Ro
                 prior.inertia * np.sqrt(true[_ROWS] * true[_COLUMNS]),
             )
         )
-        drawn = (true + size * rng.normal(size=10) for _ in range(100))
-        heavier = (x + np.concatenate((np.zeros(4), (x[0] / true[0] - 1.0) * true[4:])) for x in drawn)
-        wrong = next(x for x in heavier if is_physical(standard(x)))
+        drawn = (_off(true, size * rng.normal(size=10)) for _ in range(100))
+        wrong = next(x for x in drawn if is_physical(standard(x)))
         links.append(replace(link, parameters=standard(wrong)))
     return replace(model, links=tuple(links))
+
+
+def _off(true: Array, change: Array) -> Array:
+    """Return a body's (10,) mass, CoM and inertia about it with errors; the inertia's is at the wrong mass."""
+    wrong = true + change
+    wrong[4:] += (wrong[0] / true[0] - 1.0) * true[4:]
+    return wrong
 
 
 def all_unknown(model: RobotModel) -> MomentumKernel:

@@ -82,11 +82,11 @@ def verdict(run: Run) -> str:
     """Return the result in one sentence."""
     missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
     rest = f'; not determined by this motion: {missing}' if missing else ''
-    if not run.reached or run.phase != 'post_capture':
-        return f'no estimate of {run.target_link}: {_why_none(run)}'
-    if run.contradicted:
+    if run.final.status == 'inconsistent':
         why = 'robot description, noise values or conservation of momentum are not as assumed'
         return f'the data contradict the model, so the numbers of {run.target_link} must not be trusted: {why}'
+    if not run.reached or run.phase != 'post_capture':
+        return f'no estimate of {run.target_link}: {_why_none(run)}'
     if run.final.status == 'converged':
         return f'the inertia of {run.target_link} is identified{rest}'
     return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'

@@ -13,14 +13,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import (
-    BodyDeviations,
-    KnownErrors,
-    body_sizes,
-    calibrated,
-    declared,
-    relative_factor,
-)
+from mbaid_ros.core.robot.known_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.unknowns.calibrated_side import CalibratedSide
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -65,11 +58,8 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
     """
     link = kernel.target.parameters
     if not config.calibration:
-        uncertain = kernel.with_uncertainty(declared_errors(kernel, config))
-        if not (config.relative_std > 0.0 and link[0] > 0.0):
-            return uncertain, None
-        factor = relative_factor(link, config.relative_std)
-        return uncertain, factor @ factor.T
+        target = declared(link[None], config.relative_std)
+        return kernel.with_uncertainty(declared_errors(kernel, config)), target.covariance if target.count else None
     found = _calibration(kernel.model, config)
     count = 10 * len(found.links)
     links = [kernel.model.link(name) for name in found.links]

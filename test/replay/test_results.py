@@ -99,3 +99,9 @@ def test_numbers_that_are_withheld_because_the_data_contradict_the_model_have_ca
     assert ('the motion does not determine any' in told) == (not contradicted)
     assert ('likely cause 1: link base is not as described' in told) == contradicted
     assert exit_code([replace(hostile_run(), final=final)]) == (4 if contradicted else 3)
+
+
+def test_a_contradiction_is_told_whatever_else_is_missing() -> None:
+    final = Estimate(method='trajectory', status='inconsistent', phase='pre_capture')
+    told = replace(hostile_run(), phase='pre_capture', final=final)
+    assert 'the data contradict the model, so the numbers of' in summary(told).splitlines()[0]

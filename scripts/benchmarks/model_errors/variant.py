@@ -45,7 +45,7 @@ DEFECTS = {
 STEPS = (0.1, 0.3, 1.0, 3.0)
 PLANAR = ('table1',)
 # The ways in which a body is off: as `relative_factor` has it, by one factor, or each of its numbers by itself.
-WAYS = AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
+AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
 # Of a robot whose joints turn about z: m, h_x, h_y, I_zz.
 _IN_PLANE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -61,7 +61,7 @@ class Variant:
     sizes : that robots are drawn with
     told : that the estimator takes them to be drawn with
     spatial : whether a planar robot's errors may lead out of its plane
-    links : in which way they are off, of WAYS
+    links : in which way they are off: AS_DECLARED, WHOLE or APART
     """
 
     robot: str

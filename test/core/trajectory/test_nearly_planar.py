@@ -14,7 +14,7 @@ PUBLISHED = ('estimating', 'converged')
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('seed', [1, 2, 4, 9])
+@pytest.mark.parametrize('seed', [1, 2, 4, 6, 9])
 def test_nothing_is_published_that_is_far_off(seed: int) -> None:
     found = estimates(Variant('table1', 'out of its plane', DEFAULT, DEFAULT, spatial=True), seed)
     published = [one for one in found if one.status in PUBLISHED]
