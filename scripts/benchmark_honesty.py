@@ -27,6 +27,7 @@ _HEADER = (
     'last status',
     'covered',
     'largest error',
+    'jointly',
     'at first',
     'later',
     'named first',
@@ -59,6 +60,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
         statuses,
         percent(verdict.covered),
         number(verdict.largest, 1),
+        number(verdict.jointly, 1),
         number(verdict.young, 1) if verdict.young > 0.0 else '-',
         f'{number(verdict.ever, 1)} at {verdict.ever_at:.1f} s' if verdict.ever > 0.0 else '-',
         verdict.named.replace('|', '/') or '-',
@@ -147,15 +149,16 @@ the standard deviations of the noise are given, as they are where the condition 
 
 - *last status*: of how many runs; `refused` is a robot or parameter that is not accepted.
 - *covered*: the share of the 95 % intervals that hold the truth, and *largest error*: of any parameter, in reported
-  standard deviations. Both of the runs that end `converged` or `estimating`; a dash where none does.
-- *at first*, *later*: the same of any estimate that any run published on its way: of those with the warning that they
-  are first ones, and of all others, and when that was.
+  standard deviations; *jointly*: of all parameters of a run together, in the metric of their covariance, what a single
+  one would be off by to be as unlikely. All of the runs that end `converged` or `estimating`; a dash where none does.
+- *at first*, *later*: the largest error of any parameter in any estimate that any run published on its way: of those
+  with the warning that they are first ones, and of all others, and when that was.
 - *named first*: the first cause or, without any, the first event or warning of the last estimate, as most of the runs
   have it. [trajectory.md](trajectory.md#verdict-coreverdict) tells how causes are found.
 - *true cause*: at which place each run names what is wrong, a dash where it does not. Runs that are right and name
   nothing are left out, and conditions with nothing to be named.
-- *silently wrong*: some parameter of a run that ends `converged` or `estimating` is beyond 5 standard deviations, or
-  fewer than 60 % are covered.
+- *silently wrong*: some parameter of a run that ends `converged` or `estimating`, or all of them jointly, is beyond 5
+  standard deviations, or fewer than 60 % are covered.
 
 {sections}
 

@@ -8,27 +8,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from benchmarks.data import LEVELS, model, motion
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.catalogue import CATALOGUE, CONDITIONS
 from benchmarks.honesty.floating import World, float_freely
 from benchmarks.honesty.paths import moves, servicer, sinusoids
-from benchmarks.honesty.runs import Outcome, run, run_file
+from benchmarks.honesty.runs import Outcome, jointly, run, run_file
 from benchmarks.honesty.springs import swing
 from benchmarks.honesty.true_causes import TRUE_CAUSES, rank
 from benchmarks.honesty.verdicts import judged
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.simulation.run import total_momentum
 
 
-def outcome(status: list[str], error: Array) -> Outcome:
+def outcome(status: list[str], error: Array, jointly: float = 0.0) -> Outcome:
     """Return runs with errors (R, 10) in standard deviations of 1."""
     none = np.zeros(len(status))
     causes = np.array(['a cause'] * len(status))
-    return Outcome(np.array(status), error, np.ones_like(error), causes, causes, *(none,) * 6)
+    return Outcome(
+        np.array(status), error, np.ones_like(error), np.full(len(status), jointly), causes, causes, *(none,) * 6
+    )
 
 
 def test_the_base_floats_as_the_simulator_has_it() -> None:
@@ -110,9 +114,27 @@ def test_a_row_is_silently_wrong_by_error_or_by_coverage() -> None:
     assert judged(outcome(['converged', 'estimating'], off)).silently_wrong
     assert judged(outcome(['converged', 'estimating'], few)).covered == 0.5
     assert judged(outcome(['converged', 'estimating'], few)).silently_wrong
+    assert judged(outcome(['converged'], right[:1], jointly=5.1)).silently_wrong
+    assert not judged(outcome(['inconsistent'], right[:1], jointly=5.1)).silently_wrong
     # The run that is off says so.
     assert not judged(outcome(['converged', 'inconsistent'], off)).silently_wrong
     assert np.isnan(judged(outcome(['inconsistent', 'not_identifiable'], off)).largest)
+
+
+def test_errors_together_are_measured_by_what_a_single_one_would_be_off_by() -> None:
+    def last(*pairs: tuple[int, int, float]) -> Estimate:
+        covariance = np.full((10, 10), np.nan)
+        for row, column, value in pairs:
+            covariance[row, column] = covariance[column, row] = value
+        return Estimate('trajectory', 'converged', 1.0, 0, samples=1, parameters=np.zeros(10), covariance=covariance)
+
+    both = last((0, 0, 4.0), (1, 1, 4.0), (0, 1, 0.99 * 4.0))
+    # One standard deviation each, in opposite directions: 200 of chi-square with two degrees of freedom, exp(-100).
+    sought = np.array([2.0, -2.0, *[0.0] * 8])
+    assert jointly(both, sought) == pytest.approx(-ndtri(0.5 * np.exp(-100.0)))
+    assert jointly(both, abs(sought)) == pytest.approx(-ndtri(0.5 * np.exp(-0.5 / 0.995)))
+    assert jointly(last((0, 0, 4.0)), 3.0 * sought) == pytest.approx(3.0)
+    assert np.isnan(jointly(last(), sought))
 
 
 def test_there_are_many_conditions_and_each_has_its_file() -> None:

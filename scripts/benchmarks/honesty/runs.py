@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtrc, ndtri
 
 from benchmarks.data import LEVELS
 from benchmarks.honesty.catalogue import CATALOGUE
@@ -31,6 +32,7 @@ from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.campaigns.monte_carlo import nees
 from mbaid_ros.session import Session
 
 PUBLISHED = ('estimating', 'converged')
@@ -48,6 +50,8 @@ class Told:
     ----------
     status : at its end; `refused` where it took neither robot nor parameters
     error, std : (10,) at its end; NaN where not published
+    jointly : how far off all parameters at its end are together in the metric of their covariance: the standard
+        deviations that a single one would be off by, to be as unlikely; NaN where not published
     named : the first cause or warning that it named
     causes : all causes that it named, the likeliest first, a line each
     first : s, of the first estimate with a number; infinite where there is none
@@ -61,6 +65,7 @@ class Told:
     status: str
     error: Array
     std: Array
+    jointly: float
     named: str
     causes: str
     first: float
@@ -78,6 +83,7 @@ class Outcome(Runs):
     status: Array
     error: Array
     std: Array
+    jointly: Array
     named: Array
     causes: Array
     first: Array
@@ -112,8 +118,7 @@ def run(work: tuple[str, str, int]) -> Told:
             history(session, messages(session, readings, _read_joints(world, robot), noise)), sought, world.since
         )
     except MbaidError as error:
-        nothing = np.full(10, np.nan)
-        return Told(REFUSED, nothing, nothing, str(error)[:_WORDS], '', np.inf, 0.0, np.nan, 0.0, 0, 0)
+        return _silent(REFUSED, str(error)[:_WORDS])
 
 
 def _read(world: World, condition: Condition, truth: Truth, robot: RobotModel, seed: int) -> Readings:
@@ -158,8 +163,7 @@ def messages(
 
 def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     if not history:
-        nothing = np.full(10, np.nan)
-        return Told('waiting', nothing, nothing, '', '', np.inf, 0.0, np.nan, 0.0, 0, 0)
+        return _silent('waiting', '')
     last = history[-1]
     error, std = (np.array([getattr(each, name) for each in history]) for name in ('parameters', 'std'))
     error = error - sought
@@ -173,6 +177,7 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
         status=last.status,
         error=error[-1],
         std=std[-1],
+        jointly=jointly(last, sought),
         named=_named(last),
         causes='\n'.join(cause for cause, _ in last.causes) or '\n'.join(event.cause for event in last.events),
         first=float(np.min(time[np.any(given, axis=1)], initial=np.inf)),
@@ -182,6 +187,20 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
         windows=len(history),
         alarms=sum(each.status == 'inconsistent' for each in history),
     )
+
+
+def _silent(status: str, named: str) -> Told:
+    nothing = np.full(10, np.nan)
+    return Told(status, nothing, nothing, np.nan, named, '', np.inf, 0.0, np.nan, 0.0, 0, 0)
+
+
+def jointly(last: Estimate, sought: Array) -> float:
+    """Return how far all parameters of an estimate are off together, in standard deviations of a single one."""
+    freedom = int(np.sum(np.isfinite(last.std) & np.isfinite(last.parameters)))
+    if not freedom:
+        return np.nan
+    chance = chdtrc(freedom, freedom * nees(last, sought))
+    return float(-ndtri(0.5 * max(chance, np.finfo(float).tiny)))  # as far as there are numbers for it: 37
 
 
 def _named(last: Estimate) -> str:

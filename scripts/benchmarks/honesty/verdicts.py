@@ -24,6 +24,7 @@ class Verdict:
     statuses : how often each was the last
     covered : share of the 95 % intervals that hold the truth, of the runs with a good last status; NaN without any
     largest : largest error of any of their parameters, in standard deviations; NaN without any
+    jointly : the same of all parameters of a run together, in those of a single one that is as unlikely
     ever, ever_at : largest error of any parameter in any estimate that was published and is no first one, in standard
         deviations, and when, s; 0 without any
     young : the same of first ones
@@ -37,6 +38,7 @@ class Verdict:
     statuses: Counter[str]
     covered: float
     largest: float
+    jointly: float
     ever: float
     ever_at: float
     young: float
@@ -54,17 +56,20 @@ def judged(outcome: Outcome, condition: str = '') -> Verdict:
     deviation = np.abs(outcome.error[given] / outcome.std[given])
     covered = float(np.mean(deviation < QUANTILE)) if len(deviation) else np.nan
     largest = float(np.max(deviation)) if len(deviation) else np.nan
+    together = outcome.jointly[good[:, 0] & np.isfinite(outcome.jointly)]
+    jointly = float(np.max(together)) if len(together) else np.nan
     return Verdict(
         statuses=Counter(outcome.status.tolist()),
         covered=covered,
         largest=largest,
+        jointly=jointly,
         ever=float(np.max(outcome.worst)),
         ever_at=float(outcome.worst_at[np.argmax(outcome.worst)]),
         young=float(np.max(outcome.young)),
         windows=int(np.sum(outcome.windows)),
         alarms=int(np.sum(outcome.alarms)),
         named=Counter(outcome.named.tolist()).most_common(1)[0][0],
-        silently_wrong=bool(largest > FAR or covered < _FEWEST_COVERED),
+        silently_wrong=bool(np.fmax(largest, jointly) > FAR or covered < _FEWEST_COVERED),
         places=_places(outcome, condition),
     )
 
