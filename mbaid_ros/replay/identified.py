@@ -13,6 +13,7 @@ from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import contradiction
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.files import parse_json, read_text
 
@@ -32,17 +33,19 @@ class Identified:
     status : of the estimate
     parameters : (10,) in the order of PARAMETERS, NaN where not determined
     covariance : (10, 10) of them; NaN where not known
+    warnings : of the estimate
     """
 
     link: str
     status: str
     parameters: Array
     covariance: Array
+    warnings: tuple[str, ...]
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model: the numbers must not be trusted."""
-        return self.status == 'inconsistent'
+        """Whether the data contradict the model: the numbers must not be trusted, or have been withheld."""
+        return contradiction(self.status, self.warnings)
 
     @property
     def missing(self) -> list[str]:
@@ -87,12 +90,17 @@ def _debris_from_json(content: Any, path: str) -> Identified:
     if found is None:
         raise DataError(f"'{path}' holds no captured body alone; {_TOLD}")
     covariance = _covariance(found.get('covariance'), found.get('std'))
-    return Identified(str(found['frame']['name']), str(content['status']), _ten(found), covariance)
+    return Identified(str(found['frame']['name']), str(content['status']), _ten(found), covariance, _warnings(content))
 
 
 def _from_json(content: Any) -> Identified:
     covariance = _covariance(content.get('covariance'), content.get('std'))
-    return Identified(str(content['target_link']), str(content['status']), _ten(content['estimate']), covariance)
+    link, status = str(content['target_link']), str(content['status'])
+    return Identified(link, status, _ten(content['estimate']), covariance, _warnings(content))
+
+
+def _warnings(content: Any) -> tuple[str, ...]:
+    return tuple(map(str, content.get('warnings', ())))
 
 
 def _covariance(covariance: Any, std: Any) -> Array:
@@ -141,4 +149,4 @@ def _from_bag(path: str, *, alone: bool) -> Identified:
     known = np.asarray(last.identifiable, dtype=bool)
     parameters = np.where(known, np.array(values, dtype=float), np.nan)
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
-    return Identified(last.header.frame_id, last.status, parameters, covariance)
+    return Identified(last.header.frame_id, last.status, parameters, covariance, tuple(last.warnings))

@@ -17,6 +17,7 @@ from made_runs import BODY, HOSTILE, PLAIN, estimate, hostile_urdf, planar, run
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.principal import box_sizes
 from mbaid_ros.outgoing import Frames
@@ -42,6 +43,14 @@ def written(folder: Path, final: Any = None, **changes: Any) -> str:
     file = folder / 'result.json'
     file.write_text(json.dumps(as_json(run(final, **changes))), encoding='utf-8')
     return str(file)
+
+
+def recorded(folder: Path, *estimates: Estimate) -> str:
+    with BagWriter(folder / 'bag') as bag:
+        writer = EstimateWriter(bag)
+        for each in estimates:
+            writer.write(each, Frames('link7', 'odom'))
+    return str(folder / 'bag')
 
 
 def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
@@ -159,11 +168,8 @@ def test_plain_json_has_the_covariance(capsys: pytest.CaptureFixture[str], tmp_p
 
 
 def test_a_bag_of_estimates_is_read(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'bag') as bag:
-        writer = EstimateWriter(bag)
-        for parameters in (BODY * 0.5, BODY):
-            writer.write(estimate(parameters=parameters), Frames('link7', 'odom'))
-    from_bag = exported(capsys, str(tmp_path / 'bag'), '--format', 'mjcf')
+    bag = recorded(tmp_path, estimate(parameters=BODY * 0.5), estimate())
+    from_bag = exported(capsys, bag, '--format', 'mjcf')
     assert from_bag == exported(capsys, written(tmp_path), '--format', 'mjcf')
 
 
@@ -207,6 +213,9 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
     flat[9] = 500.0
     assert 'no real body' in exported(capsys, written(tmp_path, estimate(parameters=flat)), code=3)
     assert 'contradict the model' in exported(capsys, written(tmp_path, estimate(status='inconsistent')), code=4)
+    withheld = estimate(status='not_identifiable', parameters=np.full(10, np.nan)).contradicted_by(['too much'])
+    assert 'contradict the model' in exported(capsys, written(tmp_path, withheld), code=4)
+    assert 'contradict the model' in exported(capsys, recorded(tmp_path, withheld), code=4)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,11 @@ WITHHELD = 'the data contradict the model, and intervals as wide as that asks fo
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
 
+def contradiction(status: str, warnings: Sequence[str]) -> bool:
+    """Return whether data contradict the model, be there numbers or none for that very reason."""
+    return status == 'inconsistent' or WITHHELD in warnings
+
+
 def _unknown(*shape: int) -> Array:
     return np.full(shape, np.nan)
 
@@ -143,8 +148,8 @@ class Estimate:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model, be there numbers or none for that very reason."""
-        return self.status == 'inconsistent' or WITHHELD in self.warnings
+        """Whether the data contradict the model, be there numbers or none."""
+        return contradiction(self.status, self.warnings)
 
     @property
     def likely_causes(self) -> tuple[tuple[str, float], ...]:
