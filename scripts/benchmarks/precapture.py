@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,7 @@ from benchmarks.data import CONFIG, LEVELS, readings
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.intake.windows import Windows
@@ -90,23 +92,34 @@ def windows(truth: Truth, seed: int | None, model_errors: ModelErrors | None = N
     return [*cutter.push(samples), *cutter.flush()] if samples is not None else []
 
 
-def cad_urdf(seed: int, base_mass_std: float = BASE_MASS_STD) -> str:
-    """Return what CAD may say of the servicer: every link off by random parts of what the standard deviations allow."""
+def perturbed(model: RobotModel, priors: Sequence[LinkPrior], seed: int) -> RobotModel:
+    """Return a robot whose links are off by random parts of what their priors allow: what CAD may say of it."""
     rng = np.random.default_rng(seed)
-    urdf = free_urdf()
-    for link in free_model().links:
+    links = []
+    for link, prior in zip(model.links, priors, strict=True):
         true = physical(link.parameters)
-        std = base_mass_std if link.name == 'base_link' else MASS_STD
-        while True:
-            errors = rng.normal(size=10)
-            values = true.copy()
-            values[0] *= 1.0 + std * errors[0]
-            values[1:4] += COM_STD * errors[1:4]
-            values[4:] *= values[0] / true[0]
-            values[4:] += INERTIA_STD * np.sqrt(true[_ROWS] * true[_COLUMNS]) * errors[4:]
-            if is_physical(standard(values)):
-                break
-        urdf = replace_inertial(urdf, link.name, values)
+        moments = np.sqrt(true[_ROWS] * true[_COLUMNS])
+        size = np.concatenate(([prior.mass * true[0]], np.full(3, prior.com), prior.inertia * moments))
+        drawn = (_off(true, size * rng.normal(size=10)) for _ in range(100))
+        links.append(replace(link, parameters=next(each for each in drawn if is_physical(each))))
+    return replace(model, links=tuple(links))
+
+
+def _off(true: Array, change: Array) -> Array:
+    """Return the standard parameters (10,) of a body that is off by so much; the inertia's is at the wrong mass."""
+    wrong = true + change
+    wrong[4:] += (wrong[0] / true[0] - 1.0) * true[4:]
+    return standard(wrong)
+
+
+def cad_urdf(seed: int, base_mass_std: float = BASE_MASS_STD) -> str:
+    """Return what CAD may say of the servicer."""
+    general = LinkPrior(MASS_STD, COM_STD, INERTIA_STD)
+    base = replace(general, mass=base_mass_std)
+    model, urdf = free_model(), free_urdf()
+    priors = [base if link.name == 'base_link' else general for link in model.links]
+    for link in perturbed(model, priors, seed).links:
+        urdf = replace_inertial(urdf, link.name, physical(link.parameters))
     return urdf
 
 

@@ -15,6 +15,7 @@ import pytest
 from scipy.stats import chi2
 
 import recorded
+from benchmarks.precapture import free_model, free_urdf, perturbed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
@@ -30,7 +31,7 @@ from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
 from observed import MID, configured_motion, kernel, true_body
-from servicing import LINKS, PRIORS, free_motion, free_servicer, free_urdf, perturbed
+from servicing import LINKS, PRIORS, free_motion
 from simulated import CONFIG, state
 
 PARAMETERS = """
@@ -60,10 +61,10 @@ def noisy(truth: Truth, seed: int, errors: ModelErrors | None = None) -> Truth:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a bag of a free motion, a URDF that is off, and parameters."""
     folder = tmp_path_factory.mktemp('calibration')
-    recorded.write(folder / 'before', free_servicer(), noisy(free_motion(1, 60.0)[:800], 1))
-    recorded.write(folder / 'again', free_servicer(), noisy(free_motion(2, 30.0)[:300], 2))
+    recorded.write(folder / 'before', free_model(), noisy(free_motion(1, 60.0)[:800], 1))
+    recorded.write(folder / 'again', free_model(), noisy(free_motion(2, 30.0)[:300], 2))
     cad = free_urdf()
-    for link in perturbed(free_servicer(), PRIORS, 7).links:
+    for link in perturbed(free_model(), PRIORS, 7).links:
         cad = change_inertial(cad, link.name, physical(link.parameters))
     (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
     (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
@@ -118,7 +119,7 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
 
 
 def test_the_estimates_are_right_within_their_covariance(result: Any) -> None:
-    theta = np.concatenate([link.parameters for link in free_servicer().links])
+    theta = np.concatenate([link.parameters for link in free_model().links])
     error = np.array(result['covariance']['values'])
     error[:80] -= theta
     covariance = np.array(result['covariance']['matrix'])
@@ -260,7 +261,7 @@ def test_an_unphysical_prior_is_refused(place: Path, tmp_path: Path, capsys: pyt
 
 def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'free.urdf').write_text(free_urdf(), encoding='utf-8')
-    recorded.write(tmp_path / 'one', free_servicer(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
+    recorded.write(tmp_path / 'one', free_model(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
     found = {name: str(tmp_path / f'found.{name}') for name in ('urdf', 'json')}
     outputs = ['--output', found['urdf'], '--json', found['json']]
     assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf'), *outputs]) == 0
@@ -270,7 +271,7 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     still = free_motion(3, 20.0, joints=(3,))[np.zeros(400, dtype=int)]
     motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name}
     motions['time'] = np.arange(400) / 20.0
-    recorded.write(tmp_path / 'none', free_servicer(), noisy(Truth(**{**vars(still), **motions}), 1))
+    recorded.write(tmp_path / 'none', free_model(), noisy(Truth(**{**vars(still), **motions}), 1))
     assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
     assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err
 
@@ -297,16 +298,16 @@ def test_the_estimator_takes_what_it_leaves_uncertain(
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the calibration of a robot that is not its URDF, and a bag of it with the target in hand."""
     folder = tmp_path_factory.mktemp('drawn')
-    errors = draw(free_servicer(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
-    model = true_robot(free_servicer(), errors, ('link7',))
+    errors = draw(free_model(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
+    model = true_robot(free_model(), errors, ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
     before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
-    recorded.write(folder / 'before', free_servicer(), noisy(before, 1, errors))
+    recorded.write(folder / 'before', free_model(), noisy(before, 1, errors))
     after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
-    recorded.write(folder / 'after', free_servicer(), noisy(after, 2, errors))
+    recorded.write(folder / 'after', free_model(), noisy(after, 2, errors))
     cad = free_urdf()
-    for link in perturbed(free_servicer(), PRIORS, 7).links:
+    for link in perturbed(free_model(), PRIORS, 7).links:
         cad = change_inertial(cad, link.name, physical(link.parameters))
     (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
     (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.precapture import free_urdf
 from mbaid_ros.bags import BagReader
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.replay.simulate import main
-from servicing import free_urdf
 from simulated import CONFIG
 
 TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']

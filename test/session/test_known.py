@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from benchmarks.precapture import free_model
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
@@ -23,9 +24,9 @@ from mbaid_ros.core.unknowns.gravity import Gravity
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.twist_bias import TwistBias
 from mbaid_ros.session.known import EXACT_ROBOT, doubting_exactness, known_side, with_known_errors
-from servicing import LINKS, free_servicer, standard_parameters
+from servicing import LINKS, standard_parameters
 
-ROBOT = MomentumKernel(free_servicer(), 'link7')
+ROBOT = MomentumKernel(free_model(), 'link7')
 
 
 SIZE = 80 + 6 * 7 + 6
@@ -38,14 +39,14 @@ def matrix() -> Array:
 
 def values() -> Array:
     found = np.zeros(SIZE)
-    found[:80] = standard_parameters(free_servicer())
+    found[:80] = standard_parameters(free_model())
     found[80:-6:6] = 1e-3 * np.arange(7)
     found[-6:] = 1e-3 * np.arange(6)
     return found
 
 
 def joints() -> dict[str, Any]:
-    model = free_servicer()
+    model = free_model()
     frames = zip(model.joint_names, model.positions.tolist(), model.rotations.tolist(), strict=True)
     return {name: {'position': position, 'rotation': rotation} for name, position, rotation in frames}
 

@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 import recorded
+from benchmarks.precapture import free_model, free_urdf, perturbed
 from captured import Joined, alone, capture, sensed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
@@ -31,7 +32,7 @@ from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.session import Session
 from mbaid_ros.session.uncertainty import declared_uncertainty
 from observed import MID
-from servicing import LINKS, PRIORS, free_servicer, free_urdf, perturbed
+from servicing import LINKS, PRIORS
 
 BEGIN, END = 20.0, 10.0  # s: the capture, and how long the run goes on after it
 PARAMETERS: dict[str, object] = {
@@ -54,15 +55,15 @@ def joined() -> Joined:
 def cad() -> str:
     """Return what CAD says of the servicer."""
     text = free_urdf()
-    for link in perturbed(free_servicer(), PRIORS, 1).links:
+    for link in perturbed(free_model(), PRIORS, 1).links:
         text = change_inertial(text, link.name, physical(link.parameters))
     return text
 
 
 @cache
 def messages(*, misread: bool = False) -> list[tuple[str, Any, int]]:
-    errors = draw(free_servicer(), 'link7', ErrorSizes(0.0, 1e-3, 0.0, 0.0, 2e-3, 2e-3), generator(3))
-    return list(recorded.messages(free_servicer(), sensed(joined().truth, 1, errors if misread else None)))
+    errors = draw(free_model(), 'link7', ErrorSizes(0.0, 1e-3, 0.0, 0.0, 2e-3, 2e-3), generator(3))
+    return list(recorded.messages(free_model(), sensed(joined().truth, 1, errors if misread else None)))
 
 
 def feed(session: Session, until: float = np.inf, *, misread: bool = False) -> list[Estimate]:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import pytest
 from scipy.stats import chi2
 
+from benchmarks.precapture import free_model, perturbed
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.simulation.run import Truth
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
-from servicing import PRIORS, all_unknown, free_motion, free_servicer, perturbed
+from servicing import PRIORS, all_unknown, free_motion
 
 SEEDS = range(2)
 
@@ -29,7 +30,7 @@ def servicers() -> list[MomentumKernel]:
     """Return the servicer as calibrations of as many runs have it, CAD errors and noise of each its own."""
     made = []
     for seed in SEEDS:
-        cad = perturbed(free_servicer(), PRIORS, seed)
+        cad = perturbed(free_model(), PRIORS, seed)
         before = windows(observe(free_motion(1, 60.0), MID, seed))
         found = calibrate(all_unknown(cad), [before], CalibrationSettings(MID, PRIORS))
         values = found.theta.reshape(-1, 10)
@@ -53,7 +54,7 @@ def test_the_intervals_of_the_target_cover(servicers: list[MomentumKernel], afte
 
 
 def test_cad_values_taken_as_exact_make_them_too_narrow(afterwards: Truth) -> None:
-    robot = MomentumKernel(perturbed(free_servicer(), PRIORS, 0), 'link7')
+    robot = MomentumKernel(perturbed(free_model(), PRIORS, 0), 'link7')
     exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
     last = estimator(robot, MID, method='difference', **exact).update(windows(observe(afterwards, MID, 1000)), 0)[-1]
     assert nees(last, true_body(kernel('servicer7'))) > 3.0 * chi2.isf(1e-3, 10)

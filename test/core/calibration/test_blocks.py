@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from benchmarks.precapture import free_model, perturbed
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.calibration.result import Calibration
@@ -25,7 +26,7 @@ from mbaid_ros.core.simulation.motion import random_sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from observed import MID, configured_motion, observe, windows
-from servicing import PRIORS, WEIGHED, all_unknown, free_servicer, perturbed, standard_parameters
+from servicing import PRIORS, WEIGHED, all_unknown, standard_parameters
 from simulated import robot, state
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
@@ -34,13 +35,13 @@ TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
 
 
 def errors_of(seed: int, sizes: ErrorSizes = SIZES) -> ModelErrors:
-    return draw(free_servicer(), 'link7', sizes, generator(seed))
+    return draw(free_model(), 'link7', sizes, generator(seed))
 
 
 @cache
 def moved(errors: tuple[int, ErrorSizes], seed: int, seconds: float) -> Truth:
     """Return a motion of the free arm of a robot that is not its URDF."""
-    model = true_robot(free_servicer(), errors_of(*errors), ('link7',))
+    model = true_robot(free_model(), errors_of(*errors), ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
     return Simulation(model, motion, start, 0.05).advance(np.arange(round(seconds * 20.0)) / 20.0)
@@ -60,10 +61,10 @@ def wrong(model: RobotModel, errors: ModelErrors) -> Array:
 
 def found_of(seed: int, sizes: ErrorSizes = SIZES) -> tuple[Calibration, Array]:
     """Return the calibration of a drawn robot, and the errors of all its values."""
-    cad = perturbed(free_servicer(), PRIORS, seed)
+    cad = perturbed(free_model(), PRIORS, seed)
     run = data(seed, 10 + seed, sizes=sizes)
     found = calibrate(all_unknown(cad), [run], CalibrationSettings(MID, PRIORS, SERVICER))
-    true = np.concatenate((standard_parameters(free_servicer()), wrong(cad, errors_of(seed, sizes))))
+    true = np.concatenate((standard_parameters(free_model()), wrong(cad, errors_of(seed, sizes))))
     return found, found.values - true
 
 
@@ -98,14 +99,14 @@ def test_zeros_further_off_than_declared_are_told_and_widen_what_goes_on() -> No
 
 
 def test_joints_taken_for_exact_make_links_wrong() -> None:
-    cad = perturbed(free_servicer(), PRIORS, 0)
+    cad = perturbed(free_model(), PRIORS, 0)
     found = calibrate(all_unknown(cad), [data(0, 10)], CalibrationSettings(MID, PRIORS))
-    error = found.theta - standard_parameters(free_servicer())
+    error = found.theta - standard_parameters(free_model())
     assert float(error @ np.linalg.solve(found.covariance, error)) > 3.0 * chi2.isf(1e-4, 80)
 
 
 def test_the_order_of_motions_makes_no_difference_and_two_tell_more_than_one() -> None:
-    unknown = all_unknown(perturbed(free_servicer(), PRIORS, 1))
+    unknown = all_unknown(perturbed(free_model(), PRIORS, 1))
     runs, settings = [data(1, 21, 20.0), data(1, 22, 20.0)], CalibrationSettings(MID, PRIORS, SERVICER)
     both, other, one = (calibrate(unknown, each, settings) for each in (runs, runs[::-1], runs[:1]))
     assert np.all(np.abs(both.values - other.values) < 0.05 * both.stds)
@@ -148,7 +149,7 @@ def test_a_planar_robot(seed: int) -> None:
 
 def test_what_goes_on_is_what_was_found() -> None:
     """The unknowns that the filter goes on with, put together, are the other links, joints and mount."""
-    cad = perturbed(free_servicer(), PRIORS, 2)
+    cad = perturbed(free_model(), PRIORS, 2)
     kernel = MomentumKernel(cad, 'link7', *(link.name for link in cad.links if link.name != 'link7'))
     priors = (PRIORS[-1], *PRIORS[:-1])
     found = calibrate(kernel, [data(2, 12, 20.0)], CalibrationSettings(MID, priors, SERVICER))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.precapture import free_model, free_urdf, perturbed
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
@@ -20,19 +21,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, true_body, windows
-from servicing import (
-    GENERAL,
-    LINKS,
-    NOTHING,
-    PRIORS,
-    WEIGHED,
-    all_unknown,
-    free_motion,
-    free_servicer,
-    free_urdf,
-    perturbed,
-    standard_parameters,
-)
+from servicing import GENERAL, LINKS, NOTHING, PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 
@@ -59,7 +48,7 @@ def normalised(error: Array, covariance: Array) -> float:
 
 def test_all_bodies_are_recovered_and_predict_the_momentum_of_another_motion() -> None:
     truth, fresh = free_motion(1, 60.0), free_motion(2, 30.0)
-    servicer = free_servicer()
+    servicer = free_model()
     rows, theta = momentum_rows(servicer, fresh), standard_parameters(servicer)
     squares, before, after, deviations = [], [], [], []
     for seed in range(5):
@@ -81,7 +70,7 @@ def test_all_bodies_are_recovered_and_predict_the_momentum_of_another_motion() -
 
 
 def test_without_a_weighed_body_the_common_factor_stays_open() -> None:
-    servicer = free_servicer()
+    servicer = free_model()
     priors = (GENERAL,) * 8
     cad = perturbed(servicer, priors, 3)
     found = calibrated(cad, free_motion(1, 60.0), 3, priors)
@@ -129,7 +118,7 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
         assert found.scale.fixed_by[0][0] == 'the known bodies'
         # A fifth of what masses and inertias known to 5 % tell together.
         assert found.scale.relative_std < 0.003
-        factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_servicer())[::10])
+        factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_model())[::10])
         squares.append(((factor - 1.0) / found.scale.relative_std) ** 2)
     assert sum(squares) < 16.0  # three chi-squares: 1 in 1000
 
@@ -182,7 +171,7 @@ def test_in_a_plane_what_lies_out_of_it_stays_at_cad(planar: Truth) -> None:
 
 
 def test_several_motions_keep_their_own_momenta(drift: Array) -> None:
-    servicer = free_servicer()
+    servicer = free_model()
     truths = [free_motion(1, 60.0), drifting(free_motion(2, 30.0), 0.05 * drift, np.array([30.0, -20.0, 10.0]))]
     runs = [windows(observe(truth, MID, seed)) for seed, truth in enumerate(truths)]
     unknown = all_unknown(perturbed(servicer, PRIORS, 5))
@@ -207,7 +196,7 @@ def at_rest() -> Truth:
 
 
 def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
-    servicer = perturbed(free_servicer(), PRIORS, 1)
+    servicer = perturbed(free_model(), PRIORS, 1)
     noise = replace(MID, joint_position=15.0 * MID.joint_position)
     found_in = np.tile([noise.joint_position, noise.joint_velocity, 0.0], (100, 1))
     run = windows(replace(observe(at_rest(), noise, 0), noise=found_in))
@@ -217,7 +206,7 @@ def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
 
 
 def test_a_robot_at_rest_says_nothing() -> None:
-    servicer = perturbed(free_servicer(), PRIORS, 1)
+    servicer = perturbed(free_model(), PRIORS, 1)
     found = calibrated(servicer, at_rest(), 0)
     assert found.determined == 0
     assert found.still == servicer.joint_names
@@ -232,7 +221,7 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
     truth = free_motion(1, 60.0)[:200]
     bent = 0.0
     for seed in range(3):
-        unknown = all_unknown(free_servicer())
+        unknown = all_unknown(free_model())
         found = calibrate(unknown, [windows(observe(truth, HIGH, seed))], CalibrationSettings(HIGH, priors))
         assert all(is_physical(part) for part in found.theta.reshape(-1, 10))
         bent = max(bent, float(found.corrections.max()))
@@ -240,7 +229,7 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
 
 
 def test_what_the_data_say_is_told_for_each_value() -> None:
-    found = calibrated(perturbed(free_servicer(), PRIORS, 2), free_motion(1, 60.0), 2)
+    found = calibrated(perturbed(free_model(), PRIORS, 2), free_motion(1, 60.0), 2)
     assert [link.name for link in found.links] == list(LINKS)
     base = found.links[0]
     # Only the prior knows the base's mass; its centre of mass and inertia are the data's.
@@ -254,11 +243,11 @@ def test_what_the_data_say_is_told_for_each_value() -> None:
 
 def test_nothing_fixes_the_scale() -> None:
     with pytest.raises(ParameterError, match='nothing fixes the scale: all bodies are unknown'):
-        calibrated(free_servicer(), free_motion(1, 60.0)[:100], 0, (LinkPrior(0.0, 0.01, 0.0),) * 8)
+        calibrated(free_model(), free_motion(1, 60.0)[:100], 0, (LinkPrior(0.0, 0.01, 0.0),) * 8)
 
 
 def test_an_inertia_that_no_body_has_is_no_prior() -> None:
-    model = free_servicer()
+    model = free_model()
     values = physical(model.links[2].parameters)
     values[9] = 5.0 * values[4]
     links = tuple(replace(x, parameters=standard(values)) if x.name == 'link2' else x for x in model.links)
@@ -268,4 +257,4 @@ def test_an_inertia_that_no_body_has_is_no_prior() -> None:
 
 def test_no_data() -> None:
     with pytest.raises(DataError, match='no complete window'):
-        calibrate(all_unknown(free_servicer()), [[]], CalibrationSettings(MID, PRIORS))
+        calibrate(all_unknown(free_model()), [[]], CalibrationSettings(MID, PRIORS))

@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from benchmarks.precapture import free_model
 from captured import LINK, alone, servicer_motion
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import rotation_from_quaternion
@@ -14,7 +15,6 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
-from servicing import free_servicer
 from simulated import robot, state
 
 TIME = 3.33  # s, between two steps
@@ -26,7 +26,7 @@ INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.ar
 def make() -> CaptureSimulation:
     motion = servicer_motion()
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
-    return CaptureSimulation(free_servicer(), motion, start, STEP, TARGET)
+    return CaptureSimulation(free_model(), motion, start, STEP, TARGET)
 
 
 @pytest.fixture(scope='module', name='truth')
@@ -36,7 +36,7 @@ def captured() -> Truth:
 
 def test_the_momentum_of_both_is_that_of_the_whole(truth: Truth) -> None:
     simulation = make()
-    before = total_momentum(free_servicer(), truth[INSTANTS < TIME])
+    before = total_momentum(free_model(), truth[INSTANTS < TIME])
     after = total_momentum(simulation.joined, truth[INSTANTS >= TIME])
     assert before == pytest.approx(np.tile(before[0], (len(before), 1)), abs=1e-7)
     assert after == pytest.approx(np.tile(before[0] + simulation.brought, (len(after), 1)), abs=1e-7)
@@ -46,7 +46,7 @@ def test_the_momentum_of_both_is_that_of_the_whole(truth: Truth) -> None:
 def test_what_is_brought_is_the_target_s_own(truth: Truth) -> None:
     """The target's bodies as particles would have it: by the motion of its link, if it had been held."""
     at = truth[np.flatnonzero(INSTANTS == TIME)]
-    model = free_servicer()
+    model = free_model()
     kernel = MomentumKernel(model, LINK)
     rotation = rotation_from_quaternion(at.base_orientation)
     states = kernel.states_of(rotation, at.joint_position, 0.0 * at.joint_velocity, np.zeros((1, 6)))
