@@ -35,6 +35,7 @@ _LARGE_CORRECTION = 3.0
 # By kind of what is further off than its prior says, where that is declared.
 _DECLARED = {
     'link': 'prior.mass_relative_std, .com_std, .inertia_relative_std',
+    'mass': 'prior.mass_relative_std',
     'zero': 'prior.zero_std',
     'origin': 'prior.origin_std',
     'axis': 'prior.axis_std',

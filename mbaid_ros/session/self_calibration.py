@@ -24,7 +24,10 @@ from mbaid_ros.session.known import KnownRobot
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
 # Where the priors of bodies are declared; of the others, where those of any run are.
-_DECLARED = {'link': 'calibration.mass_relative_std, .com_std, .inertia_relative_std'}
+_DECLARED = {
+    'link': 'calibration.mass_relative_std, .com_std, .inertia_relative_std',
+    'mass': 'calibration.mass_relative_std',
+}
 
 
 def self_calibration(

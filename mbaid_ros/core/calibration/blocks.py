@@ -25,6 +25,7 @@ from mbaid_ros.core.unknowns.carried import Carried, in_plane_map
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements
+from mbaid_ros.core.unknowns.known_bodies import masses
 from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
 from mbaid_ros.core.unknowns.thrusters import Thrusters
 
@@ -81,9 +82,11 @@ class Normals:
     @cached_property
     def sizes(self) -> PriorSizes:
         """How many times as far off as declared the numbers look, kind by kind."""
-        causes = [f'link:{self.prior.links[0].name}'] * 10
+        first = self.prior.links[0].name
+        causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
-        return PriorSizes.of(self.belief.mean, self.belief.factor, causes)
+        parts = [*masses([first], self.prior.roots[0]), *(part for unknown in self.unknowns for part in unknown.parts)]
+        return PriorSizes.of(self.belief.mean, self.belief.factor, causes, parts)
 
     def as_far_off(self) -> Normals:
         """Return what is known where they may be so (docs/trajectory.md, eq. 7); what no window sees stays."""

@@ -176,7 +176,7 @@ class Moments:
 
     def sizes(self, layout: Layout) -> PriorSizes:
         """Return how many times as far off as declared the unknowns look."""
-        return PriorSizes.of(*self.unknowns(layout), layout.cause_of)
+        return PriorSizes.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
 
     def contributions(self, own: Array, layout: Layout) -> Array:
         """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.

@@ -2,9 +2,9 @@
 
 Numbers of a kind, the zeros of all joints, say, are declared by one standard deviation. The windows see combinations of
 them. Where those are as far off as k times that would make them, what the windows do not see is likely to be as well.
-And a single thing may be mistaken where all others of its kind are right: the inertial of one link. The estimate stays
-what it is: of its errors, the part that comes from the kind or thing is k times as large (docs/trajectory.md, eq. 7).
-In geodesy these are variance components (Koch 1999, section 3.6).
+And a single thing may be mistaken where all others of its kind are right, the inertial of one link, or a part of that,
+its mass. The estimate stays what it is: of its errors, the part that comes from the kind, thing or part is k times as
+large (docs/trajectory.md, eq. 7). In geodesy these are variance components (Koch 1999, section 3.6).
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from mbaid_ros.core.verdict.widening import AS_DECLARED, BesidePrior, Distance, 
 _TOO_SMALL = (0.05, 0.05)
 # The same that a single thing is mistaken: of many that are right, one looks so by chance.
 _MISTAKEN = (0.01, 0.2)
+# The same of what is mistaken by itself more often than the thing that it is part of: a link's mass.
+_PART_MISTAKEN = (0.05, 0.1)
 _SURE = 0.9  # chance, from which it is told
 
 
@@ -32,17 +34,19 @@ class PriorSizes:
 
     Attributes
     ----------
-    sizes : by kind of cause ('zero', 'link', ...), and by single cause ('zero:joint1')
+    sizes : by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     distances : by single cause, of what the data see of it
     each : (e,) that factor of each of the unknowns' independent numbers
+    within : of each of these names, those of what it belongs to
     """
 
     sizes: Mapping[str, LikelySize]
     distances: Mapping[str, Distance]
     each: Array
+    within: Mapping[str, Sequence[str]]
 
     @staticmethod
-    def of(values: Array, factor: Array, causes: Sequence[str]) -> PriorSizes:
+    def of(values: Array, factor: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorSizes:
         """Return what data say of them.
 
         Parameters
@@ -50,8 +54,9 @@ class PriorSizes:
         values, factor : (e,), (e, w) the numbers, of unit variance about zero beforehand, and a factor of their
             covariance
         causes : what each of them belongs to, 'zero:joint1'
+        parts : what of that each is by itself, 'mass:link1'; empty where nothing
         """
-        each, groups = np.ones(len(values)), _Groups.of(tuple(causes))
+        each, groups = np.ones(len(values)), _Groups.of(tuple(causes), tuple(parts))
         covariance = factor @ factor.T
         sizes: dict[str, LikelySize] = {}
         distances: dict[str, Distance] = {}
@@ -66,7 +71,10 @@ class PriorSizes:
             sizes |= dict(zip(names, map(LikelySize, *map(np.ndarray.tolist, likely)), strict=True))
             distances |= dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
         return PriorSizes(
-            {name: sizes[name] for name in groups.names}, {thing: distances[thing] for thing in groups.things}, each
+            {name: sizes[name] for name in groups.within},
+            {thing: distances[thing] for thing in groups.things},
+            each,
+            groups.within,
         )
 
     @property
@@ -92,10 +100,13 @@ class PriorSizes:
 
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
-        """The kinds, and things beyond their kind, that are surely further off than declared; how many times as far."""
+        """What is surely further off than declared, and further than what it belongs to; how many times as far."""
         found = {cause: size.factor for cause, size in self.sizes.items() if size.chance > _SURE}
-        beyond = {cause for cause, size in found.items() if size > found.get(_kind(cause), 1.0)}
-        return tuple((cause, size) for cause, size in found.items() if cause == _kind(cause) or cause in beyond)
+        return tuple(
+            (cause, size)
+            for cause, size in found.items()
+            if all(size > found.get(whole, 1.0) for whole in self.within[cause])
+        )
 
 
 def _kind(cause: str) -> str:
@@ -109,31 +120,35 @@ class _Groups:
 
     Attributes
     ----------
-    names : of kinds, then of single causes that are no kinds
+    within : by name of kinds, of single causes that are no kinds and of parts of these, what each belongs to
     things : single causes
     alike : names of groups of as many numbers, where these are, (B, n), the chances that they are declared wrong, and
         whether single causes are among them
     """
 
-    names: tuple[str, ...]
+    within: Mapping[str, Sequence[str]]
     things: tuple[str, ...]
     alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float], bool], ...]
 
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window
-    def of(causes: tuple[str, ...]) -> _Groups:
-        """Return the groups that causes make."""
+    def of(causes: tuple[str, ...], parts: tuple[str, ...]) -> _Groups:
+        """Return the groups that causes, and parts of them, make."""
         kinds: dict[str, list[int]] = {}
         things: dict[str, list[int]] = {}
         for place, cause in enumerate(causes):
             kinds.setdefault(_kind(cause), []).append(place)
             things.setdefault(cause, []).append(place)
+        alone = {part: [place] for place, part in enumerate(parts) if part}
+        within: dict[str, Sequence[str]] = dict.fromkeys(kinds, ())
+        within |= {thing: (_kind(thing),) for thing in things if thing not in kinds}
+        within |= {part: (_kind(causes[place]), causes[place]) for part, (place,) in alone.items()}
         alike: dict[tuple[int, tuple[float, float]], dict[str, list[int]]] = {}
-        for name, places in {**things, **kinds}.items():  # a kind may be a single thing
-            chances = _TOO_SMALL if name in kinds else _MISTAKEN
+        for name, places in {**things, **kinds, **alone}.items():  # a kind may be a single thing
+            chances = _TOO_SMALL if name in kinds else _PART_MISTAKEN if name in alone else _MISTAKEN
             alike.setdefault((len(places), chances), {})[name] = places
         return _Groups(
-            (*kinds, *(name for name in things if name not in kinds)),
+            within,
             tuple(things),
             tuple(
                 (tuple(own), np.array(list(own.values())), chances, not things.keys().isdisjoint(own))

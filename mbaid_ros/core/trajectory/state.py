@@ -132,6 +132,11 @@ class Layout:
         return tuple(cause for unknown in self.unknowns for cause in unknown.causes)
 
     @cached_property
+    def part_of(self) -> tuple[str, ...]:
+        """What of its cause each of these numbers is by itself; empty where nothing."""
+        return tuple(part for unknown in self.unknowns for part in unknown.parts)
+
+    @cached_property
     def belongs(self) -> Array:
         """The same as (e, c) of zeros and ones."""
         return np.array([[float(own == cause) for cause in self.causes] for own in self.cause_of]).reshape(

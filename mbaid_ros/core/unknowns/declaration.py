@@ -126,6 +126,11 @@ class Unknown:
         relative = np.abs(self.factor) / np.where(size > 0.0, size, 1.0)
         return tuple(self.labels[row] for row in np.argmax(relative, axis=0)) if self.count else ()
 
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Of each independent number, what of its cause may be mistaken by itself, and it is; empty for nothing."""
+        return ('',) * self.count
+
     def part(self, cause: str) -> Unknown:
         """Return its independent numbers that have most to do with a label alone."""
         return replace(self, factor=self.factor[:, np.array(self.causes) == cause])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,6 +30,11 @@ class KnownBodies(Unknown):
 
     bodies: tuple[int, ...]
 
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Of each independent number, the mass of its link where it alone makes that out; empty for others."""
+        return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
+
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the bodies' regressors, less what an orbit has brought: momentum is linear in what a body is."""
         del kernel
@@ -48,6 +54,22 @@ class KnownBodies(Unknown):
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""
         return np.asarray(block_diag(*(detector.plane_of(body).basis for body in self.bodies)))
+
+
+def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
+    """Return which of e independent numbers are the masses of links, 'mass:arm', all else of these going with them.
+
+    Parameters
+    ----------
+    names : of b links
+    factor : (10 b, e) of the covariance of their standard parameters
+    """
+    found = [''] * factor.shape[1]
+    for name, row in zip(names, factor[::10], strict=True):
+        (columns,) = np.nonzero(row)
+        if len(columns) == 1:
+            found[columns[0]] = f'mass:{name}'
+    return tuple(found)
 
 
 def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:

@@ -31,6 +31,7 @@ _KINDS = {
 }
 _DECLARED_BY = {
     'link': 'known_links.relative_std',
+    'mass': 'known_links.relative_std',
     'zero': 'known_joints.zero_std',
     'origin': 'known_joints.origin_std',
     'axis': 'known_joints.axis_std',

@@ -11,7 +11,7 @@ import pytest
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.known_errors import declared
+from mbaid_ros.core.robot.known_errors import KnownErrors, declared
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -133,6 +133,21 @@ def test_known_bodies(make: Robots, seed: int) -> None:
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(other_momentum, np.zeros(10 * len(unknown.bodies)), 1e-2))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_first_number_of_a_known_body_is_its_mass(seed: int) -> None:
+    for kernel, in_plane in ((Case(spatial(seed), seed).kernel, False), (Case(planar(seed), seed).kernel, True)):
+        unknown: Unknown = known_bodies(kernel.model, kernel.errors)
+        unknown = unknown.in_plane(PlaneDetector(kernel.model)) if in_plane else unknown
+        assert [part for part in unknown.parts if part] == [
+            f'mass:{label.partition(":")[2]}' for label in dict.fromkeys(unknown.labels)
+        ]
+        first = [place for place, part in enumerate(unknown.parts) if part]
+        mass = unknown.factor[::10]
+        assert np.all(np.delete(mass, first, axis=1) == 0.0)
+        dense = KnownErrors(kernel.errors.bodies, kernel.errors.factor @ np.full((kernel.errors.count,) * 2, 0.1))
+        assert not any(known_bodies(kernel.model, dense).parts)
 
 
 @pytest.mark.parametrize('seed', [1, 3, 5])
