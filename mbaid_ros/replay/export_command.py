@@ -12,7 +12,8 @@ import numpy as np
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
-from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
+from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.files import write_text
@@ -81,7 +82,7 @@ def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
     if body.missing:
         hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
         return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
-    if np.linalg.eigvalsh(pseudo_inertia(standard(body.parameters)))[0] <= 0.0:
+    if not is_physical(standard(body.parameters)):
         return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"
     return ''
 

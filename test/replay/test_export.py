@@ -213,6 +213,10 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
     flat[9] = 500.0
     assert 'no real body' in exported(capsys, written(tmp_path, estimate(parameters=flat)), code=3)
     assert 'contradict the model' in exported(capsys, written(tmp_path, estimate(status='inconsistent')), code=4)
+    for huge in (1e80, 1e300):
+        far = np.array([*BODY[:1], huge, *BODY[2:]])
+        assert 'at most 1e+15 is accepted' in exported(capsys, written(tmp_path, estimate(parameters=far)), code=2)
+    assert 'at most' in exported(capsys, recorded(tmp_path / 'far', estimate(parameters=far)), code=2)
     withheld = estimate(status='not_identifiable', parameters=np.full(10, np.nan)).contradicted_by(['too much'])
     assert 'contradict the model' in exported(capsys, written(tmp_path, withheld), code=4)
     assert 'contradict the model' in exported(capsys, recorded(tmp_path, withheld), code=4)
