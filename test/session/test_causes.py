@@ -46,6 +46,14 @@ def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves(monkeypa
     assert rank(condition, told.causes.split('\n')) <= 2
 
 
+@pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 5))])
+def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
+    told = run(("a link's mass 10 % off", 'trajectory', seed))
+    assert told.status == 'estimating'
+    assert np.mean(np.abs(told.error) < 1.96 * told.std) >= 0.9
+    assert np.max(np.abs(told.error / told.std)) < 3.0
+
+
 def test_a_twist_that_contradicts_the_poses_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     condition = 'twist 50 ms late'
     shorten(monkeypatch, condition, 32.0)
