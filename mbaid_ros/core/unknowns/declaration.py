@@ -128,7 +128,7 @@ class Unknown:
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """Of each independent number, what of its cause may be mistaken by itself, and it is; empty for nothing."""
+        """Of each independent number, the part of its cause that it is, where that may be mistaken by itself; or ''."""
         return ('',) * self.count
 
     def part(self, cause: str) -> Unknown:

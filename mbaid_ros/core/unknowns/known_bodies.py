@@ -32,7 +32,7 @@ class KnownBodies(Unknown):
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """Of each independent number, the mass of its link where it alone makes that out; empty for others."""
+        """Of each independent number, the mass of its link where it alone makes that out; or ''."""
         return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
