@@ -31,6 +31,7 @@ _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/Diagno
 _DISCOVERY_PERIOD = 0.1  # s
 _FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails; a tenth of its age of a younger recording
 _DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of a busy disk
+_ON_ITS_WAY = 300_000_000  # ns, in which what was sent before an interrupt is received
 _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing received is left
 
 
@@ -53,6 +54,7 @@ class RecorderNode(Node):
         self._refused: set[str] = set()
         self._begin: float | None = None  # monotonic time of the first message
         self._flushed = 0.0  # monotonic time
+        self._until = sys.maxsize  # ns, system time: what is received later is not written
         self._writer = BagWriter(self._config.output or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=clock)
@@ -69,6 +71,10 @@ class RecorderNode(Node):
         """Whether the wanted duration has passed."""
         duration = self._config.duration
         return duration > 0.0 and self._begin is not None and time.monotonic() - self._begin >= duration
+
+    def finish(self) -> None:
+        """Write nothing any more of what is yet to be received, but for what is on its way."""
+        self._until = time.time_ns() + _ON_ITS_WAY
 
     def close(self) -> str:
         """Complete the bag and return what is in it, in words."""
@@ -126,17 +132,20 @@ class RecorderNode(Node):
         self._subscriptions_of[topic] = self.create_subscription(message_type, topic, take, profile, raw=True)
 
     def _take(self, topic: str, data: bytes, info: Mapping[str, int]) -> None:
+        if info['received_timestamp'] > self._until:
+            return
         if self._begin is None:
             self._begin = time.monotonic()
         self._writer.write_raw(topic, data, info['received_timestamp'])
 
 
 def record(node: RecorderNode, interrupt: Interrupt) -> None:
-    """Run the node until it is interrupted or its time is over, and then until all it has received is written."""
+    """Run the node until it is interrupted or its time is over, and then until all it had received is written."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not interrupt.requested and not node.over:
         executor.spin_once(timeout_sec=_DISCOVERY_PERIOD)
+    node.finish()  # or it would go on for as long as messages come without a pause
     idle = 0
     while idle < _IDLE_TURNS and not node.over:
         before = node.messages
