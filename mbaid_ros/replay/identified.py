@@ -65,10 +65,17 @@ def read_identified(path: str, result: int = 1, *, alone: bool = False) -> Ident
     Raises
     ------
     DataError
-        The file cannot be read or holds no such body.
+        The file cannot be read or holds no such body, or one of a size that none has.
     """
-    if Path(path).suffix.lower() != '.json':
-        return _from_bag(path, alone=alone)
+    json = Path(path).suffix.lower() == '.json'
+    body = _from_json_file(path, result, alone=alone) if json else _from_bag(path, alone=alone)
+    largest = np.max(np.abs(body.parameters), initial=0.0, where=~np.isnan(body.parameters))
+    if largest > limits.QUANTITY:
+        raise DataError(f"'{path}' holds a body with {largest:g}; at most {limits.QUANTITY:g} is accepted")
+    return body
+
+
+def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
     text = read_text(path, 'results', limits.JSON_CHARACTERS, _ACCEPTED, DataError)
     try:
         content = parse_json(text)
@@ -90,23 +97,14 @@ def _debris_from_json(content: Any, path: str) -> Identified:
     if found is None:
         raise DataError(f"'{path}' holds no captured body alone; {_TOLD}")
     covariance = _covariance(found.get('covariance'), found.get('std'))
-    return Identified(
-        str(found['frame']['name']), str(content['status']), _body(_ten(found)), covariance, _warnings(content)
-    )
+    link, status = str(found['frame']['name']), str(content['status'])
+    return Identified(link, status, _ten(found), covariance, _warnings(content))
 
 
 def _from_json(content: Any) -> Identified:
     covariance = _covariance(content.get('covariance'), content.get('std'))
     link, status = str(content['target_link']), str(content['status'])
-    return Identified(link, status, _body(_ten(content['estimate'])), covariance, _warnings(content))
-
-
-def _body(parameters: Array) -> Array:
-    """Return the (10,) parameters of a body that may be one."""
-    largest = np.max(np.abs(parameters), initial=0.0, where=~np.isnan(parameters))
-    if largest > limits.QUANTITY:
-        raise ValueError(f'no body has {largest:g}; at most {limits.QUANTITY:g} is accepted')
-    return parameters
+    return Identified(link, status, _ten(content['estimate']), covariance, _warnings(content))
 
 
 def _warnings(content: Any) -> tuple[str, ...]:
@@ -157,9 +155,6 @@ def _from_bag(path: str, *, alone: bool) -> Identified:
     inertia = last.inertia
     values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
     known = np.asarray(last.identifiable, dtype=bool)
-    try:
-        parameters = _body(np.where(known, np.array(values, dtype=float), np.nan))
-    except ValueError as error:
-        raise DataError(f"bag '{path}' cannot be used: {error}") from error
+    parameters = np.where(known, np.array(values, dtype=float), np.nan)
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
     return Identified(last.header.frame_id, last.status, parameters, covariance, tuple(last.warnings))

@@ -12,7 +12,7 @@ from benchmarks.data import CONFIG, LEVELS, readings
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.calibration.prior import LinkPrior
+from mbaid_ros.core.calibration.prior import LinkPrior, physical_std
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.intake.windows import Windows
@@ -32,7 +32,6 @@ NOISE = LEVELS['mid']
 RATE = 100.0  # Hz
 MASS_STD, COM_STD, INERTIA_STD = 0.05, 0.01, 0.05  # relative, m, relative
 BASE_MASS_STD = 0.001
-_ROWS, _COLUMNS = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 
 
 @cache
@@ -98,8 +97,7 @@ def perturbed(model: RobotModel, priors: Sequence[LinkPrior], seed: int) -> Robo
     links = []
     for link, prior in zip(model.links, priors, strict=True):
         true = physical(link.parameters)
-        moments = np.sqrt(true[_ROWS] * true[_COLUMNS])
-        size = np.concatenate(([prior.mass * true[0]], np.full(3, prior.com), prior.inertia * moments))
+        size = np.where(prior.given, physical_std(link, prior), 0.0)
         drawn = (_off(true, size * rng.normal(size=10)) for _ in range(100))
         links.append(replace(link, parameters=next(each for each in drawn if is_physical(each))))
     return replace(model, links=tuple(links))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import resource
 import signal
-import sys
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +20,7 @@ import recorded
 from graph import Graph, graph
 from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, message_class
-from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.nodes.qos import LATCHED, qos
-from mbaid_ros.nodes.recorder import RecorderNode
-from mbaid_ros.nodes.recorder import record as record_until
-from mbaid_ros.nodes.runner import Interrupt
 from older_bags import TOPIC, older_estimates
 
 COUNT = 300
@@ -150,37 +144,6 @@ def test_sigterm_completes_the_bag(live: Graph, tmp_path: Path) -> None:
     assert states.wait_for_all_acked(SECONDS)
     assert recorder.stop(signal.SIGTERM) == 0
     assert len(by_topic(tmp_path / 'run')['/joint_states']) == 1
-
-
-class Endless:
-    """An executor whose node is handed another message at every turn."""
-
-    turns = 0
-
-    def add_node(self, node: RecorderNode) -> None:
-        """Take the node whose messages come."""
-        self._take = partial(node._take, '/joint_states', bytes(8))
-
-    def spin_once(self, timeout_sec: float) -> None:
-        """Hand it one that has just been received."""
-        self.turns += 1
-        assert self.turns < 1_000_000, f'goes on, with {timeout_sec} s a turn'
-        self._take({'received_timestamp': time.time_ns()})
-
-
-def test_a_stream_without_a_pause_does_not_keep_a_recorder_from_ending(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr('mbaid_ros.nodes.recorder.SingleThreadedExecutor', Endless)
-    node = RecorderNode.__new__(RecorderNode)  # of no graph
-    writer = BagWriter(tmp_path / 'run')
-    writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
-    vars(node).update(_config=RecorderConfig(), _begin=None, _until=sys.maxsize, _offers={}, _writer=writer)
-    interrupt = Interrupt.__new__(Interrupt)  # without a handler of signals
-    interrupt.requested = True
-    record_until(node, interrupt)
-    assert 0 < node.messages < 1_000_000
-    node.close()
 
 
 def test_a_recorder_that_is_killed_leaves_what_it_had_a_second_before(live: Graph, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     return Prior(kernel.unknown, tuple(stds), mean, covariance, given)
 
 
-def _physical_std(link: Link, std: LinkPrior) -> Array:
+def physical_std(link: Link, std: LinkPrior) -> Array:
     """Return the (10,) standard deviations of (m, r_c, I_c at that m); infinite where nothing is known."""
     values = physical(link.parameters)
     diagonal = values[[4, 7, 9]]
@@ -135,7 +135,7 @@ def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     rows = physical_jacobian(link.parameters)
     if std.mass > 0.0:
         rows[4:] -= np.outer(physical(link.parameters)[4:] / link.parameters[0], rows[0])
-    rows /= _physical_std(link, std)[:, None]
+    rows /= physical_std(link, std)[:, None]
     information = scale[:, None] * (rows.T @ rows) * scale + np.eye(10) / NO_PRIOR**2
     covariance = np.linalg.inv(information)
     return np.asarray(0.5 * (covariance + covariance.T) * scale[:, None] * scale)
