@@ -23,10 +23,10 @@ from benchmarks.trajectory_bound import trajectory_bound
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 
-_SEEDS, _QUICK_SEEDS = {'servicer7': 600, 'ets7': 100, 'table1': 100}, 8
+_SEEDS, _QUICK_SEEDS = {'servicer7': 200, 'ets7': 100, 'table1': 100}, 8
 _OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # of what is not a plain case, and of slow odometry
 _TIMES = {'table1': (20.0, 60.0)}
-_TIMES_IN_SPACE = (10.0, 20.0, 60.0)
+_TIMES_IN_SPACE = (2.0, 5.0, 10.0, 20.0, 60.0)
 _DRIFTS = (0.01, 0.1)  # m/s
 _OFFSETS = (1e5, 7e6)  # m
 _WANDER = 1e-3  # m / sqrt(s)

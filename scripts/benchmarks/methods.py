@@ -54,8 +54,8 @@ class Method:
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
-    'trajectory': Method({'method': 'trajectory'}, 1.0 / 12.0, 50),
-    'trajectory, noise found': Method({'method': 'trajectory'}, 1.0 / 12.0, 50, finds_noise=True),
+    'trajectory': Method({'method': 'trajectory'}, 0.5, 100),
+    'trajectory, noise found': Method({'method': 'trajectory'}, 0.5, 100, finds_noise=True),
     'difference unasked': Method({'method': 'difference', 'convergence.identifiable_std': 1e3}, extra=True),
     'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
