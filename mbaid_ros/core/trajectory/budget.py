@@ -8,6 +8,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -15,18 +16,18 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 _ROUNDING = 1e-3  # of a variance
 
 
-def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, sizes: Array) -> ErrorBudget:
+def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, sizes: PriorSizes) -> ErrorBudget:
     """Return the budget of the ten parameters: what no prior contributes is sensor noise. NaN where it is not known.
 
     Parameters
     ----------
     moments, layout : of the filter
     uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
-    sizes : (e,) how many times as far off as declared the unknowns' independent numbers are taken to be
+    sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
     """
     variables = moments.variables
     own = moments.factor_of(physical_jacobian(moments.mean[BODY]) @ variables.spread[BODY, : variables.own])
-    errors = moments.contributions(own, layout).T * sizes
+    errors = moments.contributions(own, layout).T * sizes.each
     squares = errors**2
     given = []
     if uncertainty.target.given:
@@ -35,7 +36,7 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
     whole = np.sum(own**2, axis=1)
-    noise = whole - np.sum((errors / sizes) ** 2, axis=1) - priors.sum(axis=0)
+    noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
     # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
     noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
@@ -44,11 +45,11 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
         shares = parts / parts.sum(axis=1, keepdims=True)
     unchecked = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
-    unchecked[:, declared] = shares[:, declared] > _seen(errors, moments, layout)
+    unchecked[:, declared] = shares[:, declared] > _seen(errors, sizes.covariance, layout)
     return ErrorBudget(names, shares, unchecked)
 
 
-def _seen(errors: Array, moments: Moments, layout: Layout) -> Array:
+def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     """Return (m, c) which part of each cause's prior variance the data take off, in the direction that matters.
 
     An estimate errs by k sqrt(share) standard deviations if what is declared is k of its own off in that direction, and
@@ -58,10 +59,10 @@ def _seen(errors: Array, moments: Moments, layout: Layout) -> Array:
     Parameters
     ----------
     errors : (m, e) of estimates, for each of the unknowns' independent numbers that is one off
-    moments, layout : of the filter
+    covariance : (e, e) of these numbers, of unit variance beforehand
+    layout : of the filter
     """
-    _, factor = moments.unknowns(layout)
-    within = (layout.belongs @ layout.belongs.T) * (factor @ factor.T)  # covariances of numbers of the same cause
+    within = layout.alike * covariance  # of numbers of the same cause
     left = ((errors @ within) * errors) @ layout.belongs
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 

@@ -219,7 +219,7 @@ class TrajectoryEstimator:
             track.hypothesis,
             judgement,
             found,
-            error_budget(moments, layout, self._settings.uncertainty, sizes.each),
+            error_budget(moments, layout, self._settings.uncertainty, sizes),
             thrusters(moments, layout),
             joint_delay(moments, layout),
             # Where the data contradict the model, the judgement names what would have to be further off.

@@ -37,12 +37,14 @@ class PriorSizes:
     sizes : by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     distances : by single cause, of what the data see of it
     each : (e,) that factor of each of the unknowns' independent numbers
+    covariance : (e, e) of these, of unit variance beforehand, if all are as declared
     within : of each of these names, those of what it belongs to
     """
 
     sizes: Mapping[str, LikelySize]
     distances: Mapping[str, Distance]
     each: Array
+    covariance: Array
     within: Mapping[str, Sequence[str]]
 
     @staticmethod
@@ -74,6 +76,7 @@ class PriorSizes:
             {name: sizes[name] for name in groups.within},
             {thing: distances[thing] for thing in groups.things},
             each,
+            covariance,
             groups.within,
         )
 

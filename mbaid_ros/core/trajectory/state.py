@@ -143,6 +143,11 @@ class Layout:
             len(self.cause_of), len(self.causes)
         )
 
+    @cached_property
+    def alike(self) -> Array:
+        """Which of these numbers belong to the same, as (e, e) of zeros and ones."""
+        return np.asarray(self.belongs @ self.belongs.T)
+
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of those there are, each after its like."""
         before = len(self.predicted)

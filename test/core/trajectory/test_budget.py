@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,9 +61,10 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     prior = Belief.prior(of_filter)
     belief, rows = measured(prior, 1, of_filter.gather @ state)
     moments = Moments.of(belief, of_filter)
-    found = error_budget(moments, layout, known, np.ones(layout.size - BODY.stop))
+    declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
+    found = error_budget(moments, layout, known, declared)
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
-    wider = error_budget(moments, layout, known, np.where(zeros, 3.0, 1.0))
+    wider = error_budget(moments, layout, known, replace(declared, each=np.where(zeros, 3.0, 1.0)))
 
     information = prior.root[:, :-2].T @ prior.root[:, :-2]
     covariance = np.linalg.inv(information + rows.T @ rows)
