@@ -24,3 +24,12 @@ def test_momentum_and_unknowns_may_change_by_anything() -> None:
     step = np.full_like(POINT, 1e6)
     step[6:16] = 0.0
     assert near_part(POINT, step) == 1.0
+
+
+def test_a_body_without_any_inertia_is_not_left() -> None:
+    point, step = np.zeros(16), np.zeros(16)
+    point[6] = 3.0
+    step[6] = 0.03
+    assert near_part(point, step) == 1.0
+    step[10] = 1e-9
+    assert near_part(point, step) == 0.0
