@@ -168,24 +168,20 @@ def _poor(case: Case) -> bool:
 
 
 def _linked(report: Report) -> str:
-    rows = []
+    groups: dict[tuple[float, ...], list[list[str]]] = {}
     for case in [case for case in report.linked if not _poor(case)]:
         summaries = report.results[case]['trajectory']
         limits = report.linked[case]
         over = [summary.rmse / limit for summary, limit in zip(summaries, limits, strict=True)]
-        rows.append(
-            [
-                case.name,
-                *(f'{number(float(np.nanmedian(x)))} ({number(float(np.nanmax(x)))})' for x in over),
-                *(number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)),
-            ]
-        )
-    by_length: dict[int, list[list[str]]] = {}
-    for row in rows:
-        by_length.setdefault(len(row) // 2, []).append(row)
+        row = [
+            case.name,
+            *(f'{number(float(np.nanmedian(x)))} ({number(float(np.nanmax(x)))})' for x in over),
+            *(number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)),
+        ]
+        groups.setdefault(report.plan[case].times, []).append(row)
     tables = []
-    for count, group in by_length.items():
-        times = [f'{time:.0f} s' for time in (10.0, 20.0, 60.0)[-count:]]
+    for instants, group in groups.items():
+        times = [f'{time:.0f} s' for time in instants]
         tables.append(table(['robot, encoders', *times, *(f'limits at {time}' for time in times)], group))
     return '\n\n'.join(tables) + '\n'
 

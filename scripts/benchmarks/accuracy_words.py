@@ -5,13 +5,14 @@ INTRODUCTION = """\
 
 How far the estimates are from the truth, beside the smallest error that the data allow, and whether the intervals that
 are reported hold what they promise. {provenance}
+All robots here are exactly their URDF, and said to be; [model-errors.md](model-errors.md) has those that are not.
 
 ![Error over the bound and coverage]({figure})
 
 The data: the robots of `config/`, moving as their `*_simulator.yaml` says; joints and odometry at 100 Hz with white
 noise, fresh for every robot, level and seed. The base's pose and twist have 1 mm, 1e-4 rad, 1 mm/s and 1e-4 rad/s; the
 encoders 1e-5 rad and 1e-4 rad/s (*low*), 1e-4 rad and 1e-3 rad/s (*mid*), or 1e-3 rad and 1e-2 rad/s (*high*). Each
-run is one pass of 60 s; what it says after 10, 20 and 60 s is compared.
+run is one pass of 60 s; what it says after 2, 5, 10, 20 and 60 s is compared, of table1 after 20 and 60 s.
 
 The bound is the Cramér-Rao bound of the model that takes each sample by itself: the momentum equations of every sample,
 the noise of its sensors in all of their terms, unknown body and unknown total momentum (in the plane: four unknowns of

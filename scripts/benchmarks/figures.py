@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -50,7 +51,7 @@ def _coverage(axes: Axes, report: Report, robot: str) -> None:
     """Draw the pooled coverage as points and the range over the parameters as bars."""
     cases = report.plain(robot)
     honest = [method for method in report.methods if _reports(report.results[cases[0]][method])]
-    labels = [f'{case.level}\n{time:.0f} s' for case in cases for time in report.plan[case].times]
+    labels = [label for case in cases for label in _labels(case.level, report.plan[case].times)]
     for offset, method in enumerate(honest):
         summaries = [summary for case in cases for summary in report.results[case][method]]
         pooled = np.array([np.nanmean(summary.coverage) if summary.reports_std else np.nan for summary in summaries])
@@ -64,7 +65,15 @@ def _coverage(axes: Axes, report: Report, robot: str) -> None:
     axes.axhline(95.0, color='k', linewidth=0.8, linestyle='--')
     axes.set_ylim(min(80.0, axes.get_ylim()[0]), 100.5)
     axes.set_xticks(np.arange(len(labels)), labels)
+    axes.set_xlabel('after, s')
     axes.set_ylabel('coverage of the 95 % intervals, %')
+
+
+def _labels(level: str, times: Sequence[float]) -> list[str]:
+    """Return a label for each of the times, with the level below the middle one."""
+    labels = [f'{time:.0f}' for time in times]
+    labels[len(labels) // 2] += f'\n{level}'
+    return labels
 
 
 def _reports(summaries: list[Summary]) -> bool:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import datetime as dt
 import platform
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
+_UNTELLING = ('--output', '--processes', '--store')
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False) -> str:
@@ -72,10 +75,23 @@ def write(folder: Path, name: str, text: str) -> None:
 
 def provenance(note: str = '', command: str = '') -> str:
     """Return the line that says by which command (this one, if none is given), where and when numbers were made."""
-    command = command or ' '.join((f'scripts/{Path(sys.argv[0]).name}', *sys.argv[1:]))
+    command = command or ' '.join((f'scripts/{Path(sys.argv[0]).name}', *_telling(sys.argv[1:])))
     today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
     parts = [f'Written by `{command}`', note, f'{machine()}', today]
     return '; '.join(part for part in parts if part) + '.'
+
+
+def _telling(arguments: Sequence[str]) -> list[str]:
+    """Return those that numbers depend on: not how many processes make them, nor where they are kept."""
+    kept, left = [], iter(arguments)
+    for argument in left:
+        name, _, value = argument.partition('=')
+        if name in _UNTELLING:
+            if not value:
+                next(left, None)
+        else:
+            kept.append(shlex.quote(argument))
+    return kept
 
 
 def machine() -> str:
