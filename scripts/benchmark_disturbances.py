@@ -141,10 +141,10 @@ What a disturbance costs, and whether it is noticed: `{ROBOT}`, {LEVEL} noise, {
 - *events*: their mean number, and the share of the runs with any; *inconsistent*: the share of the runs with that
   status at the end; *by*: when the last run reported its first event.
 
-Known links are wrong by another draw in each run: relative to mass, to mass times the larger of distance and radius of
-gyration, and to the mean moment of inertia. Where that is allowed for, everything is published, however wide its
-interval. After the capture, errors are those of the captured body alone (ten parameters) and of the momentum that it
-had before (six).
+The robot is told to be exactly its URDF, but where another option is named. Known links are wrong by another draw in
+each run, each of them as a whole and each of its numbers beside that, as `known_links.relative_std` has it. Where that
+is allowed for, everything is published, however wide its interval. After the capture, errors are those of the captured
+body alone (ten parameters) and of the momentum that it had before (six).
 
 {lines}
 

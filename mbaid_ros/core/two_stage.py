@@ -22,7 +22,7 @@ from mbaid_ros.core.trajectory.knowledge import Knowledge
 
 _UNLIKELY = 1e-6  # chance that two stages which are both right are as far apart as that
 # Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
-# has agreed in as many windows in a row; in any case after so many windows.
+# has agreed in as many windows in a row; in any case after so many windows, unless it contradicts stage 2 by then.
 _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
 _YOUNG = 6.0
@@ -124,7 +124,7 @@ class TwoStageEstimator:
         if self._second.changed:
             self._first = None
             return late
-        if self._windows >= _LONGEST:
+        if self._windows >= _LONGEST and not self._contradicts:
             self._first = None
         if early is None:
             return late
@@ -137,12 +137,17 @@ class TwoStageEstimator:
             causes=late.causes,
         )
         if not self._second.settled:
-            return _contradicted(early) if self._restarted and not self._agreed else early
+            return _contradicted(early) if self._contradicts else early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
+
+    @property
+    def _contradicts(self) -> bool:
+        """Whether the stages have contradicted each other, and not agreed since."""
+        return self._restarted and not self._agreed
 
     def _judged(self, estimate: Estimate) -> Estimate:
         """Return an estimate that says of itself if it is one of the first, or has left the intervals before it."""

@@ -16,12 +16,13 @@ from benchmarks.speed_bag import START
 from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.known_errors import body_sizes
+from mbaid_ros.core.robot.known_errors import relative_factor
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial
 from mbaid_ros.core.simulation.capture import CaptureSimulation
@@ -98,8 +99,8 @@ def _off(share: float) -> Callable[[int], str]:
         rng, text = np.random.default_rng([seed, 2]), model(ROBOT).urdf
         for link in model(ROBOT).links:
             if link.name != LINK and link.parameters[0] > 0.0:
-                size = share * body_sizes(link.parameters)
-                draws = (link.parameters + size * rng.normal(size=10) for _ in range(1000))
+                factor = relative_factor(link.parameters, share)
+                draws = (link.parameters + factor @ rng.normal(size=10) for _ in range(1000))
                 text = change_inertial(text, link.name, physical(next(body for body in draws if is_physical(body))))
         return text
 
@@ -228,7 +229,8 @@ def run(work: tuple[Row, str, int]) -> Said:
     """Return what a method says of one run: row, method, seed."""
     row, method, seed = work
     noise = LEVELS[LEVEL]
-    values = {'method': method, **{f'noise.{name}': value for name, value in vars(noise).items()}, **row.settings}
+    declared = {f'noise.{name}': value for name, value in vars(noise).items()}
+    values = {'method': method, **EXACT, **declared, **row.settings}
     session = Session(build(EstimatorConfig, values), CASES[row.case].believed(seed))
     history = []
     for number, (take, message) in enumerate(_messages(row, seed, session), start=1):

@@ -37,16 +37,22 @@ class Jump:
     time : s since the first sample, start of the window in which it was noticed
     before : (6,) (P, L) until then, about the run's origin
     belief : a window earlier, which nothing of it has touched; of the first jumps of a run only
+    pushed : as of the track, until then
     """
 
     time: float
     before: Array
     belief: Belief | None
+    pushed: Array | float
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One hypothesis: what acts or drifts, the belief under it, and the jumps it has met."""
+    """One hypothesis: what acts or drifts, the belief under it, and the jumps it has met.
+
+    `pushed` is what a constant force has made of the momentum in all windows, for each of its numbers: (p, f), in the
+    filter's variables.
+    """
 
     hypothesis: Hypothesis
     belief: Belief
@@ -55,10 +61,27 @@ class Track:
     inflations: int = 0  # windows in all
     longest: int = LONGEST  # windows that one jump may take
     previous: Belief | None = None  # before the latest window
+    pushed: Array | float = 0.0
 
     def after(self, belief: Belief) -> Track:
         """Return the same with another belief."""
-        return Track(self.hypothesis, belief, self.jumps, self.jumped, self.inflations, self.longest, self.previous)
+        return Track(
+            self.hypothesis,
+            belief,
+            self.jumps,
+            self.jumped,
+            self.inflations,
+            self.longest,
+            self.previous,
+            self.pushed,
+        )
+
+    def advanced(self, white: WhitenedWindow, variables: Variables) -> Track:
+        """Return the same at the next window's first knot."""
+        after = self.after(advance(self.belief, white, variables, self.hypothesis))
+        if self.hypothesis.force == 'none':
+            return after
+        return replace(after, pushed=self.pushed + white.push(self.hypothesis.force))
 
     @property
     def misfit(self) -> float:
@@ -77,10 +100,7 @@ def best(bank: Bank) -> Track:
 
 def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return the hypotheses at the first knot after a window; a momentum that must have jumped is let jump, once."""
-    return tuple(
-        track.after(advance(track.belief, white, variables, track.hypothesis))
-        for track in (update_track(each, window, white, variables) for each in bank)
-    )
+    return tuple(update_track(each, window, white, variables).advanced(white, variables) for each in bank)
 
 
 def update_track(track: Track, window: Window, white: WhitenedWindow, variables: Variables) -> Track:
@@ -89,7 +109,7 @@ def update_track(track: Track, window: Window, white: WhitenedWindow, variables:
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or track.jumped == track.longest:
-        return Track(track.hypothesis, after, track.jumps, 0, track.inflations, track.longest, before)
+        return Track(track.hypothesis, after, track.jumps, 0, track.inflations, track.longest, before, track.pushed)
     likelihood = _as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     belief = update(loose, white)
@@ -100,7 +120,7 @@ def update_track(track: Track, window: Window, white: WhitenedWindow, variables:
     if not track.jumped:
         mean = before.least_squares[: len(variables.scale)]
         untouched = track.previous if len(jumps) < _REMEMBERED else None
-        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, untouched))
+        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, untouched, track.pushed))
     return replace(
         track,
         belief=replace(belief, log_likelihood=likelihood),

@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
-from mbaid_ros.core.trajectory.state import BODY, Layout
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.verdict.innovations import Innovations
 
@@ -151,6 +151,15 @@ class Moments:
         right = np.zeros((self.belief.size, len(numbers)), order='F')
         right[: numbers.shape[1]] = numbers.T
         return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+
+    def by_force(self, pushed: Array | float) -> Array:
+        """Return the (6,) change of the momentum by a constant force, of (p, f) `pushed` as of a hypothesis' track."""
+        variables, count = self.variables, len(self.variables.scale)
+        if self.belief.size == count:
+            return np.zeros(6)
+        numbers = self.belief.moments()[0][count:]
+        change = pushed * np.ones((variables.head - variables.poses, len(numbers))) @ numbers
+        return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
     def covariance(self, rows: Integers) -> Array:
         """Return the (r, r) covariance of some numbers (r,) of the state."""

@@ -211,7 +211,7 @@ class TrajectoryEstimator:
             plane=self._plane.plane(self._kernel.target),
             curvature=run.curvature,
         )
-        found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments.mean[MOMENTUM], origin))
+        found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments, origin))
         return Solved(
             moments.mean,
             solution,

@@ -12,7 +12,7 @@ from mbaid_ros.core.results.causes import PULSE, SYMPTOM, changed_by, constant_f
 from mbaid_ros.core.results.estimate import Event
 from mbaid_ros.core.trajectory.bank import Track
 from mbaid_ros.core.trajectory.belief import Moments
-from mbaid_ros.core.trajectory.state import BODY
+from mbaid_ros.core.trajectory.state import BODY, MOMENTUM
 from mbaid_ros.core.verdict.judgement import MOST_JUMPS
 
 _NOTHING = 1e-6  # chance of a force that is none to be told of
@@ -63,19 +63,18 @@ def forces(track: Track, moments: Moments) -> tuple[Event, ...]:
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 
 
-def jumps(track: Track, momentum: Array, origin: Array) -> tuple[Event, ...]:
-    """Return the jumps of the momentum, each as the difference of what is known now of it before and after.
+def jumps(track: Track, moments: Moments, origin: Array) -> tuple[Event, ...]:
+    """Return the jumps of the momentum: what is known of it later less what was before, without a constant force.
 
     Parameters
     ----------
-    track : Track
-    momentum : (6,) (P, L) at present, about the run's origin
+    track, moments : the best hypothesis and its moments at present
     origin : (3,) m, of the run, in the odometry frame
     """
-    levels = [*(jump.before for jump in track.jumps), momentum]
+    levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
     found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
-    for jump, after in zip(track.jumps, levels[1:], strict=True):
-        linear = after[:3] - jump.before[:3]
-        angular = after[3:] - jump.before[3:] + cross(origin, linear)
-        found.append(Event(jump.time, 'step', linear, angular, cause))
+    for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
+        change = after - jump.before - moments.by_force(pushed - jump.pushed)
+        angular = change[3:] + cross(origin, change[:3])
+        found.append(Event(jump.time, 'step', change[:3], angular, cause))
     return tuple(found)

@@ -63,7 +63,8 @@ class FilterRun:
         self._variables = variables
         self._linearised = LinearisationCache(layout, variables)
         self._start = MultiStart(Passes(layout, variables, self._linearised), hypotheses)
-        self._next_pass, self._kept = pace
+        self._first_pass, self._kept = pace
+        self._next_pass = self._first_pass
         self._young: list[Window] | None = []
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
@@ -206,7 +207,7 @@ class FilterRun:
         self._bends.begin(None)
         self._bank = self._latest = self.curvature = None
         self._stays = False
-        self._next_pass = min(self._next_pass, len(self._young))
+        self._next_pass = min(self._next_pass, len(self._young)) if self._young else self._first_pass
 
     def work_off(self) -> bool:
         """Do a part of what the search has to do before the next window; return whether some is left."""
@@ -233,12 +234,15 @@ class FilterRun:
             self._search.begin(self._start.search(young, begins))
         elif len(young) > self._kept and not self.settled:
             self._young = young[len(young) // 2 :]
+            self._next_pass = min(self._next_pass, len(self._young) + _RETRY)
 
     def _take_over(self, found: Start) -> None:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         young = self._young or []
         anew = not self.settled
         self._bank, self._stays = found.bank, found.settled
+        if anew:
+            self.curvature = None  # of a solution that did not stay
         self._bends.begin(found.curvature)
         self._bends.owe(_FIRST_SHARE if anew else 0)
         self._held.begin(found.point)

@@ -61,7 +61,7 @@ class HeldPoint:
         Parameters
         ----------
         moments : of the state
-        root : square-root information of all but the pose error and what wanders
+        root : square-root information of all but the pose error, what wanders and a constant force
         """
         assert self.point is not None, 'there is a start'
         layout, variables, held = self._layout, self._variables, self.point
@@ -87,12 +87,12 @@ class HeldPoint:
         self.point = layout.beside(state, held)
 
     def _known(self, root: Array) -> Array:
-        """Return the square-root information of all but the pose error and what wanders."""
+        """Return the square-root information of all but the pose error, what wanders and a constant force."""
         variables = self._variables
         first, count = variables.poses, len(variables.scale)
-        if not variables.times.size:
+        others = np.concatenate((np.arange(count, len(root)), variables.wandering)).astype(int)
+        if not others.size:
             return root[first:, first:count]
-        places = np.arange(count)
-        order = np.concatenate((variables.wandering, places[variables.lasting]))
+        order = np.concatenate((others, np.arange(count)[variables.lasting]))
         triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
-        return triangle[len(variables.wandering) : len(order), len(variables.wandering) :]
+        return triangle[len(others) : len(order), len(others) :]

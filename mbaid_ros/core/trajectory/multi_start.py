@@ -75,6 +75,7 @@ class MultiStart:
         count = len(windows)
         stacks = [stacked(windows[k : min(k + _STACK, count)]) for k in range(0, count, _STACK)]
         results: list[Result] = []
+        result: Result | None = None
         sound = other_leads = False
         for begin in points:
             point = begin()
@@ -82,16 +83,16 @@ class MultiStart:
                 continue
             found = yield from self.passes.repeat(stacks, point, self.passes.fresh(self.hypotheses[0]))
             if found is not None:
-                results, sound = [*results, found], found.sound
+                results, result, sound = [*results, found], found, found.sound
                 passed, bank, other_leads = yield from self._hypotheses(stacks, found)
             if sound or other_leads:
                 break
-        if not (sound or other_leads):
+        if result is None or not (sound or other_leads):
             results += yield from self._from_guesses(stacks)
             if not results:
                 raise np.linalg.LinAlgError('no start leads to a robot that can be')
-            passed, bank, other_leads = yield from self._hypotheses(stacks, max(results, key=lambda each: each.merit))
-        result = max(results, key=lambda each: each.merit)
+            result = max(results, key=lambda each: each.merit)
+            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
         curvature = self.passes.curvature(stacks, best(bank)) if settled else None
         while count < len(windows):

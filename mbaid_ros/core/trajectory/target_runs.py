@@ -19,7 +19,7 @@ from mbaid_ros.core.trajectory.grasp import another_body
 from mbaid_ros.core.trajectory.inquiries import Inquiries
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
+from mbaid_ros.core.trajectory.state import BODY, Layout, layout_of
 from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.windows import Window, without_twist
@@ -58,6 +58,7 @@ class TargetRuns:
         self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
         self._changed: ChangedTarget | None = None
         self._wrong_twist = ''  # why the twist has been left out
+        self._coming: tuple[list[Window], list[Window]] = ([], [])  # windows, and what of them is expected then
 
     @property
     def changed(self) -> bool:
@@ -77,7 +78,11 @@ class TargetRuns:
 
     def expected(self, windows: list[Window]) -> list[Window]:
         """Return what of windows is going to be taken: themselves as long as that is all of them."""
-        return [without_twist(window) for window in windows] if self._wrong_twist else windows
+        if not self._wrong_twist:
+            return windows
+        if windows is not self._coming[0]:
+            self._coming = windows, [without_twist(window) for window in windows]
+        return self._coming[1]
 
     def past(self, now: Moments | None) -> tuple[Event, ...]:
         """Return what happened in the runs before this one, and why it began.
@@ -119,7 +124,7 @@ class TargetRuns:
         slack = _SETTLING * self._settings.window
         belief = run.belief_before(change.time, slack)
         known = None if belief is None else Moments.of(belief, self.variables)
-        met = jumps(run.best, run.moments().mean[MOMENTUM], origin) if run.started else ()
+        met = jumps(run.best, run.moments(), origin) if run.started else ()
         self._earlier = (*self.past(known), *(jump for jump in met if jump.time < change.time - slack))
         text = of_change(change.time, exchanged=change.exchanged)
         self._changed = ChangedTarget(change.time, text, change.exchanged, known)

@@ -46,7 +46,11 @@ class CalibratedSide:
         joints = kernel.model.joints
         bodies, carry = to_bodies(self.links, [link.name for link in kernel.unknown])
         whole = block_diag(carry, np.eye(6 * joints + 6))
-        covariance = whole @ self.covariance @ whole.T
+        covariance, mount = whole @ self.covariance @ whole.T, self.mount
+        if uncertainty.gyro is not None and uncertainty.gyro.alone:
+            # No poses are measured: there is nothing that is mounted elsewhere than the base's own frame.
+            covariance[-6:] = covariance[:, -6:] = 0.0
+            mount = np.zeros(6)
         deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         of_bodies = deviations[: len(carry)]
         each = deviations[len(carry) : -6].reshape(joints, 6)
@@ -59,7 +63,7 @@ class CalibratedSide:
                 np.repeat((orientation, position), 3),
             )
         )
-        values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), self.mount))
+        values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), mount))
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
         others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
