@@ -67,8 +67,8 @@ def knowing(known: slice, *, mass: float = 100.0) -> Estimate:
 def both(first: Sequence[Estimate], second: Sequence[Estimate]) -> tuple[list[Estimate], Stage]:
     """Return what is published of two stages, and the second one."""
     later = Stage('trajectory', second)
-    taken = windows(observe(configured_motion('servicer7', 2.0, 100.0, 0.01), MID, 1))
-    return TwoStageEstimator(Stage('difference', first), later).update(taken[: len(first)], 0), later
+    window, *_ = windows(observe(configured_motion('servicer7', 2.0, 100.0, 0.01), MID, 1))
+    return TwoStageEstimator(Stage('difference', first), later).update([window] * len(first), 0), later
 
 
 def test_stages_that_know_nothing_in_common_do_not_contradict_each_other() -> None:
@@ -90,3 +90,14 @@ def test_the_second_stage_starts_again_where_the_first_contradicts_it() -> None:
 def test_they_may_be_as_far_apart_as_chance_allows(mass: float, agrees: bool) -> None:
     found, _ = both([knowing(MASS)] * 3, [knowing(MASS, mass=mass)] * 3)
     assert [each.status for each in found] == ['estimating' if agrees else 'inconsistent'] * 3
+
+
+@pytest.mark.parametrize('agrees', [True, False])
+def test_a_first_stage_goes_in_the_end_unless_it_contradicts_the_second(agrees: bool) -> None:
+    """Gone, it may say anything."""
+    many = 1200
+    first = [knowing(MASS)] * many + [knowing(MASS, mass=200.0)]
+    second = [knowing(MASS, mass=100.0 if agrees else 110.0)] * (many + 1)
+    found, _ = both(first, second)
+    assert {each.status for each in found[:many]} == {'estimating' if agrees else 'inconsistent'}
+    assert found[-1].status == ('estimating' if agrees else 'inconsistent')

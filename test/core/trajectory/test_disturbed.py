@@ -80,6 +80,22 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 
 
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
+def test_a_pulse_is_told_without_what_a_constant_force_brings(
+    robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str
+) -> None:
+    force = 4.0 * FORCE_TORQUE
+    truth = float_freely(robot, joints, momentum, 30.0, push=pushing(force, axes), pulse=(PULSED, PULSE))
+    last = estimator(robot, MID, method='trajectory', disturbance__constant=axes).update(
+        windows(observe(truth, MID, 4)), 0
+    )[-1]
+    events = {event.kind: event for event in last.events}
+    assert set(events) == {'ramp', 'step'}
+    # The force alone brings .9 N s in the 18 s that follow.
+    assert events['step'].linear == pytest.approx(PULSE[:3], abs=0.15)
+    assert events['step'].angular == pytest.approx(PULSE[3:], abs=0.3)
+
+
 def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_robot(
     robot: MomentumKernel, joints: Sinusoids, momentum: Array
 ) -> None:
