@@ -107,7 +107,7 @@ class Normals:
 
     @property
     def of_the_robot(self) -> Carried:
-        """What is known of the numbers of links, joints and mount: all but those of sensors and stamps, the last."""
+        """What is known of links, joints, mount, wheels and thrusters: all but the last numbers, those of sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
         count = len(self.belief.mean) - sum(unknown.count for unknown in of_the_run)
         return Carried(self.belief.mean[:count], self.belief.factor[:count])

@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.belief import Belief
-from mbaid_ros.core.trajectory.integrated_twist import Carried
+from mbaid_ros.core.trajectory.integrated_twist import TwistLink
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
@@ -98,7 +98,7 @@ def _stepped(
     return back, noise, rest
 
 
-def _linked_before(belief: Belief, carried: Carried) -> Array:
+def _linked_before(belief: Belief, carried: TwistLink) -> Array:
     """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
 
     Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
@@ -119,7 +119,7 @@ def _advanced_with_link(
     belief: Belief,
     rows: Array,
     window: WhitenedWindow,
-    carried: Carried,
+    carried: TwistLink,
     variables: Variables,
     hypothesis: Hypothesis,
 ) -> Belief:

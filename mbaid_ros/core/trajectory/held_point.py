@@ -70,7 +70,7 @@ class HeldPoint:
         state[layout.parameters] = held.parameters
         state[layout.readings] = held.readings
         # Beside a body that is heavier than the robot, what is typical of the robot is little.
-        heavier = float(moments.mean[BODY.start] / variables.typical_momentum[0])
+        heavier = float(moments.mean[BODY.start] / variables.typical_mass)
         unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
         unit[np.arange(len(variables.scale))[lasting] >= variables.own] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))

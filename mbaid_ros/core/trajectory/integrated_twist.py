@@ -60,7 +60,7 @@ def weights_of_ways(count: int) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class Carried:
+class TwistLink:
     """How a window's measurements depend on what is carried, and what that is for the next one.
 
     k numbers c are carried, and q are k independent ones of unit variance.
@@ -95,7 +95,7 @@ class Linked:
     rows: Array
     log_noise: Array
     weighed: Array
-    carried: list[Carried]
+    carried: list[TwistLink]
 
 
 def linked(
@@ -151,7 +151,7 @@ def linked(
         rows=whiten @ variables.rows(by_state),
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(triangle, axis1=1, axis2=2).T.copy()), axis=0),
         weighed=both.T @ certain @ both @ of_joints,
-        carried=[Carried(*each) for each in carried],
+        carried=[TwistLink(*each) for each in carried],
     )
 
 

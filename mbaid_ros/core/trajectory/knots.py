@@ -43,7 +43,8 @@ class Knots(ArrayRecord):
     tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
     course : (J, 36) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
-        axes, for each of the gyro's errors (3 x 9, rows first): bias, scale, turn; none where it is measured
+        axes, for each of the gyro's errors (3 x 12, rows first): bias, scale, turn, what pairs of
+        axes have in common; none where it is measured
     """
 
     joint_position: Array

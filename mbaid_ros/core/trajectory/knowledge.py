@@ -154,7 +154,7 @@ class Knowledge:
 
 
 def knowledge(layout: Layout, hypothesis: Hypothesis, moments: Moments, end: End) -> Knowledge:
-    """Return what a run has come to know, of the moments of its state, intervals as wide as they are published."""
+    """Return what a run has come to know, of the moments of its state, unknowns as far off as they look (eq. 7)."""
     variables = moments.variables
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
     more = moments.sizes(layout).beside(moments.contributions(moments.factor, layout))

@@ -75,9 +75,19 @@ class Layout:
         known: Carried | None = None,
         plane: Array | None = None,
     ) -> Layout:
-        """Return the layout of a state with these unknowns, of which something may be known together."""
+        """Return the layout of a state with these unknowns, of which something may be known together.
+
+        Raises
+        ------
+        ValueError
+            What is known is of other numbers, or of unknowns in another order than that of the state: those of the
+            readings last.
+        """
+        count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
         if known is None:
-            known = Carried.nothing(sum(unknown.count for unknown in unknowns))
+            known = Carried.nothing(count)
+        elif len(known.mean) != count or last != sorted(last):
+            raise ValueError(f'what is known of {len(known.mean)} numbers is not of the {count} unknown ones, in order')
         return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
 
     @cached_property

@@ -58,6 +58,11 @@ class Variables:
     left: Array | None = None
 
     @property
+    def typical_mass(self) -> float:
+        """Kg; a momentum of typical size is its at 1 m/s."""
+        return float(self.typical_momentum[0])
+
+    @property
     def poses(self) -> int:
         """How many variables are those of the pose error."""
         return len(self.measured)

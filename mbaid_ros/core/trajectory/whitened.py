@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.trajectory.chain import WindowModel
-from mbaid_ros.core.trajectory.integrated_twist import Carried, IntegratedTwist, linked
+from mbaid_ros.core.trajectory.integrated_twist import IntegratedTwist, TwistLink, linked
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, POSE
 from mbaid_ros.core.trajectory.variables import Variables
@@ -54,7 +54,7 @@ class WhitenedWindow:
     stepped: Array
     length: float
     places: Integers
-    carried: Carried | None = None
+    carried: TwistLink | None = None
 
     def push(self, axes: Axes) -> Array:
         """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
@@ -73,7 +73,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     places = np.arange(len(select))
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
     integrated = np.array([each is not None for each in windows.integrated])
-    carried: list[Carried | None] = [None] * len(measured)
+    carried: list[TwistLink | None] = [None] * len(measured)
     if integrated.any():
         which = np.flatnonzero(integrated)
         chosen = windows[which]

@@ -28,7 +28,7 @@ class TargetPrior:
     @property
     def given(self) -> bool:
         """Whether anything is."""
-        return self.mass_std > 0.0 or bool(self.com and self.com_std > 0.0)
+        return self.mass_std > 0.0
 
     def apply(self, mean: Array, factor: Array) -> None:
         """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o): h = m c, to first order."""
