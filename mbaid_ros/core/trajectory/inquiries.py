@@ -91,12 +91,16 @@ class Inquiries:
         return self._inquiry.owing
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
-        """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was."""
+        """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was.
+
+        A constant force that leads explains what are jumps without it.
+        """
         if not self._inquiry.under_way:
             return ()
         latest = self._windows[-1]
         since = latest.start - _OPEN * latest.length
-        return tuple(time for time in run.jumped if time in self._about and time > since)
+        left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jumped)
+        return tuple(time for time in run.jumped if time in self._about and time > since and time in left)
 
     def _since_a_jump(self, run: FilterRun) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
