@@ -204,7 +204,9 @@ class EstimatorConfig:
     base_link: str = parameter(
         '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
     )
-    target_link: str = parameter('', 'Link whose inertia is identified; empty means the last link of the robot.')
+    target_link: str = parameter(
+        '', 'Link whose inertia is identified; empty means the last one with an inertia, furthest from the base.'
+    )
     method: str = parameter('trajectory', 'Identification method.', choices=METHODS)
     window: float = parameter(
         0.5, 'Length of the windows that the data are processed in.', unit='s', minimum=0.0, exclusive_minimum=True

@@ -238,7 +238,9 @@ class SimulatorConfig:
     base_link: str = parameter(
         '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
     )
-    target_link: str = parameter('', 'Link whose inertia is published as the truth; empty means the last link.')
+    target_link: str = parameter(
+        '', 'Link whose inertia is published as the truth; empty means the last one with an inertia.'
+    )
     odom_frame: str = parameter('odom', 'Name of the odometry frame.')
     initial: InitialConfig = field(default_factory=InitialConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)

@@ -81,6 +81,8 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         content = parse_json(text)
     except ValueError as error:
         raise DataError(f"'{path}' is not JSON: {error}; {_ACCEPTED}") from error
+    if isinstance(content, dict) and 'odometry_mount' in content and 'estimate' not in content:
+        raise DataError(f"'{path}' is a calibration, whose URDF calibrate --output writes; {_ACCEPTED}")
     results = content if isinstance(content, list) else [content]
     if not 1 <= result <= len(results):
         raise DataError(f"'{path}' holds {len(results)} results; result {result} is not among them")

@@ -33,7 +33,11 @@ def _parser() -> ArgumentParser:
     )
     add = parser.add_argument
     add('--model', required=True, metavar='URDF', help='the robot description')
-    add('--target', metavar='LINK', help='link to identify (default: the last link)')
+    add(
+        '--target',
+        metavar='LINK',
+        help='link to identify (default: the last one with an inertia, furthest from the base)',
+    )
     add('--params', metavar='YAML', help="the estimator node's ROS parameter file")
     add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
     add('--method', metavar='METHOD', help=f'identification method: {", ".join(METHODS)}')

@@ -162,9 +162,16 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
     ParameterError
         A name is not that of a known link with mass.
     """
-    bodies = {link.name: link.body for link in kernel.model.links if kernel.known[link.body, 0] > 0.0}
+    unknown = {link.name for link in kernel.unknown}
+    massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
+    bodies = {link.name: link.body for link in massive}
     own: dict[int, BodyDeviations] = {}
     for name, given in config.links.items():
+        if name in unknown:
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes into "
+                'target_prior.mass, mass_std, com and com_std'
+            )
         if name not in bodies:
             raise ParameterError(
                 f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"

@@ -236,6 +236,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         (['{file}', '--result', '0'], "'0' is not accepted"),
         (['{broken}'], 'is not JSON'),
         (['{other}'], 'accepted: what replay --json writes'),
+        (['{calibration}'], 'is a calibration, whose URDF calibrate --output writes'),
         (['{file}', '--format', 'urdf', '--model', str(CONFIG / 'table1.urdf')], "link 'link7' is not in"),
     ],
 )
@@ -243,7 +244,8 @@ def test_bad_input_is_one_line(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], text: str
 ) -> None:
     files = {'file': written(tmp_path)}
-    for name, content in (('broken', '{'), ('other', '{"mass": 1}')):
+    contents = {'broken': '{', 'other': '{"mass": 1}', 'calibration': '{"links": [], "odometry_mount": {}}'}
+    for name, content in contents.items():
         files[name] = str(tmp_path / f'{name}.json')
         Path(files[name]).write_text(content, encoding='utf-8')
     assert text in exported(capsys, *(argument.format(**files) for argument in arguments), code=2)

@@ -208,6 +208,8 @@ class Layout:
 def near_part(parameters: Array, step: Array) -> float:
     """Return how much of a step from a point's (u,) parameters is near linear: the body stays much as large."""
     body = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)
+    if parameters[body][0] == 0.0:
+        return 1.0  # nothing is known of a body that has no mass
     far, size = np.abs(step[body]), body_sizes(parameters[body])
     # What has no size, as a mass whose inertia is none, is not to be left at all.
     change = float(np.max(np.divide(far, size, out=np.where(far > 0.0, np.inf, 0.0), where=size != 0.0)))

@@ -178,6 +178,10 @@ def test_links_of_their_own_uncertainty(robot: MomentumKernel, free: Truth) -> N
     ('parameters', 'message'),
     [
         ({'known_links.arm.com_std': 0.1}, "'known_links.arm' is of no known link with mass; accepted: base_link"),
+        (
+            {'known_links.link7.com_std': 0.1},
+            "'known_links.link7' is of the link that is identified.*target_prior.mass",
+        ),
         ({'known_links.base_link.com_std': -0.1}, "'known_links.base_link.com_std' is -0.1 m"),
         ({'known_links.base_link.stds': 0.1}, 'unknown parameter'),
         ({'known_links__relative_std': -0.1}, 'known_links.relative_std'),
