@@ -137,8 +137,8 @@ What a disturbance costs, and whether it is noticed: `{ROBOT}`, {LEVEL} noise, {
 - *RMSE over undisturbed*: of the ten parameters, over those of the same method undisturbed: median and worst.
 - *std*: the median widening of the reported standard deviations, which is what more unknowns cost by themselves.
 - *covered*: the share of the 95 % intervals that hold the truth; *least*: that of the worst parameter.
-- *largest error* of any parameter in any run, in reported standard deviations; of runs that end as `inconsistent`, whose
-  numbers are not to be trusted, as well.
+- *largest error* of any parameter in any run, in reported standard deviations; of runs that end as
+  `inconsistent`, whose numbers are not to be trusted, as well.
 - *events*: their mean number, and the share of the runs with any; *inconsistent*: the share of the runs with that
   status at the end; *by*: when the last run reported its first event.
 

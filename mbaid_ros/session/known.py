@@ -169,8 +169,8 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
     for name, given in config.links.items():
         if name in unknown:
             raise ParameterError(
-                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes into "
-                'target_prior.mass, mass_std, com and com_std'
+                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes "
+                'into target_prior.mass, mass_std, com and com_std'
             )
         if name not in bodies:
             raise ParameterError(

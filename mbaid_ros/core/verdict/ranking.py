@@ -64,9 +64,5 @@ def _noise(innovations: Innovations, rough: Roughness) -> list[Cause]:
         explained if len(of_base) < len(large) else np.where(np.isin(np.arange(len(SENSORS)), of_base), explained, 0.0)
     )
     gain = 0.5 * float(innovations.count @ own)
-    return [
-        Cause(
-            f'the noise values are too small: {told}; correct them, or the covariances in the messages, or set noise.estimate',
-            gain,
-        )
-    ]
+    advice = 'correct them, or the covariances in the messages, or set noise.estimate'
+    return [Cause(f'the noise values are too small: {told}; {advice}', gain)]
