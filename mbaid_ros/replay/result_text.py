@@ -16,6 +16,8 @@ from mbaid_ros.core.results.rounding import rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay.results import Run
 
+_EVENTS = 5  # that a terminal shows
+
 
 def texts(runs: Sequence[Run]) -> str:
     """Return the results for a terminal: what each run takes the robot for, where that is new, then its table."""
@@ -43,8 +45,17 @@ def summary(run: Run) -> str:
         rows += [f'  {what}: {one_line(causes)}' for what, causes in told.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.final.noise is None else [f'  noise: {line}' for line in run.final.noise.told()]
-    rows += [f'  {one_line(line)}' for line in likely_causes(run)]
+    rows += [f'  {one_line(line)}' for line in (*happened(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def happened(run: Run) -> list[str]:
+    """Return what happened to momentum or target; data that contradict the model do not tell."""
+    if run.contradicted:
+        return []
+    events = run.final.events
+    told = [f'event: {event}' for event in events[:_EVENTS]]
+    return told + ([f'and {len(events) - _EVENTS} more events'] if len(events) > _EVENTS else [])
 
 
 def likely_causes(run: Run) -> list[str]:

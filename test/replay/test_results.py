@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Status
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.result_text import summary
@@ -105,3 +105,15 @@ def test_a_contradiction_is_told_whatever_else_is_missing() -> None:
     final = Estimate(method='trajectory', status='inconsistent', phase='pre_capture')
     told = replace(hostile_run(), phase='pre_capture', final=final)
     assert 'the data contradict the model, so the numbers of' in summary(told).splitlines()[0]
+
+
+@pytest.mark.parametrize('contradicted', [False, True])
+def test_what_happened_is_on_the_terminal_unless_the_data_contradict_the_model(contradicted: bool) -> None:
+    push = np.array([0.5, 0.0, 0.0])
+    events = tuple(Event(10.0 + place, 'step', push, push, 'thrust pulse or contact') for place in range(7))
+    status: Status = 'inconsistent' if contradicted else 'converged'
+    run = hostile_run()
+    told = summary(replace(run, final=replace(run.final, events=events, status=status)))
+    assert ('  event: momentum jumped at 14.0 s, by (0.5, 0, 0) N s' in told) is not contradicted
+    assert ('  and 2 more events' in told) is not contradicted
+    assert told.count('  event: ') == (0 if contradicted else 5)
