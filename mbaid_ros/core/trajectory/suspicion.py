@@ -16,6 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import LONGEST, Track
@@ -48,6 +49,7 @@ _MOST_PULSES = 2  # that can be what is wrong; more of them are what something e
 _BEFORE, FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for
+_LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
 
 
 Inquiry = Iterator['int | Found']
@@ -252,10 +254,18 @@ class Suspicion:
             suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
             using = self.extended(*suspected).widened(cause, factor)
             track = yield from _tried(using.repeated(windows, point, self.hypotheses[0]))
-            if track is not None:
-                text = of_suspect(cause, using.value(track, cause))
+            if track is not None and self._possible(cause, value := using.value(track, cause)):
+                text = of_suspect(cause, value)
                 found += [replace(each, of_twist=cause in OF_TWIST) for each in _gained(text, track, base)]
         return found
+
+    def _possible(self, cause: str, value: Array) -> bool:
+        """Tell whether a link could be so: one that is lighter by far more than it weighs explains nothing."""
+        kind, _, name = cause.partition(':')
+        if kind != 'link':
+            return True
+        body = self.layout.kernel.model.link(name).body
+        return bool(value[0] > -_LIGHTER * self.layout.kernel.known[body, 0])
 
 
 def _tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
