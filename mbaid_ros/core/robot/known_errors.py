@@ -72,8 +72,6 @@ def body_sizes(parameters: Array) -> Array:
 
 def _size(parameters: Array) -> float:
     """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
-    if parameters[0] == 0.0:
-        return 0.0
     gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0 / parameters[0], 0.0))
     return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
 

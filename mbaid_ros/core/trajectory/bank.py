@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -43,7 +43,7 @@ class Jump:
     time: float
     before: Array
     belief: Belief | None
-    pushed: Array | float
+    pushed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Track:
     inflations: int = 0  # windows in all
     longest: int = LONGEST  # windows that one jump may take
     previous: Belief | None = None  # before the latest window
-    pushed: Array | float = 0.0
+    pushed: Array = field(default_factory=lambda: np.zeros(()))  # of any shape: nothing yet
 
     def after(self, belief: Belief) -> Track:
         """Return the same with another belief."""

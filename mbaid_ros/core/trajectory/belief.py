@@ -152,13 +152,13 @@ class Moments:
         right[: numbers.shape[1]] = numbers.T
         return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
-    def by_force(self, pushed: Array | float) -> Array:
+    def by_force(self, pushed: Array) -> Array:
         """Return the (6,) change of the momentum by a constant force, of (p, f) `pushed` as of a hypothesis' track."""
         variables, count = self.variables, len(self.variables.scale)
         if self.belief.size == count:
             return np.zeros(6)
         numbers = self.belief.moments()[0][count:]
-        change = pushed * np.ones((variables.head - variables.poses, len(numbers))) @ numbers
+        change = np.broadcast_to(pushed, (variables.head - variables.poses, len(numbers))) @ numbers
         return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
     def covariance(self, rows: Integers) -> Array:

@@ -14,8 +14,6 @@ from mbaid_ros.core.trajectory.state import Point
 from mbaid_ros.core.trajectory.windows import Window
 from observed import MID, kernel, observe, windows
 
-START, KEPT = 10, 60  # windows, as `make` has them
-
 
 def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
     """Return a list that the number of windows of every search goes to."""
