@@ -68,8 +68,13 @@ def test_live_and_offline_estimates_are_the_same_to_the_last_bit(graph: Graph) -
     expected = last_of_each_window(offline(EstimatorConfig(), 'table1', messages)[0], WINDOW)
     assert len(expected) == 23  # the last window, of 24, is still open
     frames = Frames('link4', 'odom')
-    graph.wait(lambda: len(made(live)) >= len(expected), 'all estimates')
-    for message, estimate in zip(made(live), expected, strict=True):
+
+    def closed() -> list[InertiaEstimate]:
+        # Where the machine stalls the stream, what there is so far is told once more, with that warning.
+        return [one for one in made(live) if not any(text.startswith('no messages on') for text in one.warnings)]
+
+    graph.wait(lambda: len(closed()) >= len(expected), 'all estimates')
+    for message, estimate in zip(closed(), expected, strict=True):
         offline_message = estimate_message(estimate, TYPES, frames)
         assert every_bit(message, ESTIMATE) == every_bit(offline_message, ESTIMATE), (message, offline_message)
     assert node.stop() == 0
