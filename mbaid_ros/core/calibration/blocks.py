@@ -86,7 +86,8 @@ class Normals:
         causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
         parts = [*masses([first], self.prior.roots[0]), *(part for unknown in self.unknowns for part in unknown.parts)]
-        return PriorSizes.of(self.belief.mean, self.belief.factor, causes, parts)
+        factor = self.belief.factor
+        return PriorSizes.of(self.belief.mean, factor @ factor.T, causes, parts)
 
     def as_far_off(self) -> Normals:
         """Return what is known where they may be so (docs/trajectory.md, eq. 7); what no window sees stays."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.array_record import Index
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
 from mbaid_ros.core.robot.known_errors import KnownErrors
@@ -45,12 +46,21 @@ class BodyStates:
     tide: Array
     thrust: Array
 
-    def __getitem__(self, index: slice | Array) -> BodyStates:
+    def __getitem__(self, index: Index) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
-        configuration = Configuration(*(getattr(self.configuration, x.name)[index] for x in fields(Configuration)))
-        parts = {x.name: getattr(self, x.name) for x in fields(self)[1:] if x.name != 'storage'}
-        cut = {name: values[index] for name, values in parts.items()}
-        return BodyStates(configuration=configuration, storage=self.storage, **cut)
+        placed = self.configuration
+        return BodyStates(
+            Configuration(placed.rotation[index], placed.position[index], placed.joint_twist[index]),
+            self.body_twist[index],
+            self.known[index],
+            self.rotation[index],
+            self.position[index],
+            self.twist[index],
+            self.storage,
+            self.readings[index],
+            self.tide[index],
+            self.thrust[index],
+        )
 
     @property
     def momenta(self) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri, dtrtrs
+from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.knots import Integers
@@ -179,9 +179,17 @@ class Moments:
         return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
-        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and a covariance factor."""
-        whitening = layout.known.whitening
-        return whitening @ (self.mean[BODY.stop :] - layout.known.mean), whitening @ self.factor[BODY.stop :]
+        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and their covariance (e, e).
+
+        They and a force come last: below the rows of what comes first the triangle is the root of their information.
+        """
+        own, known = self.variables.own, layout.known
+        count = len(self.variables.scale) - own
+        upper = dpotri(self.belief.root[own:, own:-2])[0][:count, :count]
+        values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
+        if known.independent:
+            return values, covariance
+        return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
 
     def sizes(self, layout: Layout) -> PriorSizes:
         """Return how many times as far off as declared the unknowns look."""
@@ -198,6 +206,5 @@ class Moments:
         own : (m, v) a covariance factor of the numbers, as of `factor_of`
         layout : of the state
         """
-        return np.asarray(
-            layout.known.whitening @ self.with_variables(own)[self.variables.own : len(self.variables.scale)]
-        )
+        with_unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

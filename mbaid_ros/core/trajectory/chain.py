@@ -188,7 +188,7 @@ def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> A
     brought = np.zeros((len(position), 6, layout.size))
     pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
     if pushing:
-        placed = bodies.configuration
+        placed = bodies.states.configuration
         whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
         length = stack.windows[0].length
         for unknown, place in pushing:

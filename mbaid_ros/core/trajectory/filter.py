@@ -20,7 +20,7 @@ from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-_BLOCK = 8  # columns that LAPACK reflects together
+_BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
 
 
 def update(belief: Belief, window: WhitenedWindow) -> Belief:

@@ -103,8 +103,9 @@ def joint_noise(
 
 def _by_readings(bodies: Bodies) -> Array:
     """Return what the noise of one reading of each that stores momentum makes of the twist, (N, 6, c)."""
-    columns = bodies.mobility @ bodies.storage.columns(bodies.configuration.rotation)
-    return np.asarray(columns[:, ANGULAR_FIRST] * bodies.storage.noises)
+    storage, placed = bodies.states.storage, bodies.states.configuration
+    columns = bodies.mobility @ storage.columns(placed.rotation)
+    return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
 
 
 def _places(inside: slice) -> Integers:

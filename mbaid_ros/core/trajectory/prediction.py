@@ -10,19 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
-from mbaid_ros.core.robot.model import Link, express
-from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
-from mbaid_ros.core.robot.storage import Storage
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.trajectory.interpolation import Midpoints
 from mbaid_ros.core.trajectory.knots import Integers
@@ -71,47 +67,17 @@ class Bodies:
     Attributes
     ----------
     parameters : (n + 1, 10) standard parameters of each, in its own frame
-    target : the link that was unknown
-    configuration : Configuration
-    twist : (N, n + 1, 6) of each
     mobility : (N, 6, 6) M^-1
-    storage, readings : what stores momentum inside bodies, and what is read of it, (N, c)
-    tide, thrust : (N, n + 1, 6, 10), (N, f, 6, 5) as in BodyStates
+    states : as the momentum equations need them
     """
 
     parameters: Array
-    target: Link
-    configuration: Configuration
-    twist: Array
     mobility: Array
-    storage: Storage
-    readings: Array
-    tide: Array
-    thrust: Array
+    states: BodyStates
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
-        bodies = self.configuration
-        configuration = Configuration(bodies.rotation[index], bodies.position[index], bodies.joint_twist[index])
-        cut = (self.readings[index], self.tide[index], self.thrust[index])
-        motion = configuration, self.twist[index], self.mobility[index]
-        return Bodies(self.parameters, self.target, *motion, self.storage, *cut)
-
-    @cached_property
-    def states(self) -> BodyStates:
-        """The same as the momentum equations need it."""
-        bodies = self.configuration
-        return BodyStates(
-            bodies,
-            self.twist,
-            express(self.parameters, bodies.rotation, bodies.position),
-            *bodies.link(self.target),
-            self.twist[:, self.target.body],
-            self.storage,
-            self.readings,
-            self.tide,
-            self.thrust,
-        )
+        return Bodies(self.parameters, self.mobility[index], self.states[index])
 
 
 def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction, Bodies]:
@@ -139,19 +105,29 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
-    bodies = Bodies(known, target, placed, body_twist, mobility, kernel.storage, middle.stored, tide, thrust)
+    states = BodyStates(
+        placed,
+        body_twist,
+        express(known, placed.rotation, placed.position),
+        *placed.link(target),
+        body_twist[:, target.body],
+        kernel.storage,
+        middle.stored,
+        tide,
+        thrust,
+    )
     # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
     # motion changes by.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(middle.base_position)
-    right[..., 6:16] = -regressor(*placed.link(target), body_twist[:, target.body])
+    right[..., 6:16] = -states.regressor
     if tide.shape[1]:
         right[..., 6:16] += of_link(tide, target)
     column = 16
     for unknown in layout.predicted:
-        columns = unknown.momentum_columns(kernel, bodies.states)
+        columns = unknown.momentum_columns(kernel, states)
         if columns is not None:
             right[..., column : column + unknown.count] = -columns @ unknown.factor
         column += unknown.count
@@ -161,7 +137,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
     solved = mobility @ right
-    return Prediction(twist, solved[..., :count], solved[..., count:]), bodies
+    return Prediction(twist, solved[..., :count], solved[..., count:]), Bodies(known, mobility, states)
 
 
 def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -229,16 +205,16 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
     """
     count, joints = len(by_rate), by_rate.shape[-1]
-    each = bodies[np.repeat(np.arange(count), joints)]  # once for every joint
+    each = bodies.states[np.repeat(np.arange(count), joints)]  # once for every joint
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
     twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
     readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
-    motion = replace(each, twist=twist, readings=readings, tide=each.tide[:, :0], thrust=thrust)
-    placed = motion.configuration.link(bodies.target)
-    columns = [regressor(*placed, motion.twist[:, bodies.target.body])]
+    of_target = twist[:, kernel.target.body]
+    motion = replace(each, body_twist=twist, twist=of_target, readings=readings, tide=each.tide[:, :0], thrust=thrust)
+    columns = [motion.regressor]
     for unknown in layout.predicted:
-        of_momentum = unknown.momentum_columns(kernel, motion.states)
+        of_momentum = unknown.momentum_columns(kernel, motion)
         nothing = np.zeros((len(alone), 6, unknown.count))
         columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
     both = np.concatenate(columns, axis=-1)

@@ -48,18 +48,16 @@ class PriorSizes:
     within: Mapping[str, Sequence[str]]
 
     @staticmethod
-    def of(values: Array, factor: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorSizes:
+    def of(values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorSizes:
         """Return what data say of them.
 
         Parameters
         ----------
-        values, factor : (e,), (e, w) the numbers, of unit variance about zero beforehand, and a factor of their
-            covariance
+        values, covariance : (e,), (e, e) of the numbers, of unit variance about zero beforehand
         causes : what each of them belongs to, 'zero:joint1'
         parts : what of that each is by itself, 'mass:link1'; empty where nothing
         """
         each, groups = np.ones(len(values)), _Groups.of(tuple(causes), tuple(parts))
-        covariance = factor @ factor.T
         sizes: dict[str, LikelySize] = {}
         distances: dict[str, Distance] = {}
         beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared

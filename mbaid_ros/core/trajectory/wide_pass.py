@@ -164,11 +164,11 @@ class WidePass:
 
     def gains(self, base: Belief, declared: Collection[str]) -> dict[str, tuple[float, float]]:
         """Return what each cause would gain by less certainty, and by how much less; some have been declared."""
-        values, factor = Moments.of(base, self.variables).unknowns(self.layout)
+        values, covariance = Moments.of(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
-            numbers = BesidePrior.of(values[own], factor[own] @ factor[own].T)
+            numbers = BesidePrior.of(values[own], covariance[np.ix_(own, own)])
             gain, times = numbers.gain(_MOST[cause not in declared])
             found[cause] = float(gain), float(times)
         return found

@@ -36,6 +36,11 @@ class Carried:
         return Carried(np.zeros(numbers), np.eye(numbers))
 
     @cached_property
+    def independent(self) -> bool:
+        """Whether the numbers are independent, each of unit variance."""
+        return np.array_equal(self.factor, np.eye(len(self.mean)))
+
+    @cached_property
     def whitening(self) -> Array:
         """The (e, e) matrix W that makes W (numbers - mean) independent, of unit variance, each near its own number."""
         size = np.sqrt(np.sum(self.factor**2, axis=1))

@@ -19,7 +19,7 @@ def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorSizes:
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorSizes.of(values, np.sqrt(1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+    return PriorSizes.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:
