@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 
@@ -160,6 +159,5 @@ def clamped(bank: Bank) -> Bank:
     )
 
 
-@cache
 def _limit(measured: int) -> float:
     return chi_square.limit(_FALSE_ALARM, measured)

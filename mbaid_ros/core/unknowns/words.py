@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -79,6 +80,7 @@ def of_size(cause: str, size: float, declared: Mapping[str, str] | None = None) 
     return f'{all_of(cause)} {looks} {times} times as far off as declared: intervals allow for that; raise {parameter}'
 
 
+@lru_cache(maxsize=1024)  # asked for at each window
 def all_of(cause: str) -> str:
     """Return a cause of the error budget, or a kind of them, in words: 'zero' is the joints' zeros."""
     return _KINDS.get(cause, named(cause))
