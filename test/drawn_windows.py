@@ -56,4 +56,5 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         position=rng.normal(size=3),
         brought=np.zeros((6, STATE)),
         stepped=np.zeros((6, 0)),
+        body=rng.normal(size=10),
     )

@@ -6,13 +6,14 @@ reflections make it triangular again, and what no window has seen of an unknown 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.trajectory.attenuation import Attenuation
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
@@ -37,6 +38,7 @@ class Belief:
     log_likelihood : of all measurements, up to a constant
     carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
         (`Carried`), or between an update and the step after it of its noise and these; None where nothing links it
+    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
     """
 
     root: Array
@@ -47,6 +49,7 @@ class Belief:
     last_measured: int = 0
     log_likelihood: float = 0.0
     carried: Array | None = None
+    feigned: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:
@@ -64,7 +67,9 @@ class Belief:
         root[: len(mean), : len(mean)] = triangle
         root[: len(mean), -1] = triangle @ mean
         root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        return Belief(root, Innovations.none(variables.poses), log_likelihood=likelihood)
+        body = variables.own - variables.head
+        nothing = np.zeros((body, body + 1))
+        return Belief(root, Innovations.none(variables.poses), log_likelihood=likelihood, feigned=nothing)
 
     @property
     def size(self) -> int:
@@ -166,13 +171,42 @@ class Moments:
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
-    def as_far_off(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
-        """Return the same, (r, r), where the unknowns may be so many times as far off as declared."""
-        covariance = self.covariance(rows)
+    def published(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
+        """Return the (r, r) covariance of some numbers (r,) of the state, the body's among them, as it is published.
+
+        The unknowns may be so many times as far off as declared, and noise in the rows tells nothing.
+        """
+        part, times = self.factor_of(self.variables.spread[rows]), self.amplification(rows)
+        own = np.concatenate((times @ part, self.by_score(part)), axis=1)
+        covariance = own @ own.T + self.variables.outside[np.ix_(rows, rows)]
         if sizes.as_declared:
-            return covariance
-        more = sizes.beside(self.contributions(self.factor_of(self.variables.spread[rows]), layout))
+            return np.asarray(covariance)
+        more = times @ sizes.beside(self.contributions(part, layout))
         return np.asarray(covariance + more @ more.T)
+
+    def at_itself(self, rows: Integers) -> Array:
+        """Return the estimate of some numbers (r,) of the state if its windows were linearised at it, (r,)."""
+        body, attenuation = self._attenuated
+        return np.asarray(self.mean[rows] + self.factor_of(self.variables.spread[rows]) @ (body.T @ attenuation.shift))
+
+    def amplification(self, rows: Integers) -> Array:
+        """Return the (r, r) factor from errors as they seem to errors of some numbers (r,), the body's among them."""
+        variables, (body, attenuation) = self.variables, self._attenuated
+        more = self.factor_of(variables.spread[rows]) @ body.T @ attenuation.gain
+        return np.asarray(np.eye(len(rows)) + more @ variables.gather[variables.head : variables.own, rows])
+
+    def by_score(self, part: Array) -> Array:
+        """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
+        body, attenuation = self._attenuated
+        return np.asarray(part @ body.T @ attenuation.score)
+
+    @cached_property
+    def _attenuated(self) -> tuple[Array, Attenuation]:
+        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 13)."""
+        body = self.factor_of(np.eye(self.variables.own)[self.variables.head :])
+        variables = self.variables
+        mean = variables.gather[variables.head : variables.own, BODY] @ self.mean[BODY]
+        return body, Attenuation.of(body @ body.T, self.belief.feigned, mean)
 
     def with_variables(self, own: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""

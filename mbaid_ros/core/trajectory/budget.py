@@ -9,7 +9,7 @@ from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
-from mbaid_ros.core.trajectory.state import BODY, Layout
+from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
@@ -26,7 +26,8 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
     """
     variables = moments.variables
-    own = moments.factor_of(physical_jacobian(moments.mean[BODY]) @ variables.spread[BODY, : variables.own])
+    jacobian, body = physical_jacobian(moments.mean[BODY]), variables.spread[BODY, : variables.own]
+    own = moments.factor_of(jacobian @ moments.amplification(BODY_PLACES) @ body)
     errors = moments.contributions(own, layout).T * sizes.each
     squares = errors**2
     given = []
@@ -35,7 +36,7 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
-    whole = np.sum(own**2, axis=1)
+    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(moments.factor_of(jacobian @ body)) ** 2, axis=1)
     noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
     # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
     noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))

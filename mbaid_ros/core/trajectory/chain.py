@@ -57,6 +57,7 @@ class WindowModel:
     rotation, position : (3, 3), (3,) m, of the base at the window's end
     brought : (6, s) what the unknowns make of (P, L) on the way to the next window
     stepped : (6, f) how far the base goes there with each of the unknowns' numbers that wander, when that grows by one
+    body : (10,) standard parameters of the target that it is linearised at
     integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     """
 
@@ -78,6 +79,7 @@ class WindowModel:
     position: Array
     brought: Array
     stepped: Array
+    body: Array
     integrated: Array = field(default_factory=lambda: np.array(None))
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
@@ -172,6 +174,7 @@ def _models(
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         brought=brought,
         stepped=noise.stepped,
+        body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=ways,
     )
 

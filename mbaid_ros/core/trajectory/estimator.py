@@ -22,7 +22,7 @@ from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, with_linear_momentum_unknown
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Point
+from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
 from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
 from mbaid_ros.core.trajectory.windows import Window
@@ -35,7 +35,7 @@ _TUMBLING = (
     'their ratios'
 )
 # (body, momentum) of the state.
-_ORDER = np.concatenate((np.arange(BODY.start, BODY.stop), np.arange(MOMENTUM.start, MOMENTUM.stop)))
+_ORDER = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))
 
 
 class TrajectoryEstimator:
@@ -200,9 +200,9 @@ class TrajectoryEstimator:
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
         judgement = with_undeclared_orbit(judgement, moments, layout)
-        covariance = moments.as_far_off(sizes, layout, _ORDER) * judgement.widening
+        covariance = moments.published(sizes, layout, _ORDER) * judgement.widening
         solution = Solution(
-            x=moments.mean[_ORDER],
+            x=moments.at_itself(_ORDER),
             covariance=covariance,
             cautious_covariance=covariance,
             cost=track.belief.nis,

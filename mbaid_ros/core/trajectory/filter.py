@@ -61,6 +61,7 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
         carried,
+        belief.feigned + window.feigned,
     )
 
 

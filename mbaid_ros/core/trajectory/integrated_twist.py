@@ -87,14 +87,14 @@ class Linked:
     Attributes
     ----------
     value, rows, log_noise : (B, w), (B, w, v), (B,) as in `WhitenedWindow`
-    weighed : (B, 6, n) S^-1 A of the joints' noise A in the values
+    precision : (B, 6, 6) S^-1 of the measurements as the joints' noise is in them
     carried : B of them
     """
 
     value: Array
     rows: Array
     log_noise: Array
-    weighed: Array
+    precision: Array
     carried: list[TwistLink]
 
 
@@ -150,7 +150,7 @@ def linked(
         value=(whiten @ values[..., None])[..., 0],
         rows=whiten @ variables.rows(by_state),
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(triangle, axis1=1, axis2=2).T.copy()), axis=0),
-        weighed=both.T @ certain @ both @ of_joints,
+        precision=both.T @ certain @ both,
         carried=[TwistLink(*each) for each in carried],
     )
 

@@ -15,7 +15,7 @@ from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.trajectory.bank import LONGEST, MARGIN, Bank, Track, update_bank
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, LINEAR, Layout, Point, near_part
+from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
 from mbaid_ros.core.trajectory.windows import Stack, Window
@@ -32,7 +32,6 @@ _CERTAIN = 0.15  # relative standard deviation of the mass, below which a start 
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
-_BODY_PLACES = np.arange(BODY.start, BODY.stop)
 _ELSEWHERE = 3  # points, drawn from what is believed, at which a solution is tried
 
 
@@ -166,7 +165,7 @@ class Passes:
         if self.layout.plane is not None or is_physical(body):
             return moments.mean.copy(), 0.0
         scale = unknown_scale(self.layout.kernel)[:10]
-        nearest, distance = project(body, moments.covariance(_BODY_PLACES), scale)
+        nearest, distance = project(body, moments.covariance(BODY_PLACES), scale)
         # What else is uncertain follows the body, as far as it is correlated.
         own = moments.factor[BODY] / scale[:, None]
         state = moments.mean + moments.factor @ np.linalg.lstsq(own, (nearest - body) / scale)[0]
@@ -209,7 +208,7 @@ class Passes:
             except np.linalg.LinAlgError:
                 shift = moments.deviation  # no robot that can be: it may be anywhere in its interval
             shifts.append(shift[BODY] / part**2)  # of second order in the step
-        yield Curvature(np.array(shifts), moments.covariance(_BODY_PLACES))
+        yield Curvature(np.array(shifts), moments.covariance(BODY_PLACES))
 
     def run(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""

@@ -26,6 +26,7 @@ from mbaid_ros.core.unknowns.known_side import KnownSide
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
 _NEAR = 0.5  # of the body's size
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+BODY_PLACES = np.arange(BODY.start, BODY.stop)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.trajectory.attenuation import feigned_information
 from mbaid_ros.core.trajectory.chain import WindowModel
 from mbaid_ros.core.trajectory.integrated_twist import IntegratedTwist, TwistLink, linked
 from mbaid_ros.core.trajectory.knots import Integers
@@ -29,6 +30,8 @@ class WhitenedWindow:
         joint noise adds on the way
     back : (2 p, 2 p) the inverse of what the transition makes of pose error and momentum
     shared : (v,) the score that noise makes on average because rows and value share it
+    feigned : (b, b + 1) the information M of the target body that noise in the rows makes, and beside it M times the
+        body that the window is linearised at
     moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
     brought : (p, v) what else the variables make of the momentum on the way
     inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
@@ -47,6 +50,7 @@ class WhitenedWindow:
     process: Array
     back: Array
     shared: Array
+    feigned: Array
     moved: Array
     brought: Array
     inertial: Array
@@ -69,6 +73,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
     covariance = np.where(told, windows.pose_covariance, np.eye(6))
     pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
+    precision = pose.precision
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
     measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
@@ -81,7 +86,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         joined = linked(
             IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
         )
-        weighed[which] = joined.weighed
+        precision[which], weighed[which] = joined.precision, joined.precision @ chosen.joints
         all_places = np.arange(joined.value.shape[1])
         for place, index in enumerate(which.tolist()):
             measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
@@ -92,9 +97,9 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         value, rows, covariance = (part[moving] for part in parts)
         value = np.nan_to_num(value)  # of what is not among these
         twist = _whitened(value, rows, covariance, variables, select)
-        weighed[moving] += windows.joints_in_twist[moving, None, None] * twist.weighed(
-            windows.joints[moving], windows.joints_of_gyro[moving]
-        )
+        times = windows.joints_in_twist[moving, None, None]
+        precision[moving] += times * twist.precision
+        weighed[moving] += times * twist.weighed(windows.joints[moving], windows.joints_of_gyro[moving])
         values = np.concatenate((pose.value[moving], twist.value), axis=1)
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
@@ -114,6 +119,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             turn @ windows.process,
             np.linalg.inv(head),
             _shared(weighed, windows.joints_by_unknowns, variables),
+            feigned_information(precision, windows.joints_by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
             variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
             *_pushes(windows, variables),
@@ -142,6 +148,11 @@ class _White:
     log_noise: Array
     whiten: Array
     whiten_gyro: Array
+
+    @property
+    def precision(self) -> Array:
+        """S^-1 of these measurements as the joints' noise is in them, (B, 6, 6)."""
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ self.whiten)
 
     def weighed(self, joints: Array, of_gyro: Array) -> Array:
         """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S.
