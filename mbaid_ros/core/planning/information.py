@@ -18,6 +18,7 @@ from mbaid_ros.core.planning.floating import BaseMotion
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER
+from mbaid_ros.core.trajectory.attenuation import nothing_feigned
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.chain import WindowModel, window_models
 from mbaid_ros.core.trajectory.filter import advance, update
@@ -215,7 +216,7 @@ class Information:
         triangle = np.linalg.qr(factor.T, mode='r')
         root[poses:count, poses:count] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
         root[count:, count:size] = np.eye(extra)
-        return Belief(root, Innovations.none(poses))
+        return Belief(root, Innovations.none(poses), nothing_feigned(variables))
 
     def _covariance(self, belief: Belief) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""

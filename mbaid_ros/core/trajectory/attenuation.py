@@ -34,14 +34,19 @@ def feigned_information(precision: Array, slope: Array, body: Array, variables: 
     -------
     (B, b, b + 1) array, of the b variables of the body: the information M, and M times where they are linearised
     """
-    of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.spread[BODY, variables.head : variables.own]
+    of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.spread[BODY, variables.body]
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
     windows, joints, numbers, count = of_body.shape
     flat = of_body.reshape(windows, joints * numbers, count)
     information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of docs/trajectory.md, eq. 13
-    place = body[..., None]
-    at = variables.gather[variables.head : variables.own, BODY] @ place
+    at = variables.gather[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
+
+
+def nothing_feigned(variables: Variables) -> Array:
+    """Return the same, (b, b + 1), of no window."""
+    count = variables.own - variables.head
+    return np.zeros((count, count + 1))
 
 
 @dataclass(frozen=True)

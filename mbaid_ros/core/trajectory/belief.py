@@ -6,14 +6,14 @@ reflections make it triangular again, and what no window has seen of an unknown 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.attenuation import Attenuation
+from mbaid_ros.core.trajectory.attenuation import Attenuation, nothing_feigned
 from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout
@@ -33,23 +33,23 @@ class Belief:
         correction for noise that rows and values share, and z of the least squares' mean: x = R^-1 (their sum);
         innovations are those of the mean itself
     innovations : what they were, sensor by sensor
+    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
     nis, measured : sum of the normalised innovations squared, and how many there were
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
     carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
         (`Carried`), or between an update and the step after it of its noise and these; None where nothing links it
-    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
     """
 
     root: Array
     innovations: Innovations
+    feigned: Array
     nis: float = 0.0
     measured: int = 0
     last_nis: float = 0.0
     last_measured: int = 0
     log_likelihood: float = 0.0
     carried: Array | None = None
-    feigned: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> Belief:
@@ -67,9 +67,8 @@ class Belief:
         root[: len(mean), : len(mean)] = triangle
         root[: len(mean), -1] = triangle @ mean
         root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        body = variables.own - variables.head
-        nothing = np.zeros((body, body + 1))
-        return Belief(root, Innovations.none(variables.poses), log_likelihood=likelihood, feigned=nothing)
+        nothing = Innovations.none(variables.poses), nothing_feigned(variables)
+        return Belief(root, *nothing, log_likelihood=likelihood)
 
     @property
     def size(self) -> int:
@@ -193,7 +192,7 @@ class Moments:
         """Return the (r, r) factor from errors as they seem to errors of some numbers (r,), the body's among them."""
         variables, (body, attenuation) = self.variables, self._attenuated
         more = self.factor_of(variables.spread[rows]) @ body.T @ attenuation.gain
-        return np.asarray(np.eye(len(rows)) + more @ variables.gather[variables.head : variables.own, rows])
+        return np.asarray(np.eye(len(rows)) + more @ variables.gather[variables.body, rows])
 
     def by_score(self, part: Array) -> Array:
         """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
@@ -203,9 +202,9 @@ class Moments:
     @cached_property
     def _attenuated(self) -> tuple[Array, Attenuation]:
         """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 13)."""
-        body = self.factor_of(np.eye(self.variables.own)[self.variables.head :])
+        body = self.factor_of(np.eye(self.variables.own)[self.variables.body])
         variables = self.variables
-        mean = variables.gather[variables.head : variables.own, BODY] @ self.mean[BODY]
+        mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
         return body, Attenuation.of(body @ body.T, self.belief.feigned, mean)
 
     def with_variables(self, own: Array) -> Array:

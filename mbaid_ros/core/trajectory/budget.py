@@ -32,7 +32,7 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     squares = errors**2
     given = []
     if uncertainty.target.given:
-        given.append(('target prior', slice(variables.head, variables.own)))
+        given.append(('target prior', variables.body))
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))

@@ -55,13 +55,13 @@ def update(belief: Belief, window: WhitenedWindow) -> Belief:
     return Belief(
         root,
         belief.innovations.after((left * np.sign(diagonal))[::-1], window.places),
+        belief.feigned + window.feigned,
         belief.nis + nis,
         belief.measured + count,
         nis,
         count,
         belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
         carried,
-        belief.feigned + window.feigned,
     )
 
 

@@ -77,6 +77,11 @@ class Variables:
         """How many are those of pose error, momentum and target body; the others are the unknowns themselves."""
         return self.basis.shape[1] - (len(self.basis) - BODY.stop)
 
+    @property
+    def body(self) -> slice:
+        """Places of those of the target body."""
+        return slice(self.head, self.own)
+
     @cached_property
     def wandering(self) -> Integers:
         """Places of those that forget what they were."""

@@ -118,7 +118,9 @@ def test_a_constant_force_moves_the_momentum() -> None:
     white = prepare(model, space)
     state, wrench = rng.normal(size=STATE), rng.normal(size=6)
     known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
-    belief = Belief(np.column_stack((np.eye(STATE + 6), np.zeros(STATE + 6), known)), Innovations.none(6))
+    belief = Belief(
+        np.column_stack((np.eye(STATE + 6), np.zeros(STATE + 6), known)), Innovations.none(6), np.zeros((10, 11))
+    )
     force, torque = wrench[:3], wrench[3:]
     turned = model.rotation @ force
     acting = {
