@@ -175,13 +175,16 @@ class Moments:
 
         The unknowns may be so many times as far off as declared, and noise in the rows tells nothing.
         """
+        own = self.published_factor(sizes, layout, rows)
+        return np.asarray(own @ own.T + self.variables.outside[np.ix_(rows, rows)])
+
+    def published_factor(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
+        """Return a factor (r, w) of it, without what the variables leave out."""
         part, times = self.factor_of(self.variables.spread[rows]), self.amplification(rows)
-        own = np.concatenate((times @ part, self.by_score(part)), axis=1)
-        covariance = own @ own.T + self.variables.outside[np.ix_(rows, rows)]
-        if sizes.as_declared:
-            return np.asarray(covariance)
-        more = times @ sizes.beside(self.contributions(part, layout))
-        return np.asarray(covariance + more @ more.T)
+        columns = [times @ part, self.by_score(part)]
+        if not sizes.as_declared:
+            columns.append(times @ sizes.beside(self.contributions(part, layout)))
+        return np.concatenate(columns, axis=1)
 
     def at_itself(self, rows: Integers) -> Array:
         """Return the estimate of some numbers (r,) of the state if its windows were linearised at it, (r,)."""

@@ -154,10 +154,10 @@ class Knowledge:
 
 
 def knowledge(layout: Layout, hypothesis: Hypothesis, moments: Moments, end: End) -> Knowledge:
-    """Return what a run has come to know, of the moments of its state, unknowns as far off as they look (eq. 7)."""
-    variables = moments.variables
+    """Return what a run has come to know, of the moments of its state: as it is published."""
+    variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
+    mean[rows] = moments.at_itself(rows)
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    more = moments.sizes(layout).beside(moments.contributions(moments.factor, layout))
-    factor = np.concatenate((moments.factor, outside, more), axis=1)[FIRST:]
-    triangle = np.asarray(np.linalg.qr(factor.T, mode='r'))
-    return Knowledge(layout, variables, hypothesis, moments.mean, triangle, end)
+    own = moments.published_factor(moments.sizes(layout), layout, rows)
+    triangle = np.asarray(np.linalg.qr(np.concatenate((own, outside[rows]), axis=1).T, mode='r'))
+    return Knowledge(layout, variables, hypothesis, mean, triangle, end)
