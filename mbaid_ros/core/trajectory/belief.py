@@ -170,32 +170,31 @@ class Moments:
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
-    def published(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
-        """Return the (r, r) covariance of some numbers (r,) of the state, the body's among them, as it is published.
+    def published(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> tuple[Array, Array]:
+        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w): as published.
 
-        The unknowns may be so many times as far off as declared, and noise in the rows tells nothing.
+        The windows linearised at the estimate itself, the unknowns so many times as far off as declared, and noise in
+        the rows no information. What the variables leave out is not in the factor.
         """
-        own = self.published_factor(sizes, layout, rows)
-        return np.asarray(own @ own.T + self.variables.outside[np.ix_(rows, rows)])
-
-    def published_factor(self, sizes: PriorSizes, layout: Layout, rows: Integers) -> Array:
-        """Return a factor (r, w) of it, without what the variables leave out."""
-        part, times = self.factor_of(self.variables.spread[rows]), self.amplification(rows)
+        body, attenuation = self._attenuated
+        part = self.factor_of(self.variables.spread[rows])
+        times = self.amplification(part, rows)
         columns = [times @ part, self.by_score(part)]
         if not sizes.as_declared:
             columns.append(times @ sizes.beside(self.contributions(part, layout)))
-        return np.concatenate(columns, axis=1)
+        return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
 
-    def at_itself(self, rows: Integers) -> Array:
-        """Return the estimate of some numbers (r,) of the state if its windows were linearised at it, (r,)."""
+    def amplification(self, part: Array, rows: Integers) -> Array:
+        """Return the (r, r) factor from errors as they seem to errors, of numbers (r,), the body's among them.
+
+        Parameters
+        ----------
+        part : (r, v) a covariance factor of them, as of `factor_of`
+        rows : (r,) their places in the state
+        """
         body, attenuation = self._attenuated
-        return np.asarray(self.mean[rows] + self.factor_of(self.variables.spread[rows]) @ (body.T @ attenuation.shift))
-
-    def amplification(self, rows: Integers) -> Array:
-        """Return the (r, r) factor from errors as they seem to errors of some numbers (r,), the body's among them."""
-        variables, (body, attenuation) = self.variables, self._attenuated
-        more = self.factor_of(variables.spread[rows]) @ body.T @ attenuation.gain
-        return np.asarray(np.eye(len(rows)) + more @ variables.gather[variables.body, rows])
+        more = part @ body.T @ attenuation.gain
+        return np.asarray(np.eye(len(rows)) + more @ self.variables.gather[self.variables.body, rows])
 
     def by_score(self, part: Array) -> Array:
         """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
@@ -205,8 +204,8 @@ class Moments:
     @cached_property
     def _attenuated(self) -> tuple[Array, Attenuation]:
         """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 13)."""
-        body = self.factor_of(np.eye(self.variables.own)[self.variables.body])
         variables = self.variables
+        body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
         return body, Attenuation.of(body @ body.T, self.belief.feigned, mean)
 

@@ -26,8 +26,8 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
     """
     variables = moments.variables
-    jacobian, body = physical_jacobian(moments.mean[BODY]), variables.spread[BODY, : variables.own]
-    own = moments.factor_of(jacobian @ moments.amplification(BODY_PLACES) @ body)
+    jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
+    own = jacobian @ moments.amplification(part, BODY_PLACES) @ part
     errors = moments.contributions(own, layout).T * sizes.each
     squares = errors**2
     given = []
@@ -36,7 +36,7 @@ def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, siz
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
-    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(moments.factor_of(jacobian @ body)) ** 2, axis=1)
+    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
     noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
     # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
     noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))

@@ -200,9 +200,10 @@ class TrajectoryEstimator:
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
         judgement = with_undeclared_orbit(judgement, moments, layout)
-        covariance = moments.published(sizes, layout, _ORDER) * judgement.widening
+        numbers, factor = moments.published(sizes, layout, _ORDER)
+        covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_ORDER, _ORDER)]) * judgement.widening
         solution = Solution(
-            x=moments.at_itself(_ORDER),
+            x=numbers,
             covariance=covariance,
             cautious_covariance=covariance,
             cost=track.belief.nis,

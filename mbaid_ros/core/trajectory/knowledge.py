@@ -156,8 +156,7 @@ class Knowledge:
 def knowledge(layout: Layout, hypothesis: Hypothesis, moments: Moments, end: End) -> Knowledge:
     """Return what a run has come to know, of the moments of its state: as it is published."""
     variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
-    mean[rows] = moments.at_itself(rows)
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    own = moments.published_factor(moments.sizes(layout), layout, rows)
+    mean[rows], own = moments.published(moments.sizes(layout), layout, rows)
     triangle = np.asarray(np.linalg.qr(np.concatenate((own, outside[rows]), axis=1).T, mode='r'))
     return Knowledge(layout, variables, hypothesis, mean, triangle, end)
