@@ -61,8 +61,8 @@ def test_what_is_held_is_found_with_thrusters_on(bag: Path, twin: Twin, capsys: 
     files = ['--model', str(bag / 'robot.urdf'), '--params', str(bag / 'estimator.yaml')]
     assert replay([str(bag), *files, '--json', '-']) == 0
     found = json.loads(capsys.readouterr().out)
-    # Links known to 5 % leave as much of the mass open.
-    assert abs(found['estimate']['mass'] - twin.truth[0]) < 3.0 * found['std']['mass'] < 2.2
+    # Links known to 5 % leave as much of the mass open; a tenth of what seems known beside is noise in the rows.
+    assert abs(found['estimate']['mass'] - twin.truth[0]) < 3.0 * found['std']['mass'] < 2.5
     moment = found['estimate']['inertia']['izz']
     assert abs(moment - twin.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.06
 
