@@ -48,9 +48,8 @@ class BodyStates:
 
     def __getitem__(self, index: Index) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
-        placed = self.configuration
         return BodyStates(
-            Configuration(placed.rotation[index], placed.position[index], placed.joint_twist[index]),
+            self.configuration[index],
             self.body_twist[index],
             self.known[index],
             self.rotation[index],

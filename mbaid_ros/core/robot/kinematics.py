@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.model import Link, RobotModel
 
 
 @dataclass(frozen=True)
-class Configuration:
+class Configuration(ArrayRecord):
     """Where everything is.
 
     Attributes
