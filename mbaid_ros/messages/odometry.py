@@ -31,6 +31,7 @@ from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
 _QUATERNION_TOLERANCE = 0.1
+_REMEMBERED = 5  # frames
 
 _Shape = OdometryShape | OdometryLayout | BasePoseShape
 _Columns = tuple[Stamps, Array, Array, Array]
@@ -50,6 +51,8 @@ class OdometryReader:
     Attributes
     ----------
     replaced : how many messages were used, but not the covariance that they give, as it is none
+    frame : in which the latest message locates the base
+    frames : those in which any did, the first few
     """
 
     def __init__(
@@ -68,6 +71,7 @@ class OdometryReader:
         self._twist_default = noise.twist_covariance()
         self.other_child_frame = ''
         self.frame = ''
+        self.frames: list[str] = []
         self.replaced: Counter[str] = Counter()
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
@@ -112,8 +116,13 @@ class OdometryReader:
                 dropped[WRONG_CHILD_FRAME] += sum(map(len, places[shape]))
             else:
                 self.frame = shape.frame_id
+                self._remember(shape.frame_id.lstrip('/'))
                 accepted.append(_Group(frame, np.concatenate(places[shape]), shape.columns(alike[shape])))
         return accepted
+
+    def _remember(self, frame: str) -> None:
+        if frame not in self.frames and len(self.frames) < _REMEMBERED:
+            self.frames.append(frame)
 
     def _frame(self, name: str) -> AttachedFrame | None:
         """Return where the frame of that name is on the base, None if that is not known."""

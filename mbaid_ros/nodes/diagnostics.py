@@ -63,7 +63,7 @@ class Diagnostics:
         """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
         now = monotonic()
         period, self._time = now - self._time, now
-        reports: dict[str, Report] = {key: self._topic(key, now, period) for key in self._wanted()}
+        reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted()}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.of(state, heard=any(self._recent.values()))
@@ -137,7 +137,7 @@ class Diagnostics:
             return f'no messages on {inlet.topic} yet'
         return f'no messages on {inlet.topic} yet, for more than {longest:g} s{_help(inlet)}'
 
-    def _topic(self, key: str, now: float, period: float) -> Report:
+    def _topic(self, key: str, now: float, period: float, state: State) -> Report:
         inlet = self._inlets[key]
         count = self._recent[key] = inlet.received - self._received[key]
         self._received[key] = inlet.received
@@ -158,7 +158,11 @@ class Diagnostics:
         silence = now - self._arrival[key]
         if silence > STALE_AFTER:
             return STALE, f'no messages on {inlet.topic} for {silence:.0f} s', values
-        return OK, f'{count / period:.1f} Hz', values
+        rate = f'{count / period:.1f} Hz'
+        rivals = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
+        if len(rivals) > 1 and _of_one_sensor(key, state):
+            return WARN, f'{rate}, from {listing(rivals)}: all is taken for the same sensor', values
+        return OK, rate, values
 
     def _thrust(self, state: State) -> Report:
         inlet = self._thrust_inlet
@@ -198,6 +202,13 @@ class Diagnostics:
             return ERROR, state.problem, values
         text = f"robot '{robot.model.name}', target link '{robot.target_link}'"
         return (WARN, '; '.join([text, *found.warnings]), values) if found.warnings else (OK, text, values)
+
+
+def _of_one_sensor(key: str, state: State) -> bool:
+    """Tell whether a topic is the same whoever publishes it: joints may come in parts, and anything is on /tf."""
+    if key == 'joint_states':
+        return state.session is not None and not state.session.intake.merge.partial
+    return key != 'tf'
 
 
 def _help(inlet: Inlet) -> str:

@@ -7,7 +7,7 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from mbaid_ros.nodes.state import State
-from mbaid_ros.session import Session, explain, obstacles
+from mbaid_ros.session import Session, doubts, explain, obstacles
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -75,7 +75,8 @@ def _told(
         return WARN, f'{told} since the last report: {reasons}'
     if lost:
         return WARN, f'{used} samples used, {lost} messages dropped since the last report: {reasons}'
-    return OK if session.used else WARN, f'{session.used} used'
+    text = '; '.join([f'{session.used} used', *doubts(session)])
+    return WARN if doubts(session) or not session.used else OK, text
 
 
 def complaints(session: Session) -> list[str]:

@@ -106,7 +106,8 @@ def verdict(run: Run) -> str:
 def _why_none(run: Run) -> str:
     """Return why there is no estimate."""
     if run.phase != 'post_capture':
-        return 'the data end before the capture'
+        told = f'capture.time puts it at {time:g} s' if (time := run.settings.get('capture.time')) else 'none was told'
+        return f'the data end before the capture: {told}'
     if run.final.status == 'waiting':
         why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
         return f'the data hold no complete window{why}'

@@ -1,6 +1,6 @@
 """A run of the estimator, as both faces see it: messages go in, estimates and explanations come out."""
 
-from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.session.explanation import doubts, explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.remembered import as_numbers, from_numbers
 from mbaid_ros.session.session import Session
@@ -12,6 +12,7 @@ __all__ = [
     'Session',
     'Survey',
     'as_numbers',
+    'doubts',
     'explain',
     'from_numbers',
     'intake_warnings',

@@ -68,7 +68,7 @@ def intake_warnings(session: Session) -> list[str]:
         for how, causes in (('not used', session.dropped), ('not used wholly', session.replaced))
         for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]
-    return [*session.restarts, *obstacles(session), *told]
+    return [*session.restarts, *obstacles(session), *doubts(session), *told]
 
 
 def obstacles(session: Session) -> list[str]:
@@ -98,6 +98,13 @@ def obstacles(session: Session) -> list[str]:
             names = listing(session.robot.readings[joint] for joint in slowest)
             found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
     return found
+
+
+def doubts(session: Session) -> list[str]:
+    """Return in what the messages that are used may not be what they are taken for."""
+    frames = [f"'{frame}'" for frame in session.intake.odometry_reader.frames]
+    told = f'the base is located in the frames {listing(frames)}, which are taken for one'
+    return [f'{told}: where they differ, the base seems to jump; accepted: one frame_id'] if len(frames) > 1 else []
 
 
 def missing_joints(session: Session) -> tuple[str, ...]:

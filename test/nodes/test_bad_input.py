@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from itertools import cycle
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -205,3 +206,34 @@ def test_publishers_of_another_type(graph: Graph) -> None:
     text = 'no messages on /servicer/odom yet; its publishers send std_msgs/msg/String, not nav_msgs/msg/Odometry'
     graph.wait(lambda: text in str(diagnostics), text)
     assert node.stop() == 0
+
+
+def test_two_publishers_of_one_sensor(graph: Graph) -> None:
+    talk = Talk(graph)
+    talk.describe(urdf('table1'))
+    rival = graph.node.create_publisher(Odometry, 'odom', 10)
+    talk.send(samples=100)
+    name = f'/{graph.node.get_name()}'
+    text = f'from {name}, {name}: all is taken for the same sensor'
+    talk.hear('odom', DiagnosticStatus.WARN, text)
+    talk.hear('joint_states', DiagnosticStatus.OK, 'Hz')
+    graph.node.destroy_publisher(rival)
+    talk.send(samples=10)
+    talk.hear('odom', DiagnosticStatus.OK, 'Hz')
+    assert talk.node.stop() == 0
+
+
+def test_frames_that_alternate(graph: Graph) -> None:
+    def change_odometry(message: Odometry) -> None:
+        message.header.frame_id = next(frames)
+
+    frames = cycle(['odom', '/odom', 'map'])
+    talk = Talk(graph)
+    talk.describe(urdf('table1'))
+    talk.send(samples=100)
+    talk.hear('samples', DiagnosticStatus.OK, 'used')
+    talk.send(change_odometry=change_odometry)
+    talk.hear(
+        'samples', DiagnosticStatus.WARN, "the base is located in the frames 'odom', 'map', which are taken for one"
+    )
+    assert talk.node.stop() == 0

@@ -142,4 +142,4 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     # A bag that ends before the capture leads to no estimate.
     early = recorded.write(tmp_path / 'early', load_model(with_bare_link()), sensed(run.truth, 2)[:350])
     assert replay([str(early), *arguments[1:-2]]) == 3
-    assert 'the data end before the capture' in capsys.readouterr().out
+    assert 'the data end before the capture: capture.time puts it at 400 s' in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import WRONG_CHILD_FRAME
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import replay_bag
-from mbaid_ros.session import Session, explain
+from mbaid_ros.session import Session, explain, intake_warnings
 from mbaid_ros.session.base_source import OTHER_SOURCE
 from streams import run, urdf
 
@@ -174,3 +175,18 @@ def test_a_bag_of_poses_gives_the_same(
     assert found.topics[1].topic == topic
     np.testing.assert_array_equal(found.final.parameters, expected[-1].parameters)
     np.testing.assert_array_equal(found.final.covariance, expected[-1].covariance)
+
+
+def test_a_base_located_in_several_frames_is_told() -> None:
+    def make(message: Any) -> Any:
+        message = deepcopy(message)
+        message.header.frame_id = next(names)
+        return message
+
+    names = chain(['odom', '/odom'], repeat('map'))
+    session, found = taken(make, {})
+    assert len(found) >= 3
+    (told,) = intake_warnings(session)
+    assert told.startswith("the base is located in the frames 'odom', 'map', which are taken for one")
+    names = repeat('map')
+    assert not intake_warnings(taken(make, {})[0])
