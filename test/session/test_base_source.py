@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import chain, repeat
 from pathlib import Path
@@ -183,7 +183,7 @@ def test_a_base_located_in_several_frames_is_told() -> None:
         message.header.frame_id = next(names)
         return message
 
-    names = chain(['odom', '/odom'], repeat('map'))
+    names: Iterator[str] = chain(['odom', '/odom'], repeat('map'))
     session, found = taken(make, {})
     assert len(found) >= 3
     (told,) = intake_warnings(session)
