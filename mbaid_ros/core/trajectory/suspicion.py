@@ -22,13 +22,14 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
+from mbaid_ros.core.trajectory.misread_twists import misread_twist
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
 from mbaid_ros.core.trajectory.swinging_joints import size, swinging, times_of
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
-from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.trajectory.windows import Window, without_twist
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -87,6 +88,7 @@ class Suspicion:
         at, passed, base = yield from self._base(wide, windows, points)
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
+        found += yield from self._twist(windows, base)
         found += yield from self._stopped(windows, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
@@ -188,6 +190,19 @@ class Suspicion:
             track = yield from _tried(trial.repeated(read_so, fit.point(other), self.hypotheses[0]))
             found += _gained(fit.misreading.text, track, base)
         return found
+
+    def _twist(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained without a twist that is something else than the rate of the poses."""
+        text = misread_twist(windows)
+        yield 1
+        if not text:
+            return []
+        alone = [without_twist(window) for window in windows]
+        point = self._as_described(alone)
+        yield _FITTED
+        track = yield from _tried(self.extended().repeated(alone, point, self.hypotheses[0]))
+        # What is left out counts as if it were explained.
+        return [] if track is None else [Suspected(text, _misfit(base) - _misfit(track.belief), of_twist=True)]
 
     def _stopped(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained without the windows in which a joint's reading stands still."""

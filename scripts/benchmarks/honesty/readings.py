@@ -138,6 +138,23 @@ def twist_in_odometry_axes(truth: Truth) -> Truth:
     )
 
 
+def twist_in_degrees(truth: Truth) -> Truth:
+    """Return a motion whose angular velocity is in degrees a second."""
+    return replace(truth, base_angular_velocity=np.rad2deg(truth.base_angular_velocity))
+
+
+def twist_of_point(position: Array, truth: Truth) -> Truth:
+    """Return a motion whose twist is that of another point, (3,) m from the base's, in its axes."""
+    linear = truth.base_linear_velocity + cross(truth.base_angular_velocity, position)
+    return replace(truth, base_linear_velocity=linear)
+
+
+def twist_turned(turn: Array, truth: Truth) -> Truth:
+    """Return a motion whose twist is given in axes that are turned by a (3,) rotation vector."""
+    linear, angular = (each @ exp(turn) for each in (truth.base_linear_velocity, truth.base_angular_velocity))
+    return replace(truth, base_linear_velocity=linear, base_angular_velocity=angular)
+
+
 def in_degrees(truth: Truth) -> Truth:
     """Return a motion whose joints are read in degrees."""
     position, velocity = np.rad2deg(truth.joint_position), np.rad2deg(truth.joint_velocity)
@@ -218,6 +235,12 @@ def gyro_biased(bias: float, readings: Readings, _rng: np.random.Generator) -> R
     """Add a constant to the angular velocity (rad/s about each axis)."""
     angular = readings.base.angular_velocity + bias
     return replace(readings, base=replace(readings.base, angular_velocity=angular))
+
+
+def without_twist(readings: Readings, _rng: np.random.Generator) -> Readings:
+    """Fill the twist with zeros, as what does not measure it does."""
+    nothing = np.zeros_like(readings.base.linear_velocity)
+    return replace(readings, base=replace(readings.base, linear_velocity=nothing, angular_velocity=nothing))
 
 
 def joints_late(delay: float, drift: float, readings: Readings, _rng: np.random.Generator) -> Readings:

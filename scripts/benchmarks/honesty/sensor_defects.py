@@ -73,6 +73,10 @@ SENSORS = (
         for size in (0.3, 1.0, 3.0)
     ),
     _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes),
+    _viewed('twist in degrees a second', readings.twist_in_degrees),
+    _viewed('twist of a point 0.3 m away', partial(readings.twist_of_point, np.array([0.3, 0.0, 0.0]))),
+    _viewed('twist in axes turned by 90 degrees', partial(readings.twist_turned, np.array([0.0, 0.0, 0.5 * np.pi]))),
+    _spoilt('a twist of zeros', readings.without_twist),
     _viewed('joints in degrees', readings.in_degrees),
     _viewed('positions in millimetres', readings.in_millimetres),
     _viewed('orientation turned round', readings.turned_round),
