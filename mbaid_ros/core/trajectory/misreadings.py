@@ -23,7 +23,7 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked, without_tw
 _MOST_PAIRS = 12  # joints, of which all pairs are tried
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
-_TURN = 2.0 * np.pi  # rad, which joints of an arm hardly turn by
+_TURN = 2.0 * np.pi  # rad or m, which joints of an arm hardly move by
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
 
@@ -85,6 +85,11 @@ def misreadings(kernel: MomentumKernel) -> Iterator[Misreading]:
         yield Misreading(text, order, sign, same, delay)
     degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
     yield Misreading('the joint positions are in degrees: in ROS they are in radians', order, degrees, same)
+    if any(kernel.model.prismatic):
+        millimetres = np.where(kernel.model.prismatic, 1e-3, 1.0)
+        yield Misreading(
+            'the positions of prismatic joints are in millimetres: in ROS they are in metres', order, millimetres, same
+        )
     for text, pose, way in MISREAD_POSES:
         yield Misreading(text, order, sign, same, pose=pose, way=way)
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]

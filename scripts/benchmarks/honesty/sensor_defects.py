@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.floating import World
-from benchmarks.honesty.paths import sinusoids
+from benchmarks.honesty.paths import drawn, sinusoids
+from benchmarks.honesty.undisturbed import AXES
 
 GROUP = 'sensors'
 _ODOMETRY = ('base_position', 'base_orientation', 'base_linear_velocity', 'base_angular_velocity')
@@ -23,6 +24,10 @@ def _servicer(_seed: int) -> World:
 
 def _fast(_seed: int) -> World:
     return World(robots.servicer(), sinusoids(), seconds=30.0, rate=500.0)
+
+
+def _sliding(_seed: int) -> World:
+    return World(robots.chain(AXES, (2,)), drawn(np.full(len(AXES), 0.2), 1))
 
 
 def _spoilt(name: str, defect: readings.Defect) -> Condition:
@@ -78,6 +83,7 @@ SENSORS = (
     _viewed('twist in axes turned by 90 degrees', partial(readings.twist_turned, np.array([0.0, 0.0, 0.5 * np.pi]))),
     _spoilt('a twist of zeros', readings.without_twist),
     _viewed('joints in degrees', readings.in_degrees),
+    Condition(GROUP, 'a prismatic joint in millimetres', _sliding, view=partial(readings.misgeared, 2, 1e3)),
     _viewed('positions in millimetres', readings.in_millimetres),
     _viewed('orientation turned round', readings.turned_round),
     _viewed('quaternions with w first', readings.scalar_first),
