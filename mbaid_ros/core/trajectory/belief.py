@@ -220,6 +220,8 @@ class Moments:
         """
         own, known = self.variables.own, layout.known
         count = len(self.variables.scale) - own
+        if not count:  # LAPACK complains of empty triangles, on the terminal
+            return np.zeros(0), np.zeros((0, 0))
         upper = dpotri(self.belief.root[own:, own:-2])[0][:count, :count]
         values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
         if known.independent:

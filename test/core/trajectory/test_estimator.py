@@ -9,12 +9,17 @@ import pytest
 from scipy.stats import chi2
 
 from floating import DEFAULT, errors, follow, make, normalised, true_momentum, without_velocities
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation import quaternions
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.session.methods import make_estimator
 from observed import HIGH, LOW, MID, kernel, observe, windows
 from wrong_robots import DECLARED, LINKS
 
@@ -54,6 +59,15 @@ def test_a_cold_start(case: str, servicer: Truth, satellite: Truth) -> None:
         assert last.residual**2 == pytest.approx(1.0, abs=0.4)
     assert covered(surprises, 10)
     assert covered(momenta, 6)
+
+
+def test_a_robot_without_unknowns_is_followed_without_a_word_on_the_terminal(
+    robot: MomentumKernel, servicer: Truth, capfd: pytest.CaptureFixture[str]
+) -> None:
+    estimator = make_estimator(build(EstimatorConfig, EXACT), robot, KnownRobot(robot, Uncertainty()))
+    last = estimator.update(windows(until(observe(servicer, MID, 1), 6.0)), 0)[-1]
+    assert last.status in {'estimating', 'converged'}
+    assert capfd.readouterr() == ('', '')
 
 
 def test_exact_data_give_the_exact_body(robot: MomentumKernel, servicer: Truth) -> None:
