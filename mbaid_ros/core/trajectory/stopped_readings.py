@@ -7,33 +7,19 @@ stands still are those that contradict the model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.trajectory.spoilt_reading import SpoiltReading, but_for
 from mbaid_ros.core.trajectory.windows import Window
 
 _SAME = 1e-12  # rad or m, of means of equal numbers
 _LISTED = 3  # times that are told
 
 
-@dataclass(frozen=True)
-class StoppedReading:
-    """A joint whose reading stands still in some of the windows.
-
-    Attributes
-    ----------
-    text : in words
-    windows : the others, each told where nothing links it to the one before
-    """
-
-    text: str
-    windows: list[Window]
-
-
-def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[StoppedReading]:
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
     """Return the joints that stand still in some windows, to the bit, while others move; the longest ones first.
 
     Parameters
@@ -47,23 +33,17 @@ def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[S
     return [_stopped(windows, still[:, place], joints[place]) for place in found]
 
 
-def _still(positions: Array) -> Array:
+def _still(positions: Array) -> Flags:
     """Return which columns of (J, n) are constant; False where some are unknown."""
     return np.max(positions, axis=0) - np.min(positions, axis=0) <= _SAME
 
 
-def _stopped(windows: Sequence[Window], still: Array, joint: str) -> StoppedReading:
+def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReading:
     stretches = [[place for place, _ in group] for stays, group in groupby(enumerate(still), key=_of_second) if stays]
     times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
     told = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
-    # The windows beside them may have a part of it.
-    left = ~(still | np.append(still[1:], False) | np.append(False, still[:-1]))
-    kept = [
-        replace(window, fresh=window.fresh or (place > 0 and not left[place - 1]))
-        for place, window in enumerate(windows)
-        if left[place]
-    ]
-    return StoppedReading(f'the reading of {joint} stands still from {told} s: look at its encoder or driver', kept)
+    text = f'the reading of {joint} stands still from {told} s: look at its encoder or driver'
+    return SpoiltReading(text, but_for(windows, still))  # the windows beside them may have a part of it
 
 
 def _of_second(pair: tuple[int, bool]) -> bool:

@@ -25,6 +25,7 @@ from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
 from mbaid_ros.core.trajectory.misread_twists import misread_twist
 from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
 from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
+from mbaid_ros.core.trajectory.slipped_readings import slipped_readings
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
 from mbaid_ros.core.trajectory.swinging_joints import size, swinging, times_of
@@ -89,7 +90,7 @@ class Suspicion:
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
         found += yield from self._twist(windows, base)
-        found += yield from self._stopped(windows, base)
+        found += yield from self._spoilt(windows, base)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
             track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
@@ -195,28 +196,34 @@ class Suspicion:
         """Return what would be gained without a twist that is something else than the rate of the poses."""
         text = misread_twist(windows)
         yield 1
-        if not text:
-            return []
         alone = [without_twist(window) for window in windows]
-        point = self._as_described(alone)
-        yield _FITTED
-        track = yield from _tried(self.extended().repeated(alone, point, self.hypotheses[0]))
-        # What is left out counts as if it were explained.
-        return [] if track is None else [Suspected(text, _misfit(base) - _misfit(track.belief), of_twist=True)]
+        return (yield from self._left(text, alone, base, of_twist=True)) if text else []
 
-    def _stopped(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
-        """Return what would be gained without the windows in which a joint's reading stands still."""
+    def _spoilt(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained without the windows in which a joint's reading stands still, or jumps."""
+        names = self.layout.kernel.model.joint_names
         found: list[Suspected] = []
-        for stopped in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_TRIED]:
-            if len(stopped.windows) < FEWEST:
-                continue
-            # The run has been led astray by these windows.
-            point = self._as_described(stopped.windows)
-            yield _FITTED
-            track = yield from _tried(self.extended().repeated(stopped.windows, point, self.hypotheses[0]))
-            if track is not None:  # what is left out counts as if it were explained
-                found.append(Suspected(stopped.text, _misfit(base) - _misfit(track.belief)))
+        for stopped in stopped_readings(windows, names)[:_TRIED]:
+            found += yield from self._left(stopped.text, stopped.windows, base)
+        for slipped in slipped_readings(windows, names)[:_TRIED]:
+            jumped = yield from self._left(slipped.text, slipped.windows, base)
+            # A contact is left out with the windows, too, and jolts the joints.
+            for still in (yield from self._left(slipped.text, slipped.as_read, base)) if jumped else ():
+                found += [each for each in jumped if each.gain > still.gain + WORTH]
         return found
+
+    def _left(
+        self, text: str, windows: Sequence[Window], base: Belief, *, of_twist: bool = False
+    ) -> Generator[int, None, list[Suspected]]:
+        """Return what would be gained if of all windows only some were taken, or only a part of each."""
+        if len(windows) < FEWEST:
+            return []
+        # The run has been led astray by what is left out.
+        point = self._as_described(windows)
+        yield _FITTED
+        track = yield from _tried(self.extended().repeated(windows, point, self.hypotheses[0]))
+        # It counts as if it were explained.
+        return [] if track is None else [Suspected(text, _misfit(base) - _misfit(track.belief), of_twist=of_twist)]
 
     def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""

@@ -281,6 +281,13 @@ def frozen(joint: int, begin: float, end: float, readings: Readings, _rng: np.ra
     return replace(readings, joints=replace(joints, position=position, velocity=velocity))
 
 
+def slipped(joint: int, size: float, begin: float, readings: Readings, _rng: np.random.Generator) -> Readings:
+    """Let a joint's reading jump (rad) at a time (s), and stay off."""
+    position = readings.joints.position.copy()
+    position[readings.joints.time >= begin, joint] += size
+    return replace(readings, joints=replace(readings.joints, position=position))
+
+
 def _some(base: BaseReadings, rows: Indices) -> BaseReadings:
     arrays = ('time', 'position', 'orientation', 'linear_velocity', 'angular_velocity')
     return replace(base, **{name: getattr(base, name)[rows] for name in arrays})

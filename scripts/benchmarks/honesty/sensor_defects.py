@@ -89,5 +89,6 @@ SENSORS = (
     _viewed('quaternions with w first', readings.scalar_first),
     _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
     _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3)),
+    _spoilt('an encoder that slips by 10 mrad', partial(readings.slipped, 1, 1e-2, 30.0)),
     _spoilt("a joint's reading frozen for 15 s", partial(readings.frozen, 1, 20.0, 35.0)),
 )

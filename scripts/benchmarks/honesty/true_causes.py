@@ -56,6 +56,7 @@ TRUE_CAUSES = {
     'orientation turned round': r'inverse',
     'quaternions with w first': r'w first',
     'odometry stamped up to 5 ms early or late': r'noise\.base|stamp',
+    'an encoder that slips by 10 mrad': r'the reading of joint2 jumps',
     "a joint's reading frozen for 15 s": r'the reading of joint2\b',
     'a constant force of 10 mN, 10 mN m': _FORCE,
     'a slow sinusoidal force of 10 mN, 10 mN m': rf'{_FORCE}|momentum drifts',
