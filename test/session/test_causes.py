@@ -23,7 +23,7 @@ from shortened import shorten
         ),
         ('orientation turned round', 20.0),
         ("a joint's reading frozen for 15 s", 36.0),
-        pytest.param('an encoder that slips by 10 mrad', 42.0, marks=pytest.mark.long),
+        pytest.param('an encoder that slips by 10 mrad', 56.0, marks=pytest.mark.long),
         pytest.param('a prismatic joint in millimetres', 24.0, marks=pytest.mark.long),
         ('noise of the joints declared 10 x too small', 32.0),
         ('a flexible joint of 2 Hz', 20.0),
