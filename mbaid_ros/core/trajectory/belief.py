@@ -71,6 +71,11 @@ class Belief:
         return Belief(root, *nothing, log_likelihood=likelihood)
 
     @property
+    def misfit(self) -> float:
+        """The log-likelihood that is missing where innovations are larger than they should be."""
+        return 0.5 * (self.nis - self.measured)
+
+    @property
     def size(self) -> int:
         """Number v of variables."""
         return len(self.root)

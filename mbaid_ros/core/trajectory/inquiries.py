@@ -11,7 +11,8 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.filter_run import FilterRun
 from mbaid_ros.core.trajectory.findings import Change, Found
-from mbaid_ros.core.trajectory.suspicion import FEWEST, Suspicion
+from mbaid_ros.core.trajectory.left_out import FEWEST
+from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.wide_pass import SLIPPING
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.verdict.correlated import seen_in

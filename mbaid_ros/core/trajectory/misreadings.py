@@ -20,6 +20,8 @@ from mbaid_ros.core.trajectory.misread_poses import MISREAD_POSES, PoseReading, 
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked, without_twist
 
+FITTED = 30  # work of fitting all windows
+
 _MOST_PAIRS = 12  # joints, of which all pairs are tried
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
@@ -174,6 +176,11 @@ def fitted(kernel: MomentumKernel, windows: Sequence[Window], misreading: Misrea
     normal = scaled.T @ scaled + _RIDGE * np.eye(len(size))
     parameters = np.linalg.solve(normal, scaled.T @ right) / size
     return Fit(misreading, parameters, float(np.mean((matrix @ parameters - right) ** 2)))
+
+
+def as_described(layout: Layout, windows: Sequence[Window]) -> Point:
+    """Return where a fit of the robot as it is described would have windows linearised."""
+    return fitted(layout.kernel, windows, next(misreadings(layout.kernel))).point(layout)
 
 
 def _equations(kernel: MomentumKernel, stack: Stack) -> tuple[Array, Array]:

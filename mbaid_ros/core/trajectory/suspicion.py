@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -22,15 +21,13 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.bank import LONGEST, Track
 from mbaid_ros.core.trajectory.belief import Belief
 from mbaid_ros.core.trajectory.findings import WORTH, Change, Found, Suspected
-from mbaid_ros.core.trajectory.misread_twists import misread_twist
-from mbaid_ros.core.trajectory.misreadings import Fit, fitted, misreadings
+from mbaid_ros.core.trajectory.left_out import FEWEST, LeftOut
+from mbaid_ros.core.trajectory.misreadings import FITTED, Fit, as_described, fitted, misreadings
 from mbaid_ros.core.trajectory.noisier_poses import noisier_poses
-from mbaid_ros.core.trajectory.slipped_readings import slipped_readings
 from mbaid_ros.core.trajectory.state import Layout, Point
-from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
 from mbaid_ros.core.trajectory.swinging_joints import size, swinging, times_of
-from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows
-from mbaid_ros.core.trajectory.windows import Window, without_twist
+from mbaid_ros.core.trajectory.wide_pass import SLIPPING, WidePass, Windows, tried
+from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -39,16 +36,13 @@ from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect, of_swi
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
 
-T = TypeVar('T')
-
-_FITTED = 30  # work of fitting all windows
 _EVERY = 2  # one in so many tells which other robot is likely
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_BEFORE, FEWEST = 10, 4  # windows before a change of the target, and after it, that tell of it
+_BEFORE = 10  # windows before a change of the target that tell of it
 _PARTS = 3  # of the first jumps, at which the target may have changed
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
@@ -89,17 +83,18 @@ class Suspicion:
         at, passed, base = yield from self._base(wide, windows, points)
         found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
         found += yield from self._misread(windows, fits, base)
-        found += yield from self._twist(windows, base)
-        found += yield from self._spoilt(windows, base)
+        left_out = LeftOut(self.extended(), quiet, base)
+        for part in (left_out.twist, left_out.stopped, left_out.slipped):
+            found += yield from part(windows)
         for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
-            track = yield from _tried(self.extended(line(frequency)).repeated(windows, at, quiet))
+            track = yield from tried(self.extended(line(frequency)).repeated(windows, at, quiet))
             found += _gained(of_line(frequency), track, base)
         found += yield from self._from_outside(wide, passed, base)
         track = yield from wide.passed(passed, quiet, LONGEST)
         found += _pulses(track, base)
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
         found += yield from self._changed(windows, point or at, times[:_PARTS], base)
-        misfit = _misfit(base)
+        misfit = base.misfit
         if misfit > WORTH:
             found += yield from self._noisier(windows, at, base)
         # What has no name but its place is looked for where nothing that has one explains the data.
@@ -134,18 +129,14 @@ class Suspicion:
             if len(later) < FEWEST or any(each.change for each in changes):
                 break
             # Another body may be far from the one before: where it is to be looked for, a fit tells.
-            points = point, self._as_described(later)
-            yield _FITTED
+            points = point, as_described(self.layout, later)
+            yield FITTED
             for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
-                track = yield from _tried(plain.changed(windows, place, points, quiet, exchanged=change.exchanged))
+                track = yield from tried(plain.changed(windows, place, points, quiet, exchanged=change.exchanged))
                 explains = track is not None and _explains(track)
                 text = of_change(time, exchanged=change.exchanged)
                 changes += _gained(text, track, base, change if explains else None)
         return sorted(changes, key=lambda each: -each.gain)[:1]
-
-    def _as_described(self, windows: Sequence[Window]) -> Point:
-        """Return where a fit of the robot as it is described would have windows linearised."""
-        return fitted(self.layout.kernel, windows, next(misreadings(self.layout.kernel))).point(self.layout)
 
     def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
         """Return what windows say of the robot as it is described, and of those that it may be taken for."""
@@ -154,7 +145,7 @@ class Suspicion:
             if not misreading.possible(windows):
                 continue
             found.append(fitted(self.layout.kernel, windows, misreading, _EVERY))
-            yield _FITTED // _EVERY
+            yield FITTED // _EVERY
         return found
 
     def _base(
@@ -170,7 +161,7 @@ class Suspicion:
         results: list[tuple[Point, Windows, Belief]] = []
         for point in points:
             # Where a robot is badly misdescribed, what fits best may be none that can be.
-            passed = yield from _tried(wide.linearised(windows, point))
+            passed = yield from tried(wide.linearised(windows, point))
             if passed is not None:
                 track = yield from wide.passed(passed, self.hypotheses[0], 0)
                 results.append((point, passed, track.belief))
@@ -188,42 +179,9 @@ class Suspicion:
             other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
             trial = replace(self, layout=other).extended()
             read_so = fit.misreading.windows(windows)
-            track = yield from _tried(trial.repeated(read_so, fit.point(other), self.hypotheses[0]))
+            track = yield from tried(trial.repeated(read_so, fit.point(other), self.hypotheses[0]))
             found += _gained(fit.misreading.text, track, base)
         return found
-
-    def _twist(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
-        """Return what would be gained without a twist that is something else than the rate of the poses."""
-        text = misread_twist(windows)
-        yield 1
-        alone = [without_twist(window) for window in windows]
-        return (yield from self._left(text, alone, base, of_twist=True)) if text else []
-
-    def _spoilt(self, windows: Sequence[Window], base: Belief) -> Generator[int, None, list[Suspected]]:
-        """Return what would be gained without the windows in which a joint's reading stands still, or jumps."""
-        names = self.layout.kernel.model.joint_names
-        found: list[Suspected] = []
-        for stopped in stopped_readings(windows, names)[:_TRIED]:
-            found += yield from self._left(stopped.text, stopped.windows, base)
-        for slipped in slipped_readings(windows, names)[:_TRIED]:
-            jumped = yield from self._left(slipped.text, slipped.windows, base)
-            # A contact is left out with the windows, too, and jolts the joints.
-            for still in (yield from self._left(slipped.text, slipped.as_read, base)) if jumped else ():
-                found += [each for each in jumped if each.gain > still.gain + WORTH]
-        return found
-
-    def _left(
-        self, text: str, windows: Sequence[Window], base: Belief, *, of_twist: bool = False
-    ) -> Generator[int, None, list[Suspected]]:
-        """Return what would be gained if of all windows only some were taken, or only a part of each."""
-        if len(windows) < FEWEST:
-            return []
-        # The run has been led astray by what is left out.
-        point = self._as_described(windows)
-        yield _FITTED
-        track = yield from _tried(self.extended().repeated(windows, point, self.hypotheses[0]))
-        # It counts as if it were explained.
-        return [] if track is None else [Suspected(text, _misfit(base) - _misfit(track.belief), of_twist=of_twist)]
 
     def _swinging(self, windows: Sequence[Window], point: Point, base: Belief) -> Generator[int, None, list[Suspected]]:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
@@ -275,7 +233,7 @@ class Suspicion:
             factor = gains[cause][1]
             suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
             using = self.extended(*suspected).widened(cause, factor)
-            track = yield from _tried(using.repeated(windows, point, self.hypotheses[0]))
+            track = yield from tried(using.repeated(windows, point, self.hypotheses[0]))
             if track is not None and self._possible(cause, value := using.value(track, cause)):
                 text = of_suspect(cause, value)
                 found += [replace(each, of_twist=cause in OF_TWIST) for each in _gained(text, track, base)]
@@ -288,19 +246,6 @@ class Suspicion:
             return True
         body = self.layout.kernel.model.link(name).body
         return bool(value[0] > -_LIGHTER * self.layout.kernel.known[body, 0])
-
-
-def _tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
-    """Return what passes come to; None where they start at a robot that cannot be."""
-    try:
-        return (yield from passes)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _misfit(belief: Belief) -> float:
-    """Return the log-likelihood that is missing where innovations are larger than they should be."""
-    return 0.5 * (belief.nis - belief.measured)
 
 
 def _explains(track: Track) -> bool:

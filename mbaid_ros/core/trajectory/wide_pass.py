@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,7 @@ _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared
 SLIPPING = 2  # windows that a slip may take
 
 Passed = Generator[int, None, Track]
+T = TypeVar('T')
 Windows = list[tuple[Window, WhitenedWindow]]
 
 
@@ -187,3 +189,11 @@ class WidePass:
             numbers = unknown.factor @ mean[place]
             found += [numbers[row : row + 1] for row, label in enumerate(unknown.labels) if label == cause]
         return np.concatenate(found) if found else np.zeros(0)
+
+
+def tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
+    """Return what passes come to; None where they start at a robot that cannot be."""
+    try:
+        return (yield from passes)
+    except np.linalg.LinAlgError:
+        return None

@@ -1,0 +1,73 @@
+"""What would be gained if a part of the data were not taken, for it may not be what it is taken for.
+
+What is left out counts as if it were explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+from mbaid_ros.core.trajectory.belief import Belief
+from mbaid_ros.core.trajectory.findings import WORTH, Suspected
+from mbaid_ros.core.trajectory.misread_twists import misread_twist
+from mbaid_ros.core.trajectory.misreadings import FITTED, as_described
+from mbaid_ros.core.trajectory.slipped_readings import slipped_readings
+from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
+from mbaid_ros.core.trajectory.wide_pass import WidePass, tried
+from mbaid_ros.core.trajectory.windows import Window, without_twist
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+FEWEST = 4  # windows that tell
+_TRIED = 2  # joints, of each kind
+
+_Found = Generator[int, None, list[Suspected]]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Asks what a part of the data would explain by not being there.
+
+    Attributes
+    ----------
+    wide : passes what is left
+    hypothesis : under which
+    base : after all of the data
+    """
+
+    wide: WidePass
+    hypothesis: Hypothesis
+    base: Belief
+
+    def twist(self, windows: Sequence[Window]) -> _Found:
+        """Return what would be gained without a twist that is something else than the rate of the poses."""
+        text = misread_twist(windows)
+        yield 1
+        alone = [without_twist(window) for window in windows]
+        return (yield from self._left(text, alone, of_twist=True)) if text else []
+
+    def stopped(self, windows: Sequence[Window]) -> _Found:
+        """Return what would be gained without the windows in which a joint's reading stands still."""
+        found: list[Suspected] = []
+        for stopped in stopped_readings(windows, self.wide.layout.kernel.model.joint_names)[:_TRIED]:
+            found += yield from self._left(stopped.text, stopped.windows)
+        return found
+
+    def slipped(self, windows: Sequence[Window]) -> _Found:
+        """Return what would be gained if a joint's reading had jumped."""
+        found: list[Suspected] = []
+        for slipped in slipped_readings(windows, self.wide.layout.kernel.model.joint_names)[:_TRIED]:
+            jumped = yield from self._left(slipped.text, slipped.windows)
+            # A contact jolts the joints, and is left out with the same windows.
+            for still in (yield from self._left(slipped.text, slipped.as_read)) if jumped else ():
+                found += [each for each in jumped if each.gain > still.gain + WORTH]
+        return found
+
+    def _left(self, text: str, windows: Sequence[Window], *, of_twist: bool = False) -> _Found:
+        if len(windows) < FEWEST:
+            return []
+        # The run has been led astray by what is left out.
+        point = as_described(self.wide.layout, windows)
+        yield FITTED
+        track = yield from tried(self.wide.repeated(windows, point, self.hypothesis))
+        return [] if track is None else [Suspected(text, self.base.misfit - track.belief.misfit, of_twist=of_twist)]
