@@ -23,11 +23,11 @@ _MILLIMETRE = 1e-3  # m
 
 @dataclass(frozen=True)
 class _Motion:
-    """How the base moved over W windows, each way in units of its noise, (angular, linear) in odometry axes.
+    """How the base moved over W windows: rad and m, (angular, linear) in odometry axes.
 
     Attributes
     ----------
-    way : (W, 6) as the poses say, over `noise`
+    way : (W, 6) as the poses say
     said : (W, 6) as the twist says
     arm : (W, 3, 3) what a point away from the base's adds to the linear one, m, per metre in base axes
     middle : (W, 3, 3) rotation of the base in the middle of each
