@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ndtri
 
 from benchmarks.data import LEVELS, model, motion
-from benchmarks.honesty import readings, robots
+from benchmarks.honesty import readings, robots, views
 from benchmarks.honesty.catalogue import CATALOGUE, CONDITIONS
 from benchmarks.honesty.floating import World, float_freely
 from benchmarks.honesty.paths import moves, servicer, sinusoids
@@ -82,12 +82,12 @@ def test_what_slips_keeps_its_mass_and_shape() -> None:
 @pytest.mark.parametrize(
     'view',
     [
-        partial(readings.mounted, np.array([0.1, -0.2, 0.3]), np.array([0.2, 0.1, -0.3])),
-        partial(readings.in_orbit_frame, 0.01),
-        partial(readings.scaled, 1.01),
+        partial(views.mounted, np.array([0.1, -0.2, 0.3]), np.array([0.2, 0.1, -0.3])),
+        partial(views.in_orbit_frame, 0.01),
+        partial(views.scaled, 1.01),
     ],
 )
-def test_views_have_the_twist_of_their_poses(view: readings.View) -> None:
+def test_views_have_the_twist_of_their_poses(view: views.View) -> None:
     seen = view(motion('servicer7')[:500])
     rotation = rotation_from_quaternion(seen.base_orientation)
     velocity = np.einsum('nij,nj->ni', rotation, seen.base_linear_velocity)

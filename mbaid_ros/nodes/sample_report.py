@@ -75,8 +75,8 @@ def _told(
         return WARN, f'{told} since the last report: {reasons}'
     if lost:
         return WARN, f'{used} samples used, {lost} messages dropped since the last report: {reasons}'
-    text = '; '.join([f'{session.used} used', *doubts(session)])
-    return WARN if doubts(session) or not session.used else OK, text
+    doubtful = doubts(session)
+    return WARN if doubtful or not session.used else OK, '; '.join([f'{session.used} used', *doubtful])
 
 
 def complaints(session: Session) -> list[str]:

@@ -43,8 +43,9 @@ class LeftOut:
         """Return what would be gained without a twist that is something else than the rate of the poses."""
         text = misread_twist(windows)
         yield 1
-        alone = [without_twist(window) for window in windows]
-        return (yield from self._left(text, alone, of_twist=True)) if text else []
+        if not text:
+            return []
+        return (yield from self._left(text, [without_twist(window) for window in windows], of_twist=True))
 
     def stopped(self, windows: Sequence[Window]) -> _Found:
         """Return what would be gained without the windows in which a joint's reading stands still."""
@@ -58,9 +59,10 @@ class LeftOut:
         found: list[Suspected] = []
         for slipped in slipped_readings(windows, self.wide.layout.kernel.model.joint_names)[:_TRIED]:
             jumped = yield from self._left(slipped.text, slipped.windows)
-            # A contact jolts the joints, and is left out with the same windows.
-            for still in (yield from self._left(slipped.text, slipped.as_read)) if jumped else ():
-                found += [each for each in jumped if each.gain > still.gain + WORTH]
+            if jumped:
+                # A contact jolts the joints, and is left out with the same windows.
+                still = yield from self._left(slipped.text, slipped.as_read)
+                found += [one for one, other in zip(jumped, still, strict=False) if one.gain > other.gain + WORTH]
         return found
 
     def _left(self, text: str, windows: Sequence[Window], *, of_twist: bool = False) -> _Found:

@@ -54,14 +54,13 @@ def misread_twist(windows: Sequence[Window]) -> str:
     motion = _motion(windows)
     if motion is None:
         return ''
-    most = _LEFT * motion.left(motion.said)
-    if most < _LEFT * _CONTRADICTS:
+    contradiction = motion.left(motion.said)
+    if contradiction < _CONTRADICTS:
         return ''
     if not np.any(motion.said):
         return 'the twist of the odometry is zero while its poses move: publish NaN where it is not measured'
-    most = min(most, _LEFT * motion.left(np.zeros(6)))
     left, text = min((motion.left(said), text) for text, said in _readings(motion))
-    return text if left < most else ''
+    return text if left < _LEFT * min(contradiction, motion.left(np.zeros(6))) else ''
 
 
 def _motion(windows: Sequence[Window]) -> _Motion | None:

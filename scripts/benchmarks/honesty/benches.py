@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.data import LEVELS, drawn
-from benchmarks.honesty import readings, robots
+from benchmarks.honesty import readings, robots, views
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.disturbed_worlds import PULSE
 from benchmarks.honesty.floating import World, Wrench
@@ -34,7 +34,7 @@ def _robot(seed: int, path: Path, wrench: Wrench | None = None) -> World:
 
 def _mounted(truth: Truth) -> Truth:
     """Return the motion as encoders and odometry see it that are off."""
-    return readings.mounted(_PLACE, _TURN, readings.zero_off(3, _ZERO, truth))
+    return views.mounted(_PLACE, _TURN, views.zero_off(3, _ZERO, truth))
 
 
 def _all(*defects: Defect) -> Defect:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from benchmarks.honesty.floating import World
-from benchmarks.honesty.readings import Defect, View, at_once, clean
+from benchmarks.honesty.readings import Defect, clean
+from benchmarks.honesty.views import View, at_once
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.honesty import readings, robots
+from benchmarks.honesty import robots, views
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.floating import Spring, World, Wrench
 from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
@@ -164,6 +164,6 @@ DISTURBED = (
         GROUP,
         'odometry in an orbit-fixed frame',
         lambda _: World(robots.servicer(), sinusoids()),
-        view=partial(readings.in_orbit_frame, _MEAN_MOTION),
+        view=partial(views.in_orbit_frame, _MEAN_MOTION),
     ),
 )

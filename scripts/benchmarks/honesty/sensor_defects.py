@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.honesty import readings, robots
+from benchmarks.honesty import readings, robots, views
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.floating import World
 from benchmarks.honesty.paths import drawn, sinusoids
@@ -38,7 +38,7 @@ def _declared(name: str, channels: tuple[str, ...], factor: float) -> Condition:
     return Condition(GROUP, name, _servicer, declared=dict.fromkeys(channels, factor))
 
 
-def _viewed(name: str, view: readings.View) -> Condition:
+def _viewed(name: str, view: views.View) -> Condition:
     return Condition(GROUP, name, _servicer, view=view)
 
 
@@ -52,7 +52,7 @@ SENSORS = (
     _spoilt('gyro bias of 10 deg/h', partial(readings.gyro_biased, _GYRO_BIAS)),
     _spoilt('the last pose repeated, one in five new', partial(readings.repeated, 5)),
     _spoilt('clocks 100 ppm apart', partial(readings.joints_late, 0.0, 1e-4)),
-    _viewed('twist 50 ms late', partial(readings.twist_late, 0.05)),
+    _viewed('twist 50 ms late', partial(views.twist_late, 0.05)),
     *(
         _spoilt(f'joints {delay:g} ms late', partial(readings.joints_late, 1e-3 * delay, 0.0))
         for delay in (5.0, 20.0, 200.0)
@@ -71,22 +71,22 @@ SENSORS = (
         declared={'joint_position': 4.4},
     ),
     _spoilt('no odometry for 3 s', partial(readings.dropout, 30.0, 33.0)),
-    _viewed('odometry 1 % too long', partial(readings.scaled, 1.01)),
+    _viewed('odometry 1 % too long', partial(views.scaled, 1.01)),
     _spoilt('odometry wanders by 1 mm / sqrt(s)', partial(readings.wandering, 1e-3)),
     *(
-        _viewed(f'a joint read {size:g} % too large', partial(readings.misgeared, 2, 1.0 + 1e-2 * size))
+        _viewed(f'a joint read {size:g} % too large', partial(views.misgeared, 2, 1.0 + 1e-2 * size))
         for size in (0.3, 1.0, 3.0)
     ),
-    _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes),
-    _viewed('twist in degrees a second', readings.twist_in_degrees),
-    _viewed('twist of a point 0.3 m away', partial(readings.twist_of_point, np.array([0.3, 0.0, 0.0]))),
-    _viewed('twist in axes turned by 90 degrees', partial(readings.twist_turned, np.array([0.0, 0.0, 0.5 * np.pi]))),
+    _viewed('twist in the axes of the odometry frame', views.twist_in_odometry_axes),
+    _viewed('twist in degrees a second', views.twist_in_degrees),
+    _viewed('twist of a point 0.3 m away', partial(views.twist_of_point, np.array([0.3, 0.0, 0.0]))),
+    _viewed('twist in axes turned by 90 degrees', partial(views.twist_turned, np.array([0.0, 0.0, 0.5 * np.pi]))),
     _spoilt('a twist of zeros', readings.without_twist),
-    _viewed('joints in degrees', readings.in_degrees),
-    Condition(GROUP, 'a prismatic joint in millimetres', _sliding, view=partial(readings.misgeared, 2, 1e3)),
-    _viewed('positions in millimetres', readings.in_millimetres),
-    _viewed('orientation turned round', readings.turned_round),
-    _viewed('quaternions with w first', readings.scalar_first),
+    _viewed('joints in degrees', views.in_degrees),
+    Condition(GROUP, 'a prismatic joint in millimetres', _sliding, view=partial(views.misgeared, 2, 1e3)),
+    _viewed('positions in millimetres', views.in_millimetres),
+    _viewed('orientation turned round', views.turned_round),
+    _viewed('quaternions with w first', views.scalar_first),
     _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
     _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3)),
     _spoilt('an encoder that slips by 10 mrad', partial(readings.slipped, 1, 1e-2, 30.0)),

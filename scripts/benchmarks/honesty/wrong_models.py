@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.data import model
-from benchmarks.honesty import readings, robots
+from benchmarks.honesty import robots, views
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.floating import World
 from benchmarks.honesty.paths import ROBOT, Path, following, sinusoids, together
@@ -31,7 +31,7 @@ def _believed(name: str, believed: Callable[[str], str], target: str = '') -> Co
     return Condition(GROUP, name, _servicer, believed, target=target)
 
 
-def _seen(name: str, view: readings.View) -> Condition:
+def _seen(name: str, view: views.View) -> Condition:
     return Condition(GROUP, name, _servicer, view=view)
 
 
@@ -78,7 +78,7 @@ WRONG_MODELS = (
         _believed(f"the base's CoM {size:g} mm off", partial(robots.off_centre, distance=1e-3 * size))
         for size in (1.0, 10.0, 100.0)
     ),
-    *(_seen(f"a joint's zero {size:g} mrad off", partial(readings.zero_off, _JOINT, 1e-3 * size)) for size in _MILLI),
+    *(_seen(f"a joint's zero {size:g} mrad off", partial(views.zero_off, _JOINT, 1e-3 * size)) for size in _MILLI),
     *(
         _believed(f'a joint {size:g} mm off', partial(robots.misplaced, joint='joint4', distance=1e-3 * size))
         for size in _MILLI
@@ -88,19 +88,16 @@ WRONG_MODELS = (
         for size in _MILLI
     ),
     *(
-        _seen(f'odometry mounted {size:g} mm off', partial(readings.mounted, 1e-3 * size * DIRECTION, np.zeros(3)))
+        _seen(f'odometry mounted {size:g} mm off', partial(views.mounted, 1e-3 * size * DIRECTION, np.zeros(3)))
         for size in _MILLI
     ),
     *(
-        _seen(f'odometry mounted {size:g} mrad off', partial(readings.mounted, np.zeros(3), 1e-3 * size * DIRECTION))
+        _seen(f'odometry mounted {size:g} mrad off', partial(views.mounted, np.zeros(3), 1e-3 * size * DIRECTION))
         for size in _MILLI
     ),
-    *(
-        _seen(f'a gear {size:g} mrad off with the angle', partial(readings.geared, _JOINT, 1e-3 * size))
-        for size in _MILLI
-    ),
-    _seen("a joint's sign flipped", partial(readings.sign_flipped, 2)),
-    _seen('two joints swapped', partial(readings.swapped, 2, 4)),
+    *(_seen(f'a gear {size:g} mrad off with the angle', partial(views.geared, _JOINT, 1e-3 * size)) for size in _MILLI),
+    _seen("a joint's sign flipped", partial(views.sign_flipped, 2)),
+    _seen('two joints swapped', partial(views.swapped, 2, 4)),
     Condition(GROUP, 'an arm is missing', _second_arm, _without_second_arm),
     _believed("a link's mass in grams", partial(robots.scaled, link='link3', factor=1e3)),
     _believed("the arm's masses in grams", _all_in_grams),

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from joint_windows import SPACING, joint_window
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE
 from mbaid_ros.core.trajectory.slipped_readings import slipped_readings
-from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.trajectory.windows import Window
 
-SPACING, COUNT = 0.05, 10  # s, of knots, and how many there are in a window
+COUNT = 10  # knots of a window
 JOINTS = ('shoulder', 'elbow', 'wrist')
 NUMBER = 24  # windows
 
@@ -28,19 +28,10 @@ def positions(seed: int, step: float, time: float, joint: int = 1) -> Array:
 
 
 def windows(values: Array) -> list[Window]:
-    """Return windows of joints at positions, and nothing else of note."""
+    """Return windows of joints at positions."""
     length = BEFORE + COUNT + AFTER
-    there, nothing, times = np.zeros((length, 3)), np.zeros((length, 0)), np.zeros(length)
-    turns, twist = np.broadcast_to(np.eye(3), (length, 3, 3)), np.zeros((length, 6))
-    rest = (turns, there, twist, times, times, twist, nothing, nothing, nothing, there, nothing)
-    noise = WindowNoise(50, 1e-4, np.eye(6), np.eye(6))
-    return [
-        Window(
-            Knots(values[place * COUNT : place * COUNT + length], *rest),
-            *(slice(BEFORE, BEFORE + COUNT), SPACING, noise, place * COUNT * SPACING, False),
-        )
-        for place in range(NUMBER)
-    ]
+    starts = [place * COUNT for place in range(NUMBER)]
+    return [joint_window(values[start : start + length], start * SPACING) for start in starts]
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -7,31 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
+from joint_windows import joint_window
+from mbaid_ros.core.geometry import Flags
+from mbaid_ros.core.trajectory.knots import AFTER, BEFORE
 from mbaid_ros.core.trajectory.stopped_readings import stopped_readings
-from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.trajectory.windows import Window
 
 COUNT = BEFORE + 20 + AFTER
 JOINTS = ('shoulder', 'elbow', 'wrist')
 
 
-def window(positions: Array, start: float) -> Window:
-    """Return a window of 1 s with joints at positions (COUNT, 3), and nothing else of note."""
-    there, nothing = np.zeros((COUNT, 3)), np.zeros((COUNT, 0))
-    turns = np.broadcast_to(np.eye(3), (COUNT, 3, 3))
-    twist, times = np.zeros((COUNT, 6)), np.zeros(COUNT)
-    knots = Knots(positions, turns, there, twist, times, times, twist, nothing, nothing, nothing, there, nothing)
-    noise = WindowNoise(100, 1e-4, np.eye(6), np.eye(6))
-    return Window(knots, slice(BEFORE, COUNT - AFTER), 0.05, noise, start, fresh=False)
-
-
 def windows(still: Flags) -> list[Window]:
     """Return windows in which joints stand still or not, (W, 3)."""
     moving = np.random.default_rng(4).normal(size=(len(still), COUNT, 3))
     positions = np.where(still[:, None], moving[:, :1], moving)
-    return [window(each, float(start)) for start, each in enumerate(positions)]
+    return [joint_window(each, float(start)) for start, each in enumerate(positions)]
 
 
 def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_out() -> None:
