@@ -17,6 +17,17 @@ def test_a_joint_that_moves_for_the_first_time_is_taken_for_no_push(monkeypatch:
     assert max(told.worst, told.young) < 5.0
 
 
+@pytest.mark.parametrize('seed', [20, 90])
+def test_what_a_young_run_has_left_behind_counts_no_more(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    # While a pass over a single joint's windows is due, its inertia becomes eight times as well known: 5 deviations off
+    # where those windows were linearised.
+    name = 'start: a single joint'
+    shorten(monkeypatch, name, 24.0)
+    told = run((name, 'trajectory', seed))
+    assert told.first < 20.0
+    assert max(told.worst, told.young) < 4.0
+
+
 @pytest.mark.long
 def test_what_noise_feigns_of_a_single_joint_is_not_counted() -> None:
     # Two thirds of what least squares takes for known of this body is noise in its rows: 4.8 deviations off, once.

@@ -27,10 +27,12 @@ class Curvature:
     ----------
     shifts : (d, 10) by which the standard parameters have moved, at each of d other points
     covariance : (10, 10) of them at the solution
+    largest : standard deviations that a near linear one moves by at most
     """
 
     shifts: Array
     covariance: Array
+    largest: float = _LARGEST
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,) the equations are near linear.
@@ -41,7 +43,7 @@ class Curvature:
         """
         moved = np.max(np.abs(self.shifts @ jacobian.T), axis=0)
         variance = np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian)
-        return np.asarray(moved**2 <= _LARGEST**2 * variance)
+        return np.asarray(moved**2 <= self.largest**2 * variance)
 
     @property
     def anywhere(self) -> bool:

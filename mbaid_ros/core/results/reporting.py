@@ -60,7 +60,7 @@ class Solution:
     origin : (3,) m, about which L_0 is taken, odometry frame
     plane : of a planar motion, which leaves six of the ten parameters open; else None
     restarted : whether earlier windows had to be given up
-    curvature : how near linear what it is of is; None where that is not known
+    curvatures : how near linear what it is of is, as far as that is known
     """
 
     x: Array
@@ -71,7 +71,7 @@ class Solution:
     origin: Array
     plane: Plane | None
     restarted: bool = False
-    curvature: Curvature | None = None
+    curvatures: tuple[Curvature, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,7 @@ def _straight(solutions: Sequence[Solution], jacobian: Array) -> Flags:
     """Return of which parameters, (N, 10), the solutions depend little on where equations were linearised."""
     return np.array(
         [
-            np.ones(10, dtype=bool) if one.curvature is None else one.curvature.straight(each)
+            np.all([np.ones(10), *(curvature.straight(each) for curvature in one.curvatures)], axis=0)
             for one, each in zip(solutions, jacobian, strict=True)
         ]
     )

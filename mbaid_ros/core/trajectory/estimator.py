@@ -210,7 +210,7 @@ class TrajectoryEstimator:
             redundancy=track.belief.measured,
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
-            curvature=run.curvature,
+            curvatures=run.curvatures,
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments, origin))
         return Solved(

@@ -13,6 +13,7 @@ from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.held_point import HeldPoint
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.linearity import Linearity
 from mbaid_ros.core.trajectory.multi_start import MultiStart, Start
 from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point
@@ -42,7 +43,6 @@ class FilterRun:
     Attributes
     ----------
     planar : whether it takes the motion for planar
-    curvature : how near linear the windows are about the point they lead to; None before there is one
 
     Parameters
     ----------
@@ -62,14 +62,16 @@ class FilterRun:
         self._layout = layout
         self._variables = variables
         self._linearised = LinearisationCache(layout, variables)
-        self._start = MultiStart(Passes(layout, variables, self._linearised), hypotheses)
+        passes = Passes(layout, variables, self._linearised)
+        self._start = MultiStart(passes, hypotheses)
         self._first_pass, self._kept = pace
         self._next_pass = self._first_pass
         self._young: list[Window] | None = []
+        self._of_young = False  # whether the bank is of all the young run and of nothing else
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search = DeferredTask[Start](layout.size)
-        self._bends = DeferredTask[Curvature](layout.size)  # of the windows about where the latest search has led
+        self._linearity = Linearity(passes)
         self._stays = False  # whether the latest passes over the young run have come to one point
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
@@ -77,7 +79,6 @@ class FilterRun:
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._held = HeldPoint(layout, variables)
         self.planar = len(variables.measured) < 6
-        self.curvature: Curvature | None = None
 
     @property
     def started(self) -> bool:
@@ -87,7 +88,12 @@ class FilterRun:
     @property
     def settled(self) -> bool:
         """Whether the latest passes have come to one point that stays, and how near linear all is there is known."""
-        return self._stays and self.curvature is not None
+        return self._stays and self._linearity.known
+
+    @property
+    def curvatures(self) -> tuple[Curvature, ...]:
+        """How near linear the windows are about where the run stands, as far as that is known."""
+        return self._linearity.curvatures
 
     @property
     def searching(self) -> bool:
@@ -176,14 +182,16 @@ class FilterRun:
             self._young.append(ready)
             if not self._search.under_way:
                 self._begin(self._young, moved=moved)
-        for task in (self._search, self._bends):
-            task.owe(_SHARE if self.settled else _FIRST_SHARE)
+        told = self.settled and not self._linearity.displaced
+        for task in (self._search, self._linearity):
+            task.owe(_SHARE if told else _FIRST_SHARE)
         if self._bank is None:
             return
         # Once for both windows: a point one window old is as good.
         point = self._held.moved_with(best(self._bank).belief)
         if ready is not None:
             self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
+            self._follow(best(self._bank))
         latest, newest = best(self._bank), still_open or ready
         if newest is not None:
             self._begun, self._length = newest.start, newest.length
@@ -204,15 +212,16 @@ class FilterRun:
         """Give up what the run has come to; windows that are still kept are searched again."""
         self._young = self._young or []
         self._search.begin(None)
-        self._bends.begin(None)
-        self._bank = self._latest = self.curvature = None
+        self._linearity.forget()
+        self._bank = self._latest = None
         self._stays = False
         self._next_pass = min(self._next_pass, len(self._young)) if self._young else self._first_pass
 
     def work_off(self) -> bool:
         """Do a part of what the search has to do before the next window; return whether some is left."""
-        if self._bends.owing:
-            self.curvature = self._bends.work_off() or self.curvature
+        if self._linearity.owing:
+            if self._linearity.work_off() and self._young is not None:
+                self._next_pass = min(self._next_pass, len(self._young))
             return True
         try:
             found = self._search.work_off()
@@ -221,7 +230,12 @@ class FilterRun:
             self._next_pass, found = self._searched + _RETRY, None
         if found is not None:
             self._take_over(found)
-        return self._search.owing or self._bends.owing
+        return self._search.owing or self._linearity.owing
+
+    def _follow(self, track: Track) -> None:
+        """Find out whether the best hypothesis has left the point where the windows of a young run are near linear."""
+        if self._young is not None and self._stays and self._of_young:
+            self._linearity.follow(self._young, track)
 
     def _begin(self, young: list[Window], *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
@@ -233,34 +247,32 @@ class FilterRun:
             begins += [] if self._offered is None else [self._offered]
             self._search.begin(self._start.search(young, begins))
         elif len(young) > self._kept and not self.settled:
-            self._young = young[len(young) // 2 :]
+            self._young, self._of_young = young[len(young) // 2 :], False
             self._next_pass = min(self._next_pass, len(self._young) + _RETRY)
 
     def _take_over(self, found: Start) -> None:
         """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
         young = self._young or []
         anew = not self.settled
-        self._bank, self._stays = found.bank, found.settled
-        if anew:
-            self.curvature = None  # of a solution that did not stay
-        self._bends.begin(found.curvature)
-        self._bends.owe(_FIRST_SHARE if anew else 0)
+        self._bank, self._stays, self._of_young = found.bank, found.settled, True
+        self._linearity.begin(found.curvature, found.covariance, best(found.bank), anew=anew)
+        self._linearity.owe(_FIRST_SHARE if anew else 0)
         self._held.begin(found.point)
         belief = best(self._bank).belief
         hopeless = belief.nis > HOPELESS * belief.measured
         self._next_pass = self._after(self._searched, soon=not (self._stays or hopeless))
         self._passed = young[self._searched - 1].start
-        near_linear = self.curvature is not None and not self.curvature.anywhere
-        grown = self._stays and near_linear and self._knows_body(belief)
+        grown = self._stays and self._linearity.near_linear and self._knows_body(belief)
         longest = min(_GROWN, self._kept) if grown else self._kept
         # A start is confirmed once before it counts, however late it was found.
         if self._next_pass <= longest or (anew and self._stays):
             return
+        self._linearity.grow_up()
         if self._stays and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
             # Unsound: begin anew with the later half.
-            self._young = young[self._searched // 2 :]
+            self._young, self._of_young = young[self._searched // 2 :], False
             self._next_pass = self._after(len(self._young), soon=not (self._stays or hopeless))
 
     @staticmethod

@@ -16,17 +16,17 @@ from mbaid_ros.core.trajectory.bank import (
     clamped,
     far_better,
 )
+from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.passes import MASS, Pass, Passes, Result
-from mbaid_ros.core.trajectory.state import ANGULAR, BODY, Point
+from mbaid_ros.core.trajectory.state import ANGULAR, BODY, BODY_PLACES, Point
 from mbaid_ros.core.trajectory.turning import angular_momentum
-from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
+from mbaid_ros.core.trajectory.windows import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 # The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
 # size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
 _GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
 _PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
-_STACK = 10  # windows linearised at a time: one piece of work
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,14 @@ class Start:
     bank : of all hypotheses
     point : at which they are linearised
     settled : whether that is one that stays
+    covariance : (10, 10) of the body, of the windows that were searched
     curvature : how near linear the windows are about it, to be found out bit by bit; None where it has not settled
     """
 
     bank: Bank
     point: Point
     settled: bool
+    covariance: Array
     curvature: Iterator[int | Curvature] | None
 
 
@@ -73,7 +75,7 @@ class MultiStart:
         points : make what has been found earlier, or None; each is asked only where the one before leads nowhere
         """
         count = len(windows)
-        stacks = [stacked(windows[k : min(k + _STACK, count)]) for k in range(0, count, _STACK)]
+        stacks = in_stacks(windows)
         results: list[Result] = []
         result: Result | None = None
         sound = other_leads = False
@@ -94,13 +96,14 @@ class MultiStart:
             result = max(results, key=lambda each: each.merit)
             passed, bank, other_leads = yield from self._hypotheses(stacks, result)
         settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
+        covariance = Moments.of(best(bank).belief, self.passes.variables).covariance(BODY_PLACES)
         curvature = self.passes.curvature(stacks, best(bank)) if settled else None
         while count < len(windows):
-            more = windows[count : count + _STACK]
+            more = windows[count : count + STACK]
             passed = yield from self.passes.over([stacked(more)], passed.point)
             count += len(more)
             bank = yield from self.passes.run(passed, bank)
-        yield Start(bank, passed.point, settled, curvature)
+        yield Start(bank, passed.point, settled, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[Result]]:
         """Return what the windows lead to with the guessed masses, and from the best of these with any mass.

@@ -33,6 +33,7 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _ELSEWHERE = 3  # points, drawn from what is believed, at which a solution is tried
+_DISPLACED = 0.25  # standard deviations that a step of Newton's may be of: it is a part of the way
 
 
 @dataclass(frozen=True)
@@ -198,17 +199,35 @@ class Passes:
         shifts: list[Array] = []
         for _ in range(_ELSEWHERE):
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
-            parameters = self.layout.parameters
-            part = near_part(moments.mean[parameters], step[parameters])
-            try:
-                point = self.layout.point(moments.mean + part * step, moments.deviation)
-                passed = yield from self.over(stacks, point)
-                (moved,) = yield from self.run(passed, (self.fresh(track.hypothesis, track.longest),))
-                shift: Array = Moments.of(moved.belief, self.variables).mean - moments.mean
-            except np.linalg.LinAlgError:
-                shift = moments.deviation  # no robot that can be: it may be anywhere in its interval
-            shifts.append(shift[BODY] / part**2)  # of second order in the step
+            part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
+            shift = yield from self._shift(stacks, track, moments, part * step)
+            shifts.append(shift / part**2)  # of second order in the step
         yield Curvature(np.array(shifts), moments.covariance(BODY_PLACES))
+
+    def displacement(self, stacks: list[list[Stack]], track: Track) -> Iterator[int | Curvature]:
+        """Find out how far the solution of windows moves where all are linearised at itself: a step of Newton's.
+
+        Parameters
+        ----------
+        stacks : of the windows
+        track : a hypothesis after them, each linearised wherever the run was by then
+        """
+        moments = Moments.of(track.belief, self.variables)
+        shift = yield from self._shift(stacks, track, moments, np.zeros(len(moments.mean)))
+        yield Curvature(shift[None], moments.covariance(BODY_PLACES), _DISPLACED)
+
+    def _shift(
+        self, stacks: list[list[Stack]], track: Track, moments: Moments, step: Array
+    ) -> Generator[int, None, Array]:
+        """Return how far the body (10,) moves where windows are linearised a step (s,) from the solution of a track."""
+        try:
+            point = self.layout.point(moments.mean + step, moments.deviation)
+            passed = yield from self.over(stacks, point)
+            (moved,) = yield from self.run(passed, (self.fresh(track.hypothesis, track.longest),))
+            shift: Array = Moments.of(moved.belief, self.variables).mean - moments.mean
+        except np.linalg.LinAlgError:
+            shift = moments.deviation  # no robot that can be: it may be anywhere in its interval
+        return shift[BODY]
 
     def run(self, passed: Pass, bank: Bank) -> Generator[int, None, Bank]:
         """Follow hypotheses over windows."""

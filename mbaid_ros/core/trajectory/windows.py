@@ -20,6 +20,8 @@ from mbaid_ros.core.trajectory.knots import Knots, at_the_base, turned_back
 from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
+STACK = 10  # windows linearised at a time: one piece of work
+
 
 @dataclass(frozen=True, eq=False)
 class Window:
@@ -170,3 +172,8 @@ def stacked(windows: Sequence[Window]) -> list[Stack]:
     for place, window in enumerate(windows):
         alike.setdefault(window.shape, []).append(place)
     return [Stack(tuple(windows[place] for place in places), tuple(places)) for places in alike.values()]
+
+
+def in_stacks(windows: Sequence[Window]) -> list[list[Stack]]:
+    """Return windows in order, some at a time, each part in stacks of one shape."""
+    return [stacked(windows[first : first + STACK]) for first in range(0, len(windows), STACK)]
