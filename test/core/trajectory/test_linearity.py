@@ -26,11 +26,14 @@ ENOUGH = 10_000  # steps of the filter
 
 
 def returned(bits: Generator[int, None, Found]) -> Found:
-    while True:
-        try:
-            next(bits)
-        except StopIteration as end:
-            return end.value  # type: ignore[no-any-return]
+    found: list[Found] = []
+
+    def whole() -> Iterator[int]:
+        found.append((yield from bits))
+
+    for _ in whole():
+        pass
+    return found[0]
 
 
 def last(bits: Iterator[int | Curvature]) -> Curvature:
@@ -59,6 +62,7 @@ class Young:
         return track, Moments.of(track.belief, self.passes.variables)
 
     def at(self, moments: Moments) -> Point:
+        """Return the point that moments lead to."""
         return self.passes.layout.point(moments.mean, moments.deviation)
 
     def far(self) -> Point:
