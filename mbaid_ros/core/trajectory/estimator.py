@@ -210,7 +210,7 @@ class TrajectoryEstimator:
             redundancy=track.belief.measured,
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
-            curvatures=run.curvatures,
+            curvatures=run.curvatures(explained=judgement.adequate),
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments, origin))
         return Solved(

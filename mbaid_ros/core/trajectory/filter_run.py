@@ -90,10 +90,9 @@ class FilterRun:
         """Whether the latest passes have come to one point that stays, and how near linear all is there is known."""
         return self._stays and self._linearity.known
 
-    @property
-    def curvatures(self) -> tuple[Curvature, ...]:
-        """How near linear the windows are about where the run stands, as far as that is known."""
-        return self._linearity.curvatures
+    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
+        """Return how near linear the windows are about where the run stands, explained by its model or not."""
+        return self._linearity.curvatures(explained=explained)
 
     @property
     def searching(self) -> bool:
@@ -220,7 +219,7 @@ class FilterRun:
     def work_off(self) -> bool:
         """Do a part of what the search has to do before the next window; return whether some is left."""
         if self._linearity.owing:
-            if self._linearity.work_off() and self._young is not None:
+            if self._linearity.work_off() and self._young is not None and not self.unexplained:
                 self._next_pass = min(self._next_pass, len(self._young))
             return True
         try:

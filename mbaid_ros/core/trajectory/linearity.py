@@ -51,10 +51,15 @@ class Linearity:
         """Whether the estimate has left the point where its windows are near linear."""
         return self._displacement is not None and self._displacement.anywhere
 
-    @property
-    def curvatures(self) -> tuple[Curvature, ...]:
-        """All that is known of it."""
-        return tuple(each for each in (self._curvature, self._displacement) if each is not None)
+    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
+        """Return all that is known of it.
+
+        Parameters
+        ----------
+        explained : whether the model explains the data: else no point is that where windows are near linear
+        """
+        found = (self._curvature, self._displacement if explained else None)
+        return tuple(each for each in found if each is not None)
 
     @property
     def owing(self) -> bool:

@@ -33,7 +33,9 @@ _APART = 3.0  # standard deviations, from which two starts have come to differen
 # Chance of a start as surprising as that, from which another one is tried.
 _UNLIKELY = 0.01
 _ELSEWHERE = 3  # points, drawn from what is believed, at which a solution is tried
-_DISPLACED = 0.25  # standard deviations that a step of Newton's may be of: it is a part of the way
+# Standard deviations that a step of Newton's may move a parameter by where it moves another by too many: passes will
+# not come to a point at once, and the step is a part of the way.
+_DISPLACED = 0.25
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,8 @@ class Passes:
         """
         moments = Moments.of(track.belief, self.variables)
         shift = yield from self._shift(stacks, track, moments, np.zeros(len(moments.mean)))
-        yield Curvature(shift[None], moments.covariance(BODY_PLACES), _DISPLACED)
+        found = Curvature(shift[None], moments.covariance(BODY_PLACES))
+        yield replace(found, largest=_DISPLACED) if found.anywhere else found
 
     def _shift(
         self, stacks: list[list[Stack]], track: Track, moments: Moments, step: Array
