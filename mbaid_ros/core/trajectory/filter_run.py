@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mbaid_ros.core.results.curvature import Curvature
-from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Bank, Track, best, update_bank, update_track
 from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
@@ -16,7 +15,7 @@ from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.linearity import Linearity
 from mbaid_ros.core.trajectory.multi_start import MultiStart, Start
 from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
-from mbaid_ros.core.trajectory.state import BODY, Layout, Point
+from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -27,8 +26,7 @@ _GROWTH = 1.5
 _AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
 # Windows after which a start that has not settled is tried again, and what part of all it is at least.
 _RETRY, _RETRY_PART = 2, 0.1
-# Grown up: so many windows, in which the body has become known as well as this (relative standard deviation).
-_GROWN, _KNOWN = 40, 0.1
+_GROWN = 40  # windows after which a run is grown up, if where they are linearised may stay
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _TELLING = 8  # windows that tell whether a jump was a push
@@ -73,6 +71,8 @@ class FilterRun:
         self._search = DeferredTask[Start](layout.size)
         self._linearity = Linearity(passes)
         self._stays = False  # whether the latest passes over the young run have come to one point
+        self._confirmed = False  # whether those before them had, too
+        self._judged = False  # whether it is known how near linear its windows are about that point
         self._searched = 0  # windows of the young run that it passes over
         self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
@@ -221,6 +221,8 @@ class FilterRun:
         if self._linearity.owing:
             if self._linearity.work_off() and self._young is not None and not self.unexplained:
                 self._next_pass = min(self._next_pass, len(self._young))
+            if self._linearity.judged and not self._judged:
+                self._grow_up()
             return True
         try:
             found = self._search.work_off()
@@ -250,7 +252,7 @@ class FilterRun:
             self._next_pass = min(self._next_pass, len(self._young) + _RETRY)
 
     def _take_over(self, found: Start) -> None:
-        """Go on from what has been found; from some length on a run is grown up, and nothing is linearised again."""
+        """Go on from what has been found; how near linear windows are about that tells whether the run has grown up."""
         young = self._young or []
         anew = not self.settled
         self._bank, self._stays, self._of_young = found.bank, found.settled, True
@@ -261,30 +263,33 @@ class FilterRun:
         hopeless = belief.nis > HOPELESS * belief.measured
         self._next_pass = self._after(self._searched, soon=not (self._stays or hopeless))
         self._passed = young[self._searched - 1].start
-        grown = self._stays and self._linearity.near_linear and self._knows_body(belief)
-        longest = min(_GROWN, self._kept) if grown else self._kept
         # A start is confirmed once before it counts, however late it was found.
-        if self._next_pass <= longest or (anew and self._stays):
+        self._confirmed, self._judged = self._stays and not anew, False
+        if not self._stays:
+            self._grow_up()
+
+    def _grow_up(self) -> None:
+        """Linearise nothing again from some length on; begin anew with the later half where that would be unsound."""
+        assert self._bank is not None, 'there is a start'
+        self._judged = True
+        if self._young is None or self._search.under_way or (self._stays and not self._confirmed):
+            return
+        belief = best(self._bank).belief
+        grown = self._stays and self._linearity.may_stay(belief)
+        if self._next_pass <= (min(_GROWN, self._kept) if grown else self._kept):
             return
         self._linearity.grow_up()
         if self._stays and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
-            # Unsound: begin anew with the later half.
-            self._young, self._of_young = young[self._searched // 2 :], False
+            hopeless = belief.nis > HOPELESS * belief.measured
+            self._young, self._of_young = self._young[self._searched // 2 :], False
             self._next_pass = self._after(len(self._young), soon=not (self._stays or hopeless))
 
     @staticmethod
     def _after(windows: int, *, soon: bool) -> int:
         """Return at how many windows to pass over all of them again."""
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
-
-    def _knows_body(self, belief: Belief) -> bool:
-        """Tell whether what windows leave open at second order is small: where they are linearised may stay."""
-        moments = Moments.of(belief, self._variables)
-        factor = moments.factor_of(self._variables.spread[BODY])
-        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
-        return bool(body[0] > 0.0 and np.all(seen < _KNOWN * body_sizes(body)))
 
     def _found(self) -> Point | None:
         """Return the point of the best hypothesis."""

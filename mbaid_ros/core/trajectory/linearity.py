@@ -8,16 +8,18 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.curvature import Curvature
+from mbaid_ros.core.robot.known_errors import body_sizes
 from mbaid_ros.core.trajectory.bank import Track
-from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.deferred_task import DeferredTask
 from mbaid_ros.core.trajectory.passes import Passes
-from mbaid_ros.core.trajectory.state import BODY_PLACES
+from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES
 from mbaid_ros.core.trajectory.windows import Window, in_stacks
 
 # What is left of any standard deviation of the body when its windows are linearised anew: they were linearised where
 # that was hardly known.
 _SHARPER = 0.7
+_KNOWN = 0.1  # relative standard deviation of the body, in every direction that is seen: of second order less is left
 
 
 class Linearity:
@@ -42,9 +44,9 @@ class Linearity:
         return self._curvature is not None
 
     @property
-    def near_linear(self) -> bool:
-        """Whether that solution moves little in all parameters, wherever in its interval the windows are linearised."""
-        return self._curvature is not None and not self._curvature.anywhere
+    def judged(self) -> bool:
+        """Whether it is known of what the latest search has led to."""
+        return self.known and not self._elsewhere.under_way
 
     @property
     def displaced(self) -> bool:
@@ -81,6 +83,16 @@ class Linearity:
             return False
         self._displacement, self._linearised = found, found.covariance
         return found.anywhere
+
+    def may_stay(self, belief: Belief) -> bool:
+        """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
+        if self._curvature is None or self._curvature.anywhere:
+            return False
+        variables = self._passes.variables
+        moments = Moments.of(belief, variables)
+        factor = moments.factor_of(variables.spread[BODY])
+        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
+        return bool(body[0] > 0.0 and np.all(seen < _KNOWN * body_sizes(body)))
 
     def begin(
         self, curvature: Iterator[int | Curvature] | None, covariance: Array, track: Track, *, anew: bool
