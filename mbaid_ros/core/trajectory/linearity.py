@@ -86,7 +86,7 @@ class Linearity:
 
     def may_stay(self, belief: Belief) -> bool:
         """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
-        if self._curvature is None or self._curvature.anywhere:
+        if self._curvature is None or self._curvature.anywhere or self.displaced:
             return False
         variables = self._passes.variables
         moments = Moments.of(belief, variables)
