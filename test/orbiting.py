@@ -60,11 +60,16 @@ def session(**parameters: object) -> Session:
     return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **given}), urdf())
 
 
-def identify(run: SimulatedRun, into: Session) -> Estimate:
-    """Return the last estimate of a run."""
+def history(run: SimulatedRun, into: Session) -> list[Estimate]:
+    """Return all estimates of a run."""
     for timed in run.read(run.config.duration):
         (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message)
-    return into.process()[-1]
+    return into.process()
+
+
+def identify(run: SimulatedRun, into: Session) -> Estimate:
+    """Return the last estimate of a run."""
+    return history(run, into)[-1]
 
 
 def nees(estimate: Estimate, true: Array) -> float:

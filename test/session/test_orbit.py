@@ -17,7 +17,7 @@ from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
-from orbiting import AWAY, declared, identify, nees, session, simulated, urdf
+from orbiting import AWAY, declared, history, identify, nees, session, simulated, urdf
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -130,9 +130,12 @@ def test_an_orbit_that_is_no_circle_where_one_is_declared(frame: str) -> None:
 def test_a_gravity_gradient_that_has_turned_too_far_is_no_quiet_error() -> None:
     """In half a minute it turns by 0.6 rad: that is no longer a change at a constant rate."""
     run = simulated(SECONDS, initial__base_position=AWAY, **given(declared('inertial', 2.0 * FAST)))
-    last = identify(run, session(orbit__undeclared_rate=2.0 * FAST))
-    assert last.status in {'inconsistent', 'not_identifiable'}
-    assert 'set orbit.mean_motion' in last.causes[0][0]
+    told = history(run, session(orbit__undeclared_rate=2.0 * FAST))
+    late = {each.status for each in told if each.time > 0.5 * SECONDS}
+    # Which of the two it ends with is a matter of when the latest search has led to nothing that stays.
+    assert 'inconsistent' in late
+    assert late <= {'inconsistent', 'not_identifiable'}
+    assert 'set orbit.mean_motion' in told[-1].causes[0][0]
 
 
 def test_no_orbit_is_none() -> None:

@@ -263,7 +263,7 @@ def _straight(solutions: Sequence[Solution], jacobian: Array) -> Flags:
     """Return of which parameters, (N, 10), the solutions depend little on where equations were linearised."""
     return np.array(
         [
-            np.all([np.ones(10), *(curvature.straight(each) for curvature in one.curvatures)], axis=0)
+            np.all([np.ones(10, dtype=bool), *(curvature.straight(each) for curvature in one.curvatures)], axis=0)
             for one, each in zip(solutions, jacobian, strict=True)
         ]
     )

@@ -259,9 +259,7 @@ class FilterRun:
         self._linearity.begin(found.curvature, found.covariance, best(found.bank), anew=anew)
         self._linearity.owe(_FIRST_SHARE if anew else 0)
         self._held.begin(found.point)
-        belief = best(self._bank).belief
-        hopeless = belief.nis > HOPELESS * belief.measured
-        self._next_pass = self._after(self._searched, soon=not (self._stays or hopeless))
+        self._next_pass = self._after(self._searched, best(self._bank).belief)
         self._passed = young[self._searched - 1].start
         # A start is confirmed once before it counts, however late it was found.
         self._confirmed, self._judged = self._stays and not anew, False
@@ -282,13 +280,12 @@ class FilterRun:
         if self._stays and belief.nis < LARGEST_NIS * belief.measured:
             self._young = None
         else:
-            hopeless = belief.nis > HOPELESS * belief.measured
             self._young, self._of_young = self._young[self._searched // 2 :], False
-            self._next_pass = self._after(len(self._young), soon=not (self._stays or hopeless))
+            self._next_pass = self._after(len(self._young), belief)
 
-    @staticmethod
-    def _after(windows: int, *, soon: bool) -> int:
-        """Return at how many windows to pass over all of them again."""
+    def _after(self, windows: int, belief: Belief) -> int:
+        """Return at how many windows to pass over all of them again: soon where that may yet lead to a point."""
+        soon = not (self._stays or belief.nis > HOPELESS * belief.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
 
     def _found(self) -> Point | None:
