@@ -23,7 +23,7 @@ from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layou
 from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
-from mbaid_ros.core.trajectory.windows import Window, stacked
+from mbaid_ros.core.trajectory.windows import Window, in_stacks
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 
@@ -245,8 +245,8 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> Passed:
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
     """Yield windows, each as it is and linearised, some at a time: those of a long motion would fill the memory."""
     linearised = LinearisationCache(motion.layout, motion.variables)
-    for begin in range(0, len(motion.windows), _TOGETHER):
-        yield from linearised.all_whitened(stacked(motion.windows[begin : begin + _TOGETHER]), point)
+    for part in in_stacks(motion.windows, _TOGETHER):
+        yield from linearised.all_whitened(part, point)
 
 
 def _of_momentum(belief: Belief, own: Variables) -> Array:

@@ -14,19 +14,14 @@ from mbaid_ros.core.trajectory.held_point import HeldPoint
 from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.linearity import Linearity
 from mbaid_ros.core.trajectory.multi_start import MultiStart, Start
-from mbaid_ros.core.trajectory.passes import HOPELESS, Passes
+from mbaid_ros.core.trajectory.passes import Passes
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.trajectory.young_run import YoungRun
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-# Growth of a young run until all of it is linearised again, or searched again where a search explains next to nothing.
-_GROWTH = 1.5
-_AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
-# Windows after which a start that has not settled is tried again, and what part of all it is at least.
-_RETRY, _RETRY_PART = 2, 0.1
-_GROWN = 40  # windows after which a run is grown up, if where they are linearised may stay
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _TELLING = 8  # windows that tell whether a jump was a push
@@ -62,19 +57,11 @@ class FilterRun:
         self._linearised = LinearisationCache(layout, variables)
         passes = Passes(layout, variables, self._linearised)
         self._start = MultiStart(passes, hypotheses)
-        self._first_pass, self._kept = pace
-        self._next_pass = self._first_pass
-        self._young: list[Window] | None = []
-        self._of_young = False  # whether the bank is of all the young run and of nothing else
+        self._young = YoungRun(*pace)
         self._bank: Bank | None = None
         self._latest: Track | None = None  # the best, with the window that is still open
         self._search = DeferredTask[Start](layout.size)
         self._linearity = Linearity(passes)
-        self._stays = False  # whether the latest passes over the young run have come to one point
-        self._confirmed = False  # whether those before them had, too
-        self._judged = False  # whether it is known how near linear its windows are about that point
-        self._searched = 0  # windows of the young run that it passes over
-        self._passed = -np.inf  # s, start of the last window that the latest pass has linearised
         self._begun, self._length = -np.inf, 0.0  # s, start and length of the latest window
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         self._held = HeldPoint(layout, variables)
@@ -88,7 +75,7 @@ class FilterRun:
     @property
     def settled(self) -> bool:
         """Whether the latest passes have come to one point that stays, and how near linear all is there is known."""
-        return self._stays and self._linearity.known
+        return self._young.stays and self._linearity.known
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return how near linear the windows are about where the run stands, explained by its model or not."""
@@ -152,7 +139,7 @@ class FilterRun:
         window that moves a joint for the first time may show no more than that a young run is linearised elsewhere:
         until the next pass over it.
         """
-        passed = np.inf if self._young is None else self._passed
+        passed = np.inf if self._young.grown_up else self._young.passed
         since = min(passed, self._begun - _TELLING * self._length)
         return tuple(jump.time for jump in self.best.jumps if jump.time > since)
 
@@ -177,10 +164,10 @@ class FilterRun:
         """
         while self.work_off():
             pass
-        if ready is not None and self._young is not None:
-            self._young.append(ready)
+        if ready is not None and not self._young.grown_up:
+            self._young.windows.append(ready)
             if not self._search.under_way:
-                self._begin(self._young, moved=moved)
+                self._begin(moved=moved)
         told = self.settled and not self._linearity.displaced
         for task in (self._search, self._linearity):
             task.owe(_SHARE if told else _FIRST_SHARE)
@@ -209,84 +196,67 @@ class FilterRun:
 
     def restart(self) -> None:
         """Give up what the run has come to; windows that are still kept are searched again."""
-        self._young = self._young or []
         self._search.begin(None)
         self._linearity.forget()
         self._bank = self._latest = None
-        self._stays = False
-        self._next_pass = min(self._next_pass, len(self._young)) if self._young else self._first_pass
+        self._young.restart()
 
     def work_off(self) -> bool:
         """Do a part of what the search has to do before the next window; return whether some is left."""
         if self._linearity.owing:
-            if self._linearity.work_off() and self._young is not None and not self.unexplained:
-                self._next_pass = min(self._next_pass, len(self._young))
-            if self._linearity.judged and not self._judged:
+            if self._linearity.work_off() and not self.unexplained:
+                self._young.search_soon()
+            if self._linearity.judged and not self._young.judged:
                 self._grow_up()
             return True
         try:
             found = self._search.work_off()
         except np.linalg.LinAlgError:
             # What it was linearised at is no robot that can be: later windows may tell more.
-            self._next_pass, found = self._searched + _RETRY, None
+            self._young.retry()
+            found = None
         if found is not None:
             self._take_over(found)
         return self._search.owing or self._linearity.owing
 
     def _follow(self, track: Track) -> None:
         """Find out whether the best hypothesis has left the point where the windows of a young run are near linear."""
-        if self._young is not None and self._stays and self._of_young:
-            self._linearity.follow(self._young, track)
+        if self._young.stays and self._young.whole and not self._young.grown_up:
+            self._linearity.follow(self._young.windows, track)
 
-    def _begin(self, young: list[Window], *, moved: bool) -> None:
+    def _begin(self, *, moved: bool) -> None:
         """Begin to linearise all of the young run again if it is time to."""
         if not moved:
-            self._young = young[-_AT_REST:]
-        elif len(young) >= self._next_pass:
-            self._searched = len(young)
+            self._young.rest()
+        elif self._young.due:
             begins = [self._found] if self.settled else []
             begins += [] if self._offered is None else [self._offered]
-            self._search.begin(self._start.search(young, begins))
-        elif len(young) > self._kept and not self.settled:
-            self._young, self._of_young = young[len(young) // 2 :], False
-            self._next_pass = min(self._next_pass, len(self._young) + _RETRY)
+            self._search.begin(self._start.search(self._young.begin_search(), begins))
+        elif not self.settled:
+            self._young.shorten()
 
     def _take_over(self, found: Start) -> None:
         """Go on from what has been found; how near linear windows are about that tells whether the run has grown up."""
-        young = self._young or []
         anew = not self.settled
-        self._bank, self._stays, self._of_young = found.bank, found.settled, True
-        self._linearity.begin(found.curvature, found.covariance, best(found.bank), anew=anew)
+        self._bank = found.bank
+        leading = best(found.bank)
+        self._young.take_over(leading.belief, stays=found.settled, anew=anew)
+        self._linearity.begin(found.curvature, found.covariance, leading, anew=anew)
         self._linearity.owe(_FIRST_SHARE if anew else 0)
         self._held.begin(found.point)
-        self._next_pass = self._after(self._searched, best(self._bank).belief)
-        self._passed = young[self._searched - 1].start
-        # A start is confirmed once before it counts, however late it was found.
-        self._confirmed, self._judged = self._stays and not anew, False
-        if not self._stays:
+        if not found.settled:
             self._grow_up()
 
     def _grow_up(self) -> None:
-        """Linearise nothing again from some length on; begin anew with the later half where that would be unsound."""
+        """Linearise nothing again where all is told and the young run is long enough."""
         assert self._bank is not None, 'there is a start'
-        self._judged = True
-        if self._young is None or self._search.under_way or (self._stays and not self._confirmed):
+        self._young.judged = True
+        if self._search.under_way or not self._young.may_grow_up:
             return
         belief = best(self._bank).belief
-        grown = self._stays and self._linearity.may_stay(belief)
-        if self._next_pass <= (min(_GROWN, self._kept) if grown else self._kept):
-            return
-        self._linearity.grow_up()
-        if self._stays and belief.nis < LARGEST_NIS * belief.measured:
-            self._young = None
-        else:
-            self._young, self._of_young = self._young[self._searched // 2 :], False
-            self._next_pass = self._after(len(self._young), belief)
-
-    def _after(self, windows: int, belief: Belief) -> int:
-        """Return at how many windows to pass over all of them again: soon where that may yet lead to a point."""
-        soon = not (self._stays or belief.nis > HOPELESS * belief.measured)
-        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
+        linear = self._young.stays and self._linearity.may_stay(belief)
+        if self._young.grow_up(belief, linear=linear):
+            self._linearity.grow_up()
 
     def _found(self) -> Point | None:
         """Return the point of the best hypothesis."""

@@ -18,13 +18,12 @@ from mbaid_ros.core.trajectory.linearisation_cache import LINEARISED, Linearisat
 from mbaid_ros.core.trajectory.state import Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.trajectory.whitened import WhitenedWindow
-from mbaid_ros.core.trajectory.windows import Window, stacked
+from mbaid_ros.core.trajectory.windows import STACK, Window, in_stacks
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.widening import BesidePrior
 
-_PART = 10  # windows whose linearisation counts as one piece of work
 _REFINEMENTS = 3  # passes, ever nearer to what the windows say
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
 SLIPPING = 2  # windows that a slip may take
@@ -63,9 +62,9 @@ class WidePass:
         at = replace(point, parameters=parameters, readings=readings)
         cache = LinearisationCache(self.layout, self.variables)
         passed: Windows = []
-        for begin in range(0, len(windows), _PART):
-            passed += cache.all_whitened(stacked(windows[begin : begin + _PART]), at)
-            yield LINEARISED * _PART
+        for part in in_stacks(windows):
+            passed += cache.all_whitened(part, at)
+            yield LINEARISED * STACK
         return passed
 
     def passed(

@@ -174,6 +174,6 @@ def stacked(windows: Sequence[Window]) -> list[Stack]:
     return [Stack(tuple(windows[place] for place in places), tuple(places)) for places in alike.values()]
 
 
-def in_stacks(windows: Sequence[Window]) -> list[list[Stack]]:
-    """Return windows in order, some at a time, each part in stacks of one shape."""
-    return [stacked(windows[first : first + STACK]) for first in range(0, len(windows), STACK)]
+def in_stacks(windows: Sequence[Window], size: int = STACK) -> list[list[Stack]]:
+    """Return windows in order, so many at a time, each part in stacks of one shape."""
+    return [stacked(windows[first : first + size]) for first in range(0, len(windows), size)]

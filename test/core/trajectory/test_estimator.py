@@ -214,9 +214,9 @@ def test_memory_is_bounded(robot: MomentumKernel, servicer: Truth) -> None:
         assert len(kept) <= 20  # two windows of ten knots
         run = estimator._runs.run
         assert run is not None
-        assert len(run._young or []) <= 23
+        assert len(run._young.windows) <= 23
         if number > 24:
-            assert run._young is None
+            assert run._young.grown_up
 
 
 def test_the_origin_of_the_odometry_does_not_count(robot: MomentumKernel, servicer: Truth) -> None:

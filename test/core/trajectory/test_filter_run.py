@@ -52,7 +52,7 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     following.update(taken, 0)
     run = following._runs.run
     assert run is not None
-    run._young = None  # grown up
+    run._young.windows, run._young.grown_up = [], True
     lengths = spied(monkeypatch, failing=False)
     following.restart()
     for window in taken:

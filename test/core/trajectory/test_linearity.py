@@ -50,8 +50,7 @@ class Young:
         following.update(windows(observe(truth, HIGH, 3))[:16], 0)
         run = following._runs.run
         assert run is not None
-        assert run._young is not None
-        self.windows: list[Window] = run._young
+        self.windows: list[Window] = run._young.windows
         self.passes: Passes = run._start.passes
         self.point = run.point
 
