@@ -173,6 +173,18 @@ class Graph:
         self._nodes.append(node)  # the executor does not keep it alive
         self._executor.add_node(node)
 
+    @contextmanager
+    def stranger(self, name: str) -> Iterator[Node]:
+        """Give a node that shares no more with the test's own than one of another process does."""
+        context = Context()
+        rclpy.init(context=context, domain_id=self._context.get_domain_id())
+        node = Node(name, context=context, start_parameter_services=False)
+        try:
+            yield node
+        finally:
+            node.destroy_node()  # type: ignore[no-untyped-call]
+            rclpy.shutdown(context=context)
+
     def collect(self, topic: str, message_type: type, profile: QoSProfile = EVERYTHING) -> list[Any]:
         """Return a list that the messages of a topic are appended to from now on."""
         messages: list[Any] = []

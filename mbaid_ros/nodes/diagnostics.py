@@ -7,6 +7,7 @@ from time import monotonic
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
@@ -159,9 +160,13 @@ class Diagnostics:
         if silence > STALE_AFTER:
             return STALE, f'no messages on {inlet.topic} for {silence:.0f} s', values
         rate = f'{count / period:.1f} Hz'
-        rivals = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
-        if len(rivals) > 1 and _of_one_sensor(key, state):
-            return WARN, f'{rate}, from {listing(rivals)}: all is taken for the same sensor', values
+        heard = [info for info in publishers if info.topic_type == inlet.type_name]
+        if len(heard) > 1 and _of_one_sensor(key, state):
+            return WARN, f'{rate}, from {listing(_nodes(heard))}: all is taken for the same sensor', values
+        unheard = [info for info in publishers if info.topic_type != inlet.type_name]
+        if unheard:
+            types = listing(sorted({info.topic_type for info in unheard}))
+            return WARN, f'{rate}; not heard is what {listing(_nodes(unheard))} sends there as {types}', values
         return OK, rate, values
 
     def _thrust(self, state: State) -> Report:
@@ -209,6 +214,11 @@ def _of_one_sensor(key: str, state: State) -> bool:
     if key == 'joint_states':
         return state.session is not None and not state.session.intake.merge.partial
     return key != 'tf'
+
+
+def _nodes(publishers: list[TopicEndpointInfo]) -> list[str]:
+    """Return the names of the nodes that publish, a node with several publishers as often."""
+    return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
 
 
 def _help(inlet: Inlet) -> str:

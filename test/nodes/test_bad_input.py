@@ -223,6 +223,18 @@ def test_two_publishers_of_one_sensor(graph: Graph) -> None:
     assert talk.node.stop() == 0
 
 
+def test_a_publisher_of_another_type_beside_one_that_is_heard(graph: Graph) -> None:
+    talk = Talk(graph)
+    talk.describe(urdf('table1'))
+    with graph.stranger('wheel_odometry') as other:
+        other.create_publisher(String, 'odom', 10)
+        talk.send(samples=100)
+        text = 'not heard is what /wheel_odometry sends there as std_msgs/msg/String'
+        talk.hear('odom', DiagnosticStatus.WARN, text)
+    talk.hear('joint_states', DiagnosticStatus.OK, 'Hz')
+    assert talk.node.stop() == 0
+
+
 def test_frames_that_alternate(graph: Graph) -> None:
     def change_odometry(message: Odometry) -> None:
         message.header.frame_id = next(frames)
