@@ -39,6 +39,15 @@ def test_the_tables_of_parameters_are_those_of_the_script(document: str) -> None
     assert text == with_tables(text), 'run scripts/write_parameters.py'
 
 
+def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
+    written = script('write_thresholds.py')
+    text, found = written['text'], written['all_thresholds']
+    assert callable(text)
+    assert callable(found)
+    assert [f'{each.module}.{each.names[0]}' for each in found() if not each.why] == []
+    assert (ROOT / 'docs' / 'thresholds.md').read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
+
+
 def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
     text = README.read_text(encoding='utf-8')
     text = text[text.index('<!-- parameters of estimator -->') : text.index('<!-- end of parameters -->')]

@@ -15,10 +15,12 @@ _ROWS = np.array([0, 0, 0, 1, 1, 2])
 _COLUMNS = np.array([0, 1, 2, 1, 2, 2])
 # Cyclic neighbours of the three axes, and the number of elements up to which a batch is short.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
-_SHORT = 1500
+_SHORT = 1500  # numbers, below which few calls of numpy count for more than gathering
 _IDENTITY = np.eye(3)
 _TINY = 1e-300  # instead of 0 in a denominator
-_COSINE_OF_LARGE = -0.4  # of an angle of two radians
+# Of an angle of two radians: beyond, the antisymmetric part of a rotation fades, and the symmetric one tells the
+# axis.
+_COSINE_OF_LARGE = -0.4
 
 
 def crossed(vector: Array) -> Array:

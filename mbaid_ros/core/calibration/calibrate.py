@@ -28,7 +28,7 @@ from mbaid_ros.core.unknowns.target_body import KnownTarget
 _NO_WINDOWS = 'the data hold no complete window; accepted: joint states and odometry that overlap in time'
 # Range of a joint's window means, in standard deviations of one, from which it moves.
 _MOVES = 20.0
-_SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as none
+_SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as none: rounding
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ _MEANING = (
                                             ('about x', 'xy', 'xz', 'about y', 'yz', 'about z'), strict=True)),
 )  # fmt: skip
 _KINDS = (('mass', slice(0, 1)), ('first moment', slice(1, 4)), ('inertia', slice(4, 10)))
-_LONGEST_FORMULA = 6  # terms
+_LONGEST_FORMULA = 6  # terms: a longer one explains nothing
 
 
 @dataclass(frozen=True)

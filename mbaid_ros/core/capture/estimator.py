@@ -24,9 +24,9 @@ from mbaid_ros.core.trajectory.knowledge import Knowledge
 Phase = Literal['pre_capture', 'capture', 'post_capture']
 
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
-_SLACK = 1e-9  # s
-_REMEMBERED = 200  # estimates, in which an event that is found late has to lie
-_CALIBRATED = 600  # windows that a calibration takes
+_SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
+_REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before have been told for good
+_CALIBRATED = 600  # windows that a calibration takes: more would hardly tell more, and memory stays bounded
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
 

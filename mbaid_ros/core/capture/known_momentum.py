@@ -12,7 +12,7 @@ from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 
-ENOUGH = 50  # redundant equations, before residual and jumps are judged
+ENOUGH = 50  # redundant equations, before residual and jumps are judged: variances of fewer are uncertain to a fifth
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,12 @@ from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.symmetric import inverse_root
 
-# Chance of an undisturbed window to be taken for a jump, and of all together to seem too far from their predictions.
+# Chance of an undisturbed window to be taken for a jump, and of all together to seem too far from their predictions:
+# once in years of windows.
 _FALSE_ALARM = 1e-9
 _ENOUGH = 50  # redundant equations from which the tests can be trusted
-_LARGEST_MEAN = 1.5  # normalised innovation squared, of an equation
+# Normalised innovation squared, of an equation: noise a quarter larger than declared is no contradiction.
+_LARGEST_MEAN = 1.5
 _NEAR = 1.0  # s, within which it is the same jump
 _FLOOR = 1e-9  # part of the information about a jump that has to be left for it to be one
 

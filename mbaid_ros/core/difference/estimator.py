@@ -32,8 +32,10 @@ from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
-_NOW_AND_THEN = 8  # windows of a run that is contradicted
-_WORTH_TELLING = 0.5  # share of the variance due to consider parameters
+# Windows of a run that is contradicted, from one look at what may be wrong to the next: it costs as much as they do.
+_NOW_AND_THEN = 8
+# Share of the variance due to consider parameters: from here on the model decides, not the sensors.
+_WORTH_TELLING = 0.5
 
 
 @dataclass(frozen=True)

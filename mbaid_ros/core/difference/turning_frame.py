@@ -28,8 +28,10 @@ from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.samples import Samples
 
 _STEPS = 4  # of Gauss and Newton: inertia and momentum are in the columns
+# Chance that noise gains as much by three numbers: a contradicted run is asked for as long as it goes on.
 _FALSE_ALARM = 1e-9
-_EXPLAINED = 1.5  # normalised residual squared, of an equation, up to which the data count as explained
+# Normalised residual squared, of an equation, up to which the data count as explained: as in conservation.
+_EXPLAINED = 1.5
 _LARGEST = 0.01  # rad/s: orbits are slower
 _CLEAR = 5.0  # standard deviations from which a rate is one
 

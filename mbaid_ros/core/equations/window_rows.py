@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.robot.tide import of_bodies, of_link
 from mbaid_ros.core.samples import Samples, SensorNoise
 
-UNKNOWNS = 16
+UNKNOWNS = 16  # ten parameters of the body, and six of the momentum
 BODY = slice(0, 10)
 LINEAR = slice(10, 13)
 ANGULAR = slice(13, 16)

@@ -12,7 +12,7 @@ from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.intake.orientation_only import orientation_only
 from mbaid_ros.core.samples import BaseStream, ImuStream
 
-_ONCE_MORE = 256  # rotations, after which rounding is taken off
+_ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
 
 
 class DeadReckoning:

@@ -16,10 +16,11 @@ from mbaid_ros.core.samples import ImuStream, Stamps
 IMU_OUT_OF_ORDER = 'IMU: stamp not after the one before'
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 
-LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints
-# Readings in a row that are the same to the last bit, and how fast: a gyro whose range is not known is at its end.
-_STUCK, _FAST = 8, 0.5  # rad/s
-_NOWHERE = -1
+LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
+# Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
+# end.
+_STUCK, _FAST = 8, 0.5
+_NOWHERE = -1  # place of what has not been found
 
 
 class Gyro:

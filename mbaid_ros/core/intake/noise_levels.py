@@ -11,12 +11,13 @@ from mbaid_ros.core.intake.differences import BINOMIAL, Differences, variances
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensor_levels import CHANNELS
 
+# Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
-_FEWEST = 60  # differences that tell a level
-_ANEW = 1.25  # times as many differences, at which levels are worked out again
+_FEWEST = 60  # differences that tell a level, to a sixth of it
+_ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 _SHORTEST = 3  # strides over which correlated noise grows, where nothing else tells it
 _SMALL = 0.25  # variance of neighbours' differences over that declared, where something does
-_INDEPENDENT = 0.3  # of the differences
+_INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
 _NO_FIT = 25.0  # mean square of what is left of variances, from which declared levels are wrong
 _GROWS, _NO_NOISE = 1.4, 2.3  # from one stride to the next: noise that is correlated; what no noise does, but motion
 _TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for

@@ -20,7 +20,7 @@ from mbaid_ros.core.samples import Samples
 
 # Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
 _DEGREE = 4
-_WORST_CONDITION = 1e4
+_WORST_CONDITION = 1e4  # of the fit, beyond which stamps lie too close together for a rate
 FEWEST = 2  # samples that a rate can be taken from
 
 Places = npt.NDArray[np.intp]

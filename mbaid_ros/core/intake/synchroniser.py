@@ -17,7 +17,7 @@ from mbaid_ros.core.intake.outliers import Outliers
 from mbaid_ros.core.intake.repeats import Repeats
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 
-LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other
+LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
 OUT_OF_ORDER = 'stamp not after the one before'
 NO_ODOMETRY = 'no odometry around the stamp'

@@ -30,7 +30,7 @@ EXACT_THRUST = (
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
 )
 
-_FAR = 10_000_000_000  # ns, from the newest sample: another clock
+_FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
 
 

@@ -22,7 +22,7 @@ from mbaid_ros.core.samples import Samples
 # differenced rows are small, and in the paper's case the variance of Izz stays above the initial one. A smaller share
 # holds back by a second what is right to 1 % already.
 _REMAINING = 0.02
-_SETTLED_WINDOWS = 10
+_SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
 THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
 
 

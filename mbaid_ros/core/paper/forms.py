@@ -13,7 +13,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, bracket, cross, rotate_back, skew
 from mbaid_ros.core.robot.kernel import BodyStates
 
-UNKNOWNS = 10
+UNKNOWNS = 10  # parameters of the body
 
 
 def linear_rows(states: BodyStates) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ SENSOR_NOISE = 'sensor noise'
 MAIN_CAUSES = 'main causes of the variance'  # what `told` says
 UNCHECKED = 'rests on what this motion cannot check'  # what `resting` says
 GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
-_MOST = 0.5  # share from which one cause is told of
+_MOST = 0.5  # share from which one cause is told of: it alone decides what may be known
 _RESTS, _TOLD = 0.1, 5  # share from which it is told that an estimate rests on what is declared; of how many things
 
 

@@ -21,14 +21,14 @@ _FLOOR = 1e-9
 # Directions that the data leave open (standard deviations beyond ten typical sizes) are drawn, with next to no weight,
 # towards a ball of the same mass.
 _OPEN = 1e-2
-_DRAW = 1e-3
-_EVALUATIONS = 50
-_SMALLEST = 1e-24  # variance, in units of `scale` squared
+_DRAW = 1e-3  # standard deviations that a typical size is worth where the data leave a direction open: next to none
+_EVALUATIONS = 50  # at most, of least squares in four coordinates
+_SMALLEST = 1e-24  # variance, in units of `scale` squared, that stands for none: a quotient by it stays finite
 # Of the weight of the boundary: at the last, an estimate is within a hundredth of a standard deviation of the nearest.
 _LEAST_WEIGHT = 1e-6
-_FALL = 0.03
-_INTERIOR = 0.9  # of the way to the boundary that a step may go
-_STEPS = 100
+_FALL = 0.03  # of the weight of the boundary, from one minimum to the next: a few steps of Newton's each
+_INTERIOR = 0.9  # of the way to the boundary that a step may go: beyond it there is no logarithm
+_STEPS = 100  # at most, of Newton's: a few for each weight
 _PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye(10)])
 
 

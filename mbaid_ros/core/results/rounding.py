@@ -6,7 +6,7 @@ import math
 
 from mbaid_ros.core.results.parameters import BAND
 
-_DIGITS = 2  # of a standard deviation
+_DIGITS = 2  # of a standard deviation: more would claim to know how well it is known
 _MOST_DECIMALS = 7  # written out; beyond, and for thousands that are not known, as a power of ten
 
 

@@ -17,7 +17,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 
 _KEPT = 10.0  # s, that an estimate is compared with later ones
-_FAR = 5.0  # of its standard deviations, by which none should move
+_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
 
 
 class Steadiness:

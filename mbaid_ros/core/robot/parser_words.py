@@ -10,9 +10,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-_STDERR = 2
+_STDERR = 2  # descriptor of the stream that the parser complains on
 _COMPLAINT = re.compile(r'^Error:\s+(.*)$', re.MULTILINE)
-_MOST = 10_000  # bytes that are looked at
+_MOST = 10_000  # bytes that are looked at: a broken file has no end of complaints
 _one_at_a_time = threading.Lock()
 
 

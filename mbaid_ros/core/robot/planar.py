@@ -16,8 +16,8 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Samples
 
-_PARALLEL = 1e-9
-_SIGNIFICANT = 6.0  # standard deviations of a window's mean
+_PARALLEL = 1e-9  # of unit vectors, by which axes of one direction differ: rounding of URDF angles
+_SIGNIFICANT = 6.0  # standard deviations of a window's mean, from which the base leaves the plane: one in a billion
 _OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
 
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ModelError, listing
 
-_LONGEST_REASON = 1_000
+_LONGEST_REASON = 1_000  # characters: a line that is read
 _XACRO = ('http://www.ros.org/wiki/xacro', 'http://ros.org/wiki/xacro', 'http://wiki.ros.org/xacro')
 _VALUE = re.compile(r"""=\s*(?:"[^"<]*"|'[^'<]*')""")
 _SPACES = str.maketrans('\n\r\t', '   ')

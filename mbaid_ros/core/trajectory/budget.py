@@ -13,7 +13,8 @@ from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
-_ROUNDING = 1e-3  # of a variance
+# Of a variance, by which a difference of shares may be below zero: more says that large numbers have cancelled.
+_ROUNDING = 1e-3
 
 
 def error_budget(moments: Moments, layout: Layout, uncertainty: Uncertainty, sizes: PriorSizes) -> ErrorBudget:

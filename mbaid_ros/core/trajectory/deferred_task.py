@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 Result = TypeVar('Result')
 
 SLICE = 30  # steps of the filter, more or less, that are done at a time: a few milliseconds
-_UNKNOWNS = 96  # numbers of the state, for as many of which a step counts once more
+_UNKNOWNS = 96  # numbers of the state, for as many of which a step counts once more: it takes as much longer
 
 
 class DeferredTask(Generic[Result]):

@@ -15,8 +15,8 @@ from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM
 from mbaid_ros.core.verdict.judgement import MOST_JUMPS
 
-_NOTHING = 1e-6  # chance of a force that is none to be told of
-_KNOWN = 0.1  # relative standard deviation of a mass
+_NOTHING = 1e-6  # chance that noise looks like a constant force as large: of one that is less sure nothing is told
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre is a quotient that can be compared
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,10 @@ from mbaid_ros.core.trajectory.young_run import YoungRun
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-# Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and before.
+# Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and
+# before, when nothing else is to be had.
 _SHARE, _FIRST_SHARE = 300, 1200
-_TELLING = 8  # windows that tell whether a jump was a push
+_TELLING = 8  # windows that tell whether a jump was a push: if the target has moved, so many do not fit
 
 
 class FilterRun:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from mbaid_ros.core.verdict.innovations import Innovations
 from mbaid_ros.core.verdict.ranking import CATCH_ALL
 
-WORTH = 10.0  # gain of what is named
+# Log-likelihood, the odds of bank.MARGIN: what gains less is not named, and what leads by less leads alone no more.
+WORTH = 10.0
 
 
 @dataclass(frozen=True)

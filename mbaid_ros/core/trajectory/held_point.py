@@ -9,9 +9,11 @@ from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.trajectory.variables import Variables
 
-# Mahalanobis distance, squared, that the estimate may move before windows are linearised elsewhere. Then what moves are
-# the directions known as well as this, relative to typical sizes, and those that are so far off that their square, what
-# is left of second order, is more than a tenth of a standard deviation. An unknown's unit is about 1 % of its size.
+# Squared Mahalanobis distance, of some twenty to two hundred numbers, that the estimate may move before windows are
+# linearised elsewhere: directions that nothing sees gain less information by that than their priors have. Then what
+# moves are the directions known as well as this, relative to typical sizes, and those that are so far off that their
+# square, what is left of second order, is more than a tenth of a standard deviation. An unknown's unit is about 1 %
+# of its size.
 _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 

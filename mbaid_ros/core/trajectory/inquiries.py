@@ -20,13 +20,16 @@ from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.ranking import ranked
 from mbaid_ros.core.verdict.roughness import roughness
 
-_FIRST = 24  # windows before the first inquiry
+_FIRST = 24  # windows before the first inquiry: of fewer, causes cannot be told apart
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since what may be a change of the target: what tells of it is there
-_OPEN = 16  # windows, at most, that a jump is left open while an inquiry is under way
-_APART = 16  # windows from one inquiry to the next, at least
-_KEPT = 80  # windows that one is over
-_LATEST = 8  # windows whose samples tell how noisy the sensors are
-_SHORT = 0.12  # of a window, below which a time of correlation is none
+# Windows, at most, that a jump is left open while an inquiry is under way: by then it has been told what became of
+# it.
+_OPEN = 16
+_APART = 16  # windows from one inquiry to the next, at least: what is new tells about as much as the noise
+# Windows that one is over: what has begun to be wrong is seldom longer ago, and work and memory stay bounded.
+_KEPT = 80
+_LATEST = 8  # windows whose samples tell how noisy the sensors are: as noisy as they are now
+_SHORT = 0.12  # of a window, below which a time of correlation is none: poses between two others look like that, too
 # Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
 _SHARE_BESIDE, _SHARE = 700, 1200
 

@@ -12,7 +12,7 @@ from mbaid_ros.core.trajectory.knots import Knots
 
 PoseReading = Callable[[Knots], Knots]
 
-_MILLIMETRE = 1e-3  # m
+_MILLIMETRE = 1e-3  # m: a unit
 
 
 def as_read(knots: Knots) -> Knots:

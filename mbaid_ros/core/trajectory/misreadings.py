@@ -20,12 +20,12 @@ from mbaid_ros.core.trajectory.misread_poses import MISREAD_POSES, PoseReading, 
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.trajectory.windows import Stack, Window, stacked, without_twist
 
-FITTED = 30  # work of fitting all windows
+FITTED = 30  # work of fitting all windows, in steps of the filter
 
-_MOST_PAIRS = 12  # joints, of which all pairs are tried
+_MOST_PAIRS = 12  # joints, up to which all pairs are tried: of more they are hundreds
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
-_TURN = 2.0 * np.pi  # rad or m, which joints of an arm hardly move by
+_TURN = 2.0 * np.pi  # rad or m, which an arm hardly moves by: what is read in degrees or millimetres goes further
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
 

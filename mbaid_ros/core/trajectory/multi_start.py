@@ -26,7 +26,8 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 # The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
 # size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
 _GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
-_PLAIN = 1.0  # standard deviations that the noise of the rows may move a result by
+# Standard deviations that the noise of the rows may move a result by: beyond, less misfit may come from it alone.
+_PLAIN = 1.0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import numpy as np
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 
-_TOLD, _MOST = 1.3, 3.0  # times the declared noise: what is told, and from which on samples would show it
+# Times the declared noise: what is less is within its tolerance, and more would show in the samples.
+_TOLD, _MOST = 1.3, 3.0
 
 
 def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[str, list[Window]]:

@@ -23,16 +23,20 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 MASS = BODY.start - LINEAR.start  # its place among the parameters
 
-_PASSES = 12
-# Where the innovations squared are so many times what they should be in the mean, and as many passes in a row have not
-# made them less, no further one will.
+_PASSES = 12  # at most: what has come to no point by then seldom does
+# Where the innovations squared are so many times what they should be in the mean, and as many passes in a row have
+# not made them less, no further one will: the next search waits for half as much data again.
 HOPELESS, _IDLE = 10.0, 3
-_SETTLED = 0.1  # standard deviations
-_CERTAIN = 0.15  # relative standard deviation of the mass, below which a start counts
+_SETTLED = 0.1  # standard deviations: further passes change nothing that is published
+# Relative standard deviation of the mass, below which a start counts: beyond, the centre of mass as a quotient is far
+# from Gaussian.
+_CERTAIN = 0.15
 _APART = 3.0  # standard deviations, from which two starts have come to different points
-# Chance of a start as surprising as that, from which another one is tried.
+# Chance of a start as surprising as that, from which another one is tried: a search for nothing once in a hundred.
 _UNLIKELY = 0.01
-_ELSEWHERE = 3  # points, drawn from what is believed, at which a solution is tried
+# Points, drawn from what is believed, at which a solution is tried: what moves by a whole standard deviation is
+# missed by three once in eighteen times.
+_ELSEWHERE = 3
 # Standard deviations that a step of Newton's may move a parameter by where it moves another by too many: passes will
 # not come to a point at once, and the step is a part of the way.
 _DISPLACED = 0.25

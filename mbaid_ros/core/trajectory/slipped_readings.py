@@ -14,8 +14,8 @@ from mbaid_ros.core.trajectory.windows import Window
 
 # A step among the middle ones of eight knots, less what those beside them go by: of a quadratic motion there is none.
 _STEP = np.array([0.75, 0.0, -1.75, 0.0, 0.0, 1.75, 0.0, -0.75])
-_MIDDLE = 3.5  # knots, from the first of them
-_LARGE = 8.0  # times what such steps are in the rest of the joint's motion
+_MIDDLE = 3.5  # knots, from the first of them: where a step between knots lies
+_LARGE = 8.0  # times what such steps are in the rest of the joint's motion: acceleration and noise seldom make as much
 
 
 @dataclass(frozen=True)

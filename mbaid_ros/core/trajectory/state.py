@@ -24,7 +24,8 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
-_NEAR = 0.5  # of the body's size
+# Of the body's size, over which the prediction is near linear: one pass, or one move of the point, goes no further.
+_NEAR = 0.5
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 BODY_PLACES = np.arange(BODY.start, BODY.stop)
 

@@ -15,8 +15,8 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.trajectory.spoilt_reading import SpoiltReading, but_for
 from mbaid_ros.core.trajectory.windows import Window
 
-_SAME = 1e-12  # rad or m, of means of equal numbers
-_LISTED = 3  # times that are told
+_SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
+_LISTED = 3  # times that are told: a line holds no more
 
 
 def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:

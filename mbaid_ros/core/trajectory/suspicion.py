@@ -36,15 +36,15 @@ from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect, of_swi
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 from mbaid_ros.core.verdict.spectrum import lines
 
-_EVERY = 2  # one in so many tells which other robot is likely
+_EVERY = 2  # one window in so many tells which other robot is likely: for half of the work
 # Part of the misfit that another robot may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_BEFORE = 10  # windows before a change of the target that tell of it
-_PARTS = 3  # of the first jumps, at which the target may have changed
-_LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for
+_BEFORE = 10  # windows before a change of the target that tell of it: the body before has to be known
+_PARTS = 3  # of the first jumps, at which the target may have changed: later ones are what the first leads to
+_LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
 
 

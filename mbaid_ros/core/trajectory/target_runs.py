@@ -28,7 +28,9 @@ from mbaid_ros.core.unknowns.hypotheses import hypotheses
 from mbaid_ros.core.unknowns.words import all_of, of_change
 from mbaid_ros.core.verdict.judgement import Evidence
 
-_SETTLING = 2  # windows that a changing target may take: of the first of the next run, and about a jump
+# Windows that a changing target may take: of the first of the next run, and about a jump, which may lie across a
+# border.
+_SETTLING = 2
 
 
 class TargetRuns:

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
-_FIRST = 5  # windows
+_FIRST = 5  # windows whose mean is taken: noise is far below the rate by then, and disturbances have hardly acted
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:

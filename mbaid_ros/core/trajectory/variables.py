@@ -15,13 +15,14 @@ from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
-_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors
-# Standard deviations of the first pose's error, and of momentum and body in typical sizes: no prior, in effect.
-_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m
-_OPEN = 30.0
+_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors, which make numbers comparable and decide nothing
+_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose's error: no prior, in effect
+_OPEN = 30.0  # typical sizes: standard deviation of momentum and body: no prior, in effect
 # Standard deviation of a constant force (N) and torque (N m), in typical sizes of the momentum: far above a leak's.
 _FORCE = 1e-3
-_NEAR = 0.1  # standard deviation of a mass that is held, relative
+# Standard deviation of a mass that is held, relative: near enough to stay there, and loose enough to show where it
+# wants to go.
+_NEAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)

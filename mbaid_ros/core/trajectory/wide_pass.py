@@ -24,7 +24,8 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.verdict.widening import BesidePrior
 
-_REFINEMENTS = 3  # passes, ever nearer to what the windows say
+# Passes, ever nearer to what the windows say: what is left then is far below what decides between causes.
+_REFINEMENTS = 3
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
 SLIPPING = 2  # windows that a slip may take
 

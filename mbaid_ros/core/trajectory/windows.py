@@ -20,7 +20,7 @@ from mbaid_ros.core.trajectory.knots import Knots, at_the_base, turned_back
 from mbaid_ros.core.trajectory.window_noise import WindowNoise
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
-STACK = 10  # windows linearised at a time: one piece of work
+STACK = 10  # windows linearised at a time: one piece of work, of some milliseconds
 
 
 @dataclass(frozen=True, eq=False)

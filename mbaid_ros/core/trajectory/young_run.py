@@ -9,12 +9,16 @@ from mbaid_ros.core.trajectory.passes import HOPELESS
 from mbaid_ros.core.trajectory.windows import Window
 from mbaid_ros.core.verdict.judgement import LARGEST_NIS
 
-# Growth of a young run until all of it is linearised again, or searched again where a search explains next to nothing.
+# Growth of a young run until all of it is linearised again, or searched again where a search explains next to
+# nothing: a half more data tell enough of where to linearise, and all passes together cost three times the last.
 _GROWTH = 1.5
 _AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
-# Windows after which a start that has not settled is tried again, and what part of all it is at least.
+# Windows after which a start that has not settled is tried again, and what part of all it is at least: that the work
+# of a window stays about the same.
 _RETRY, _RETRY_PART = 2, 0.1
-_GROWN = 40  # windows after which a run is grown up, if where they are linearised may stay
+# Windows after which a run is grown up, if where they are linearised may stay: what is left of second order is a
+# tenth of a standard deviation.
+_GROWN = 40
 
 
 class YoungRun:

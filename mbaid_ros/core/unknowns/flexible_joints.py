@@ -14,7 +14,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.unknowns.declaration import JointMotion, Linear
 
 FLEXIBLE = 'flexible'
-_EACH = (3e-6, 1e-5, 1e-5, 1e-5)  # rad/(N m), s, rad, rad; a thousand times as much is plausible
+# rad/(N m), s, rad, rad, of each joint: far below what drives have; a thousand times as much is plausible.
+_EACH = (3e-6, 1e-5, 1e-5, 1e-5)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
-_LATE = 12  # place of the delay
+_LATE = 12  # place of the delay: as many numbers are before it
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array
 
-# Random walk of the momentum that stands for a force which is not constant, a kilogram of the known bodies.
-_CHANGING_FORCE = 5e-5  # N s / sqrt(s) / kg
+# N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
+_CHANGING_FORCE = 5e-5
 
 Axes = Literal['none', 'inertial', 'body']
 

@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS, twist_bias
 TURNING, LATE = 'odometry turning', 'twist late'
 OF_TWIST = (LATE, TURNS, SPEEDS)  # what is wrong with the twist alone
 
-_MINUTE = 60.0  # s
+_MINUTE = 60.0  # s: a unit
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from mbaid_ros.core.samples import Samples
 # Second differences of white noise are as large as declared. Those of white and of such correlated noise have
 # correlations of -2/3 to -1/2 from one to the next; those of interpolated poses, also small, have positive ones.
 _SMALL, _SMOOTH = 0.25, -0.25
-_FEWEST = 20  # samples
+_FEWEST = 20  # samples: correlations of fewer are uncertain to a quarter
 
 
 def cause(time: float) -> str:

@@ -11,10 +11,11 @@ from mbaid_ros.core.verdict.innovations import SENSORS, Innovations
 from mbaid_ros.core.verdict.judgement import Cause
 from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness
 
-_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong
-_OUTLIERS = 0.002  # share of the poses
+_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: nobody declares it better
+_OUTLIERS = 0.002  # share of the poses, from which they are named: single ones do no harm, they are left out
 NOISE = 'noise.'  # what begins with it names a parameter of the noise
-CATCH_ALL = 0.95  # what explains anything counts so much of what it gains
+# What explains anything counts so much of what it gains: where both explain all, what says how it happens leads.
+CATCH_ALL = 0.95
 
 
 def ranked(

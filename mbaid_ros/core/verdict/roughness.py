@@ -12,10 +12,10 @@ from mbaid_ros.core.samples import Samples
 
 CHANNELS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'joint_position')
 _WEIGHT = 70.0  # variance of a fourth difference of white noise of unit variance
-_MEDIAN = 0.6745  # of a normal number's size
+_MEDIAN = 0.6745  # of a normal number's size: what makes a median a standard deviation
 _FAR = 6.0  # robust standard deviations, from which a difference has an outlier in it
-_FEWEST = 12  # samples
-_TOUCHED = 5  # differences that a sample is in
+_FEWEST = 12  # samples of a window: fewer have too few differences of fourth order for a median
+_TOUCHED = 5  # differences of fourth order that a sample is in
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 
-_FEWEST = 12  # windows
+_FEWEST = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside
 _FINER = 4  # frequencies tried for each that the length of the series tells apart
 _SWINGS = 2.5  # in the series at least: fewer are a drift
-_LARGEST = 4.0  # of what there is in the middle
+_LARGEST = 4.0  # of what there is in the middle: a single large one is a jump, no swing
 _TREND = 5  # numbers of a polynomial that is no swing
-_PEAKS = 2
-_CLEAR = 12.0  # times the median of the spectrum
+_PEAKS = 2  # frequencies that are tried: each takes passes of its own
+_CLEAR = 12.0  # times the median of the spectrum: of noise, one frequency in four thousand (2^-12) is as high
 
 
 def lines(values: Array, spacing: float) -> list[float]:

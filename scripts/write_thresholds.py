@@ -1,0 +1,122 @@
+"""Write docs/thresholds.md: every number of the estimators that is no parameter, with the reason that stands beside it.
+
+usage: write_thresholds.py    (a test compares the page with the code)
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import sys
+import tokenize
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = ROOT / 'mbaid_ros' / 'core'
+PAGE = ROOT / 'docs' / 'thresholds.md'
+# By what they belong to: modules of the core, and packages.
+SECTIONS = {
+    'Method `trajectory`': ('two_stage.py', 'trajectory'),
+    'Method `difference`, and the first stage of `trajectory`': ('difference', 'equations'),
+    'Methods `paper_main` and `paper_difference`': ('paper',),
+    'Whether a run is to be trusted': ('verdict',),
+    'What of an estimate is published': ('results',),
+    'Unknowns': ('unknowns',),
+    'Capture': ('capture',),
+    '`calibrate`': ('calibration',),
+    'Readings': ('intake', 'sensor_levels.py'),
+    'Robots': ('robot', 'orbit.py'),
+    'Numbers': ('symmetric.py', 'geometry.py'),
+}
+HEAD = """\
+# Thresholds
+
+Every number that decides something and is no parameter (those are in the README's table), by what it belongs to, with
+what it is and why it is not another. The comment beside the constant is the original: `scripts/write_thresholds.py`
+writes this page from it, and a test fails where one has none.
+"""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Constants of a module that are set together, and the comment beside them."""
+
+    module: str
+    names: tuple[str, ...]
+    value: str
+    why: str
+
+    @property
+    def row(self) -> str:
+        """The same as a row of a table."""
+        first, *others = self.names
+        names = ', '.join([f'`{self.module}.{first}`', *(f'`{name}`' for name in others)])
+        word = self.why.split()[0]
+        begin = word.lower() if word == 'A' or word[1:].islower() else word  # no unit
+        why = (begin + self.why[len(word) :]).replace('|', '\\|')
+        return f'| {names} | {self.value} | {why} |'
+
+
+def text() -> str:
+    """Return the page."""
+    return '\n'.join([HEAD, *(_section(title, places) for title, places in SECTIONS.items())])
+
+
+def all_thresholds() -> list[Threshold]:
+    """Return those of all sections."""
+    return [threshold for places in SECTIONS.values() for file in _files(places) for threshold in thresholds(file)]
+
+
+def thresholds(file: Path) -> Iterator[Threshold]:
+    """Yield the numbers that a module sets for itself."""
+    source = file.read_text(encoding='utf-8')
+    lines, comments = source.splitlines(), _comments(source)
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign) or not _is_number(node.value):
+            continue
+        (target,) = node.targets
+        names = target.elts if isinstance(target, ast.Tuple) else [target]
+        first = node.lineno - 1
+        while first > 0 and lines[first - 1].startswith('#'):
+            first -= 1
+        above = [comments[line] for line in range(first + 1, node.lineno)]
+        why = ' '.join([*above, comments.get(node.end_lineno or node.lineno, '')]).strip().removesuffix('.')
+        value = ' '.join((ast.get_source_segment(source, node.value) or '').split())
+        yield Threshold(file.stem, tuple(ast.unparse(name) for name in names), value, why)
+
+
+def _section(title: str, places: tuple[str, ...]) -> str:
+    rows = [threshold.row for file in _files(places) for threshold in thresholds(file)]
+    return '\n'.join([f'## {title}', '', '| where | value | what, and why |', '|---|---|---|', *rows, ''])
+
+
+def _files(places: tuple[str, ...]) -> list[Path]:
+    return [file for place in places for file in ([CORE / place] if place.endswith('.py') else _modules(place))]
+
+
+def _modules(package: str) -> list[Path]:
+    return sorted((CORE / package).glob('*.py'))
+
+
+def _comments(source: str) -> dict[int, str]:
+    """Return the comments of a module by their line."""
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    return {token.start[0]: token.string.lstrip('# ') for token in tokens if token.type == tokenize.COMMENT}
+
+
+def _is_number(value: ast.expr) -> bool:
+    """Tell whether a value is a number, or a few of them."""
+    if isinstance(value, ast.Tuple):
+        return bool(value.elts) and all(map(_is_number, value.elts))
+    if isinstance(value, ast.BinOp):
+        return _is_number(value.left) or _is_number(value.right)
+    if isinstance(value, ast.UnaryOp):
+        return _is_number(value.operand)
+    return isinstance(value, ast.Constant) and type(value.value) in (int, float)
+
+
+if __name__ == '__main__':
+    PAGE.write_text(text(), encoding='utf-8')
+    sys.stdout.write(f'{PAGE}\n')
