@@ -33,9 +33,9 @@ SECTIONS = {
 HEAD = """\
 # Thresholds
 
-Every number that decides something and is no parameter (those are in the README's table), by what it belongs to, with
-what it is and why it is not another. The comment beside the constant is the original: `scripts/write_thresholds.py`
-writes this page from it, and a test fails where one has none.
+Every number of the estimators that decides something and is no parameter (those are in the README's table), by what it
+belongs to, with what it is and why it is not another. The comment beside the constant is the original:
+`scripts/write_thresholds.py` writes this page from it, and a test fails where one has none.
 """
 
 

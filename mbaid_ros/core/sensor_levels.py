@@ -19,7 +19,9 @@ CHANNELS = (
 )
 UNITS = ('rad', 'rad/s', 'm', 'rad', 'm/s', 'rad/s')  # m and m/s of a prismatic joint
 TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # what sensors of a servicer have
-_FAR_TOO_LARGE = 10.0  # times, from which what is taken off the equations for noise in them is off itself
+# Times as noisy as found that joints are declared, from which what is taken off the equations for it pulls them
+# aside.
+_FAR_TOO_LARGE = 10.0
 _WRONG = 1.3  # times too small or too large, from which a declared value is told to be: nobody declares it better
 
 

@@ -20,7 +20,7 @@ from mbaid_ros.core.results.steadiness import Steadiness
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.knowledge import Knowledge
 
-# Chance that two stages which are both right are as far apart as that: they are asked a hundred times a run.
+# Chance that two stages which are both right count as contradicting each other: asked a hundred times a run.
 _UNLIKELY = 1e-6
 # Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
 # has agreed in as many windows in a row; in any case after so many windows, unless it contradicts stage 2 by then.

@@ -31,8 +31,9 @@ _PASSES = 24  # at most: Newton's steps, halved where they turn back
 _SETTLED = 0.1  # standard deviations: further passes change nothing that is published
 _TOGETHER = 30  # windows linearised in one call: the arrays of all of a long motion would fill the memory
 _FEW = 60  # windows of the first passes, which take most of the way for a part of the work
-_PARTS, _FEWEST = (8, 4, 2), 3  # of the windows where no pose holds the base, and how few tell anything
-_HALVINGS = 20  # of a step that would leave a body no mass: by then it is rounding
+# An eighth, a quarter, half of the windows are passed first where no pose holds the base; windows it takes at least.
+_PARTS, _FEWEST = (8, 4, 2), 3
+_HALVINGS = 20  # of a step that would leave a body no mass: by then a millionth of it is left
 _BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
 
 

@@ -19,10 +19,10 @@ from mbaid_ros.core.robot.scale import unknown_scale
 
 # Standard deviation, in typical sizes, of what nothing is known of: far too much to be a prior (as in difference).
 NO_PRIOR = 100.0
-_EMPTY = 1e-9  # the same of a link that is known to be none
+_EMPTY = 1e-9  # standard deviation, in typical sizes, of a link that is known to have no mass
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
-# Smallest standard deviation of an element of inertia, relative to a third of the trace: a thin rod has zeros.
+# Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.
 _SMALLEST = 1e-3
 _ROWS = np.array([4, 4, 4, 7, 7, 9])
 _COLUMNS = np.array([4, 7, 9, 7, 9, 9])

@@ -20,7 +20,8 @@ from mbaid_ros.core.robot.scale import unknown_scale
 
 # Singular values, relative to the largest, that are rounding: those of mechanisms are above 1e-4.
 _ROUNDING = 1e-9
-_STATES_PER_UNKNOWN = 2  # random states for as many unknowns: twice what would do
+# Random states for each unknown number, six equations each (three in a plane): far more than would do.
+_STATES_PER_UNKNOWN = 2
 _SEED = 20  # of these states: the same structure every time
 
 

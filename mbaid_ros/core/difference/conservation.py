@@ -24,10 +24,11 @@ from mbaid_ros.core.symmetric import inverse_root
 # once in years of windows.
 _FALSE_ALARM = 1e-9
 _ENOUGH = 50  # redundant equations from which the tests can be trusted
-# Normalised innovation squared, of an equation: noise a quarter larger than declared is no contradiction.
+# Normalised innovation squared, of an equation: noise a fifth larger than declared is no contradiction.
 _LARGEST_MEAN = 1.5
 _NEAR = 1.0  # s, within which it is the same jump
-_FLOOR = 1e-9  # part of the information about a jump that has to be left for it to be one
+# Part of the information about a jump that is added to what is left of it: where nothing is left, none shows.
+_FLOOR = 1e-9
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,12 @@ from mbaid_ros.core.symmetric import solve_definite, solve_symmetric
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
 _ITERATIONS_WARM = 2  # a window: it begins where the last one ended, and what is left is done with the next
-_HALVINGS = 5  # of a step: what does not help at a thirtieth of its length is not in this direction
+# Lengths of a step that are tried, each half the last: what does not help at a sixteenth is not in this direction.
+_HALVINGS = 5
 # Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
 _ENOUGH, _UNLIKELY = 50, 1e-3
-# Root of the fall of the cost by a step, up to which the parabola is taken for the likelihood.
+# Root of the fall of the cost by a step, up to which the parabola is the likelihood: before x is well known, and
+# after.
 _SMALL_STEP, _CLOSE = 1e-3, 0.5
 # Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
 _CERTAIN = 4.0

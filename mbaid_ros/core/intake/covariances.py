@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 
-# Variances that a sensor may declare, m^2 or rad^2: beyond, squares and quotients are not numbers any more.
+# Variances that a sensor may declare, SI units: none is as small or large, and products keep their digits.
 _SMALLEST, _LARGEST = 1e-24, 1e12
 
 

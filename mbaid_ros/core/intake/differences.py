@@ -22,12 +22,16 @@ _AT_ONCE = 40  # readings that are looked at together, at least: few cost as muc
 _ALL = 2048  # readings, of which all differences are looked at: later on, a quarter tells enough
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
-_PARTS, _LOWEST, _OCTAVES = 8, -40, 80  # of an octave; the first octave of squares, and how many
+# Bins an octave of squared differences (over the declared variance), the lowest octave as a power of 2, how many
+# octaves.
+_PARTS, _LOWEST, _OCTAVES = 8, -40, 80
 _BINS = _PARTS * _OCTAVES
 _SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps tells nothing
 _PLACE = np.arange(_BINS)
-_SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)  # in the middle of each bin
-# A larger square counts as that: outliers, and where a motion begins. The mean of what is left of unit normal ones.
+# Squared difference in the middle of each bin.
+_SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)
+# Times the variance, as which a larger square counts: outliers, and where a motion begins. The mean of unit normal
+# ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
 _ROUNDS = 8  # of clipping and taking the mean again: each leaves a part of what the one before has left
 

@@ -11,10 +11,10 @@ from mbaid_ros.core.intake.noise_levels import NoiseLevels
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
 from mbaid_ros.core.sensor_levels import CHANNELS, TYPICAL, SensorLevels
 
-# Below a thirtieth of what sensors have a model is off by more than by noise.
+# Part of a servicer's usual sensor noise, below which no level counts: a model is off by more than by that.
 _LEAST = 1.0 / 30.0
-# Until poses that stand alone can tell, of which nobody has declared anything: spacings of those that tell by their
-# differences, s, how many it takes, with some that are lost, and how many times as noisy as usual they are taken to be.
+# Of poses without a twist, undeclared: spacing (s) up to which differences tell their noise, poses that takes, lost
+# ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 _NEVER = np.iinfo(np.int64).max
 

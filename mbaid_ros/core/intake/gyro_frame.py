@@ -14,9 +14,10 @@ from mbaid_ros.core.samples import Samples
 
 _FEWEST = 6  # windows, of three numbers each: enough for a turn and a judgement of it
 _TURNED = 0.2  # rad, from which the axes are others: no declared mount is as far off
-_BETTER = 0.1  # of the squared disagreement that is left then: axes that are right leave next to nothing
-_SURE = 50.0  # log-likelihood by which that is better: no accident in any number of runs
-_OFF = 0.02  # relative, what scale and mount may leave
+# Part of the squared disagreement that another reading of the gyro may leave: right axes leave next to nothing.
+_BETTER = 0.1
+_SURE = 50.0  # log-likelihood by which another reading of the gyro has to be better: no accident in any number of runs
+_OFF = 0.02  # part of the motion that a declared error of the gyro's scale or mount may make
 
 
 class GyroFrame:

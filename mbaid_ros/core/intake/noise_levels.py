@@ -15,11 +15,13 @@ from mbaid_ros.core.sensor_levels import CHANNELS
 _STRIDES = (1, 2, 4, 8, 16, 32)
 _FEWEST = 60  # differences that tell a level, to a sixth of it
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
-_SHORTEST = 3  # strides over which correlated noise grows, where nothing else tells it
-_SMALL = 0.25  # variance of neighbours' differences over that declared, where something does
+_SHORTEST = 3  # strides over which noise has to grow to count as correlated, where its size does not tell that
+# Variance of neighbours' differences over that declared, below which it tells by itself that noise is correlated.
+_SMALL = 0.25
 _INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
-_NO_FIT = 25.0  # mean square of what is left of variances, from which declared levels are wrong
-_GROWS, _NO_NOISE = 1.4, 2.3  # from one stride to the next: noise that is correlated; what no noise does, but motion
+_NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
+# Times the variance grows from one stride to the next: by correlated noise, and by more than any noise: motion.
+_GROWS, _NO_NOISE = 1.4, 2.3
 _TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for
 # Correlations of errors that are (0 ... 6) strides apart make that of the variance of a difference.
 _PRODUCTS = np.array(

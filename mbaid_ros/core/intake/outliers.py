@@ -24,7 +24,7 @@ _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
 _NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
 _BLOCK = 64  # misfits that tell the scale of the next as many
-_FEW = 6  # of them, that tell no scale yet
+_FEW = 6  # misfits that tell no scale yet
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as too few tell
 _QUARTILE = 1.10  # a quarter of the vectors of three independent numbers of unit variance are shorter
 

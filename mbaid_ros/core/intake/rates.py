@@ -18,9 +18,10 @@ from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log
 from mbaid_ros.core.samples import Samples
 
-# Fourth degree: rates to third order in time, which is far below the noise for motions slower than the window.
+# Fourth degree: rates to third order in time; what is left is far below the noise for motions slower than the window.
 _DEGREE = 4
-_WORST_CONDITION = 1e4  # of the fit, beyond which stamps lie too close together for a rate
+# Condition number of a fit, beyond which its stamps lie too close together, and a lower degree serves.
+_WORST_CONDITION = 1e4
 FEWEST = 2  # samples that a rate can be taken from
 
 Places = npt.NDArray[np.intp]

@@ -18,7 +18,7 @@ from mbaid_ros.core.intake.rates import base_slopes, fits
 from mbaid_ros.core.samples import Samples
 
 _SIGNIFICANT = 6.0  # standard deviations, from which one reading of the twist is the right one: one in a billion
-# A difference between the readings within the twist's own noise would correlate with it: such windows say nothing.
+# Standard deviations of the twist's noise: a smaller difference of the readings correlates with it, and says nothing.
 _DISTINCT = 5.0
 _FEWEST = 6  # samples in a window, for a rate of its poses that is better than theirs
 _ENOUGH = 12.0  # numbers that tell: of fewer it does not show how noisy they are

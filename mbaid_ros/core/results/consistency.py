@@ -18,8 +18,8 @@ IMPOSSIBLE = 4.0
 # Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
 # would be flat, and no simulator accepts it.
 _FLOOR = 1e-9
-# Directions that the data leave open (standard deviations beyond ten typical sizes) are drawn, with next to no weight,
-# towards a ball of the same mass.
+# Inverse variance, in typical sizes, below which data leave a direction open (ten sizes): it is drawn, with next to
+# no weight, towards a ball of the same mass.
 _OPEN = 1e-2
 _DRAW = 1e-3  # standard deviations that a typical size is worth where the data leave a direction open: next to none
 _EVALUATIONS = 50  # at most, of least squares in four coordinates

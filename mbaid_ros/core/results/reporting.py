@@ -34,7 +34,7 @@ from mbaid_ros.core.symmetric import are_doubtful, inverse_factors
 
 # Standard deviations of an estimate from the nearest real body, from which that is told.
 _LARGE_CORRECTION = 3.0
-_BY_CHANCE = 1e-6  # that so few equations leave as large a residual: asked once a window while a run is short
+_BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
 _SECOND = np.array([4, 7, 9, 7, 9, 9])

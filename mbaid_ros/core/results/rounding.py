@@ -7,7 +7,7 @@ import math
 from mbaid_ros.core.results.parameters import BAND
 
 _DIGITS = 2  # of a standard deviation: more would claim to know how well it is known
-_MOST_DECIMALS = 7  # written out; beyond, and for thousands that are not known, as a power of ten
+_MOST_DECIMALS = 7  # written out: more of them, or a number from 1e7 on whose ones are not known, are a power of ten
 
 
 def rounded(value: float, std: float, unknown: str = '', digits: int = 6) -> tuple[str, str]:

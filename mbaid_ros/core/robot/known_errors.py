@@ -12,7 +12,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, express
 
-# Part of the largest variance (all parameters in units of their own deviation) from which one is rounding.
+# Part of the largest variance (all parameters in units of their own deviation) up to which one is rounding.
 _NOTHING = 1e-14
 
 

@@ -16,8 +16,9 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Samples
 
-_PARALLEL = 1e-9  # of unit vectors, by which axes of one direction differ: rounding of URDF angles
-_SIGNIFICANT = 6.0  # standard deviations of a window's mean, from which the base leaves the plane: one in a billion
+_PARALLEL = 1e-9  # by which the cosine of axes of one direction may differ from 1 (4.5e-5 rad): rounding of URDF angles
+# Deviations of a window's mean, of all three axes together, from which the base leaves the plane: no noise does.
+_SIGNIFICANT = 6.0
 _OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
 
 

@@ -15,7 +15,8 @@ from mbaid_ros.core.trajectory.windows import Window
 
 _KNOT = 0.05  # s, wanted spacing of knots: formulas of fourth order leave less of a motion between them than noise does
 _FEWEST_KNOTS = 5  # of a window, however short: the window before it needs four of them
-# A joint has moved when its range is this many standard deviations of one sample; noise alone reaches about five.
+# A joint has moved when its knots range over this many deviations of one sample: noise alone reaches five in seconds,
+# nine in an hour.
 _MOVED = 10.0
 
 

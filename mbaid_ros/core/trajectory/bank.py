@@ -18,9 +18,10 @@ from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 # Log-likelihood by which another hypothesis must explain the data better than the first: odds of 20,000 to 1.
 MARGIN = 10.0
-_FALSE_ALARM = 1e-8  # chance that an undisturbed window counts as a jump of the momentum: one in two years of windows
-# Windows that one jump may take: a pulse across the border of two is in both. While windows are linearised at a guess,
-# what they leave unexplained is no pulse.
+# Chance that an undisturbed window counts as a jump of the momentum: one in a year and a half of windows.
+_FALSE_ALARM = 1e-8
+# Windows in a row that one jump may take: a pulse across a border is in both. At a guess one: more in a row are the
+# guess's fault.
 LONGEST, LONGEST_AT_A_GUESS = 2, 1
 _REMEMBERED = 4  # jumps, of which the belief before is kept: more of them are no changes of the target
 _JUMP = 0.3  # standard deviation of a jump, in typical sizes of the momentum: next to no prior of its size

@@ -25,7 +25,7 @@ _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since what may be a change of t
 # Windows, at most, that a jump is left open while an inquiry is under way: by then it has been told what became of
 # it.
 _OPEN = 16
-_APART = 16  # windows from one inquiry to the next, at least: what is new tells about as much as the noise
+_APART = 16  # windows from one inquiry to the next, at least: what fewer new ones tell is lost in the noise
 # Windows that one is over: what has begun to be wrong is seldom longer ago, and work and memory stay bounded.
 _KEPT = 80
 _LATEST = 8  # windows whose samples tell how noisy the sensors are: as noisy as they are now

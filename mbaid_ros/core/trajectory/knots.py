@@ -22,7 +22,7 @@ Integers = npt.NDArray[np.int64]
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
-# What a knot is of the two or four around it.
+# Weights of the two or four knots around an empty one, which is filled in: exact for straight lines and cubics.
 _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 
 

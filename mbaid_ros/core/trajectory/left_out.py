@@ -18,7 +18,7 @@ from mbaid_ros.core.trajectory.wide_pass import WidePass, tried
 from mbaid_ros.core.trajectory.windows import Window, without_twist
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
-FEWEST = 4  # windows that tell: fewer have hardly more numbers than what is left out explains
+FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
 _TRIED = 2  # joints, of each kind: two that fail at once are rare, and each takes passes of its own
 
 _Found = Generator[int, None, list[Suspected]]

@@ -12,7 +12,8 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked
 
 LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
 _MOST = 128  # windows linearised at once: more gain no time, and take memory
-_FEWEST = 8  # where as many are known to come: the others cost little more than the first
+# Windows linearised at once, at least, where as many are to come: the others cost little more than the first.
+_FEWEST = 8
 
 
 class LinearisationCache:

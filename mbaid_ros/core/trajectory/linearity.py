@@ -19,7 +19,8 @@ from mbaid_ros.core.trajectory.windows import Window, in_stacks
 # What is left of any standard deviation of the body when its windows are linearised anew: they were linearised where
 # that was hardly known. It halves the variance; sooner hardly anything has moved.
 _SHARPER = 0.7
-_KNOWN = 0.1  # relative standard deviation of the body, in every direction that is seen: of second order less is left
+# Relative deviation of the body, in all directions seen, below which windows may stay: a tenth of it is second order.
+_KNOWN = 0.1
 
 
 class Linearity:

@@ -16,7 +16,8 @@ from mbaid_ros.core.geometry import Array, log, rotate, rotate_back, skew
 from mbaid_ros.core.trajectory.windows import Window
 
 _FEWEST = 8  # windows, of six numbers each: enough that a wrong reading is no accident
-_CONTRADICTS = 4.0  # normalised square of a number, from which on a twist is not the rate of the poses
+# Mean normalised square of the poses' ways less the twists', from which a twist is not the rate of the poses.
+_CONTRADICTS = 4.0
 _LEFT = 0.25  # of what contradicts, and of what moves: what another reading leaves at most to be believed
 _MILLIMETRE = 1e-3  # m: a unit
 

@@ -22,10 +22,11 @@ from mbaid_ros.core.trajectory.windows import Stack, Window, stacked, without_tw
 
 FITTED = 30  # work of fitting all windows, in steps of the filter
 
-_MOST_PAIRS = 12  # joints, up to which all pairs are tried: of more they are hundreds
+_MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they are nearly two hundred
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
-_DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))  # s: the next one is within the prior
-_TURN = 2.0 * np.pi  # rad or m, which an arm hardly moves by: what is read in degrees or millimetres goes further
+# s, late or early by 50 ms to half a second: less is within the prior of the time offset.
+_DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
+_TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
 

@@ -34,8 +34,8 @@ _CERTAIN = 0.15
 _APART = 3.0  # standard deviations, from which two starts have come to different points
 # Chance of a start as surprising as that, from which another one is tried: a search for nothing once in a hundred.
 _UNLIKELY = 0.01
-# Points, drawn from what is believed, at which a solution is tried: what moves by a whole standard deviation is
-# missed by three once in eighteen times.
+# Points, drawn from what is believed, at which a solution is tried: by three, what moves by a whole standard
+# deviation is missed once in five to eighteen times.
 _ELSEWHERE = 3
 # Standard deviations that a step of Newton's may move a parameter by where it moves another by too many: passes will
 # not come to a point at once, and the step is a part of the way.

@@ -21,11 +21,13 @@ from mbaid_ros.core.verdict.widening import AS_DECLARED, BesidePrior, Distance, 
 
 # Chance beforehand that a kind is declared too certain, and up to which that counts for nothing.
 _TOO_SMALL = (0.05, 0.05)
-# The same that a single thing is mistaken: of many that are right, one looks so by chance.
+# Chance beforehand that a single thing is mistaken, and up to which that counts for nothing: of many right ones, one
+# looks so by chance.
 _MISTAKEN = (0.01, 0.2)
-# The same of what is mistaken by itself more often than the thing that it is part of: a link's mass.
+# The two chances of a part that is mistaken by itself more often than the thing it is part of: a link's mass.
 _PART_MISTAKEN = (0.05, 0.1)
-_SURE = 0.9  # chance, from which it is told: that nothing is wrong is nine times less likely
+# Chance that something is further off than declared, from which that is told: the opposite is nine times less likely.
+_SURE = 0.9
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ from mbaid_ros.core.unknowns.hypotheses import hypotheses
 from mbaid_ros.core.unknowns.words import all_of, of_change
 from mbaid_ros.core.verdict.judgement import Evidence
 
-# Windows that a changing target may take: of the first of the next run, and about a jump, which may lie across a
-# border.
+# Windows that a changing target may take: the next run begins as many later, and jumps as near belong to the change.
 _SETTLING = 2
 
 

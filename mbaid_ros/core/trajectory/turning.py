@@ -14,7 +14,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.trajectory.windows import Stack, Window
 
-_FIRST = 5  # windows whose mean is taken: noise is far below the rate by then, and disturbances have hardly acted
+# First windows, whose mean angular momentum a start has: noise is far below the rate, disturbances have hardly acted.
+_FIRST = 5
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:

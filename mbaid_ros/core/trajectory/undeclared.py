@@ -13,7 +13,7 @@ from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.gravity import Gravity, rate_of
 from mbaid_ros.core.verdict.judgement import Cause, Judgement
 
-_FALSE_ALARM = 1e-9  # chance that noise makes such a gradient: each window asks once, for days
+_FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days
 
 
 def with_undeclared_orbit(judgement: Judgement, moments: Moments, layout: Layout) -> Judgement:

@@ -16,8 +16,8 @@ _AT_REST = 4  # windows before the first motion that it is begun with: noise alo
 # Windows after which a start that has not settled is tried again, and what part of all it is at least: that the work
 # of a window stays about the same.
 _RETRY, _RETRY_PART = 2, 0.1
-# Windows after which a run is grown up, if where they are linearised may stay: what is left of second order is a
-# tenth of a standard deviation.
+# Windows: where the next pass would be over more, a run is grown up if it may stay linearised as it is: what is left
+# of second order is a tenth of a standard deviation then.
 _GROWN = 40
 
 

@@ -14,7 +14,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.known_side import KnownSide
 
-_NOTHING = 1e-8  # part of the largest standard deviation (all numbers in units of their own) from which one is rounding
+# Part of the largest standard deviation (all numbers in units of their own) up to which one is rounding.
+_NOTHING = 1e-8
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.unknowns.declaration import JointMotion, Linear
 
 FLEXIBLE = 'flexible'
-# rad/(N m), s, rad, rad, of each joint: far below what drives have; a thousand times as much is plausible.
+# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below what drives have; a thousand
+# times as much is plausible.
 _EACH = (3e-6, 1e-5, 1e-5, 1e-5)
 
 

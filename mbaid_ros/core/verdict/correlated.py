@@ -8,10 +8,11 @@ import numpy as np
 
 from mbaid_ros.core.samples import Samples
 
-# Second differences of white noise are as large as declared. Those of white and of such correlated noise have
-# correlations of -2/3 to -1/2 from one to the next; those of interpolated poses, also small, have positive ones.
+# Variance of second differences over that of white noise as declared, below which noise is correlated, and
+# correlation of neighbouring ones, above which it is not: noise has -2/3 to -1/2, interpolated poses, also small,
+# positive ones.
 _SMALL, _SMOOTH = 0.25, -0.25
-_FEWEST = 20  # samples: correlations of fewer are uncertain to a quarter
+_FEWEST = 20  # samples: the variance of second differences of fewer is uncertain to a quarter
 
 
 def cause(time: float) -> str:

@@ -9,10 +9,12 @@ from mbaid_ros.core.geometry import Array
 _FEWEST = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside
 _FINER = 4  # frequencies tried for each that the length of the series tells apart
 _SWINGS = 2.5  # in the series at least: fewer are a drift
-_LARGEST = 4.0  # of what there is in the middle: a single large one is a jump, no swing
+# Robust standard deviations (by the median) at which the series is clipped: a single large one is a jump, no swing.
+_LARGEST = 4.0
 _TREND = 5  # numbers of a polynomial that is no swing
 _PEAKS = 2  # frequencies that are tried: each takes passes of its own
-_CLEAR = 12.0  # times the median of the spectrum: of noise, one frequency in four thousand (2^-12) is as high
+# Times the median of the spectrum: of noise, one frequency in 4000 (2^-12) is as high in one of the six numbers.
+_CLEAR = 12.0
 
 
 def lines(values: Array, spacing: float) -> list[float]:

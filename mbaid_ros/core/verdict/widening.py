@@ -22,7 +22,8 @@ from mbaid_ros.core.geometry import Array
 
 # Of a standard deviation, which a cause is tried with: the likelihood is flat enough for steps of three.
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-# Of a standard deviation, among which the likeliest is looked for: steps of a quarter where intervals depend on it.
+# Times a standard deviation, among which the likeliest is looked for: finer than for causes, as intervals depend on
+# it.
 _SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
 # Of the prior's variance, which data have to take off a direction for it to be seen: quotients of less are rounding.
 _SEEN = 0.01
