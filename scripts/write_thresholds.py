@@ -18,7 +18,15 @@ CORE = ROOT / 'mbaid_ros' / 'core'
 PAGE = ROOT / 'docs' / 'thresholds.md'
 # By what they belong to: modules of the core, and packages.
 SECTIONS = {
-    'Method `trajectory`': ('two_stage.py', 'trajectory'),
+    'Method `trajectory`': (
+        'two_stage.py',
+        'trajectory',
+        'trajectory/windows',
+        'trajectory/linearised',
+        'trajectory/filter',
+        'trajectory/search',
+    ),
+    'What may be wrong with a run': ('trajectory/inquiry',),
     'Method `difference`, and the first stage of `trajectory`': ('difference', 'equations'),
     'Methods `paper_main` and `paper_difference`': ('paper',),
     'Whether a run is to be trusted': ('verdict',),

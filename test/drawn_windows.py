@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.linearised.chain import WindowModel
+from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.variables import Variables
-from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
 
 UNKNOWNS = 3  # of the known side
 NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on

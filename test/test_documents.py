@@ -48,6 +48,17 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     assert (ROOT / 'docs' / 'thresholds.md').read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
 
 
+@pytest.mark.parametrize(
+    'document', ['CONTRIBUTING.md', 'docs/architecture.md', 'docs/method.md', 'docs/trajectory.md']
+)
+def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
+    folders = [ROOT / folder for folder in ('mbaid_ros', 'scripts', 'test')]
+    files = ['/setup.py', *(f'/{file.relative_to(ROOT)}' for folder in folders for file in folder.rglob('*.py'))]
+    named = set(re.findall(r'`([a-z0-9_/]+\.py)`', (ROOT / document).read_text(encoding='utf-8')))
+    assert named
+    assert [name for name in sorted(named) if not any(file.endswith(f'/{name}') for file in files)] == []
+
+
 def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
     text = README.read_text(encoding='utf-8')
     text = text[text.index('<!-- parameters of estimator -->') : text.index('<!-- end of parameters -->')]

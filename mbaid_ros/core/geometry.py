@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.floating[Any]]
 Flags = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 
 # Order of the six independent elements of a symmetric matrix (paper, definition 1).
 _ROWS = np.array([0, 0, 0, 1, 1, 2])

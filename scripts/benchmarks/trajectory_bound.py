@@ -19,9 +19,9 @@ from benchmarks.data import Case, kernel
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.interpolation import Midpoints
-from mbaid_ros.core.trajectory.prediction import ANGULAR_FIRST, joint_gains, predict
-from mbaid_ros.core.trajectory.state import POSE, Layout
+from mbaid_ros.core.trajectory.linearised.prediction import joint_gains, predict
+from mbaid_ros.core.trajectory.state import ANGULAR_FIRST, POSE, Layout
+from mbaid_ros.core.trajectory.windows.interpolation import Midpoints
 
 _STRIDE = 4  # samples from knot to knot
 _KNOT = 1.0  # s

@@ -18,7 +18,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
+from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.carried import Carried, in_plane_map

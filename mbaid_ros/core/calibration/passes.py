@@ -15,15 +15,15 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.averaging import KnotAveraging
-from mbaid_ros.core.trajectory.belief import Belief
-from mbaid_ros.core.trajectory.filter import advance, new_motion, pose_reset, update
-from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.filter.belief import Belief
+from mbaid_ros.core.trajectory.filter.square_root import advance, new_motion, pose_reset, update
+from mbaid_ros.core.trajectory.linearised.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow
+from mbaid_ros.core.trajectory.search.turning import angular_momentum
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
-from mbaid_ros.core.trajectory.turning import angular_momentum
 from mbaid_ros.core.trajectory.variables import Variables, variables
-from mbaid_ros.core.trajectory.whitened import WhitenedWindow
-from mbaid_ros.core.trajectory.windows import Window, in_stacks
+from mbaid_ros.core.trajectory.windows.averaging import KnotAveraging
+from mbaid_ros.core.trajectory.windows.window import Window, in_stacks
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 

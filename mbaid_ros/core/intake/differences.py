@@ -10,9 +10,8 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
-import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.samples import Stamps
 
 # Of the differences: polynomials of fifth degree are not in them, which is what motion looks like over seven
@@ -34,8 +33,6 @@ _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) 
 # ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
 _ROUNDS = 8  # of clipping and taking the mean again: each leaves a part of what the one before has left
-
-Integers = npt.NDArray[np.int64]
 
 
 class Differences:

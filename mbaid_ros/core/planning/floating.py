@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
 from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
-from mbaid_ros.core.trajectory.prediction import in_plane
+from mbaid_ros.core.trajectory.linearised.prediction import in_plane
 from mbaid_ros.core.trajectory.state import Point
 
 

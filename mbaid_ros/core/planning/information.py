@@ -18,16 +18,16 @@ from mbaid_ros.core.planning.floating import BaseMotion
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.tide import OF_A_THRUSTER
-from mbaid_ros.core.trajectory.attenuation import nothing_feigned
-from mbaid_ros.core.trajectory.belief import Belief, Moments
-from mbaid_ros.core.trajectory.chain import WindowModel, window_models
-from mbaid_ros.core.trajectory.filter import advance, update
-from mbaid_ros.core.trajectory.knots import AFTER, BEFORE, Knots
+from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
+from mbaid_ros.core.trajectory.filter.square_root import advance, update
 from mbaid_ros.core.trajectory.knowledge import FIRST, Knowledge
+from mbaid_ros.core.trajectory.linearised.attenuation import nothing_feigned
+from mbaid_ros.core.trajectory.linearised.chain import WindowModel, window_models
+from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.trajectory.state import BODY, Point
-from mbaid_ros.core.trajectory.whitened import WhitenedWindow, prepared
-from mbaid_ros.core.trajectory.window_noise import WindowNoise
-from mbaid_ros.core.trajectory.windows import Stack, Window
+from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE, Knots
+from mbaid_ros.core.trajectory.windows.window import Stack, Window
+from mbaid_ros.core.trajectory.windows.window_noise import WindowNoise
 from mbaid_ros.core.verdict.innovations import Innovations
 
 _NOTHING = 1e-6  # of its size, by which what a motion leaves open must not move a parameter that it tells

@@ -7,8 +7,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.robot.inertia import physical_jacobian
-from mbaid_ros.core.trajectory.belief import Moments
-from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
+from mbaid_ros.core.trajectory.filter.belief import Moments
+from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
 from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.trajectory.variables import Variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty

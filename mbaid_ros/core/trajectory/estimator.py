@@ -15,17 +15,17 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.averaging import KnotAveraging, Taken
 from mbaid_ros.core.trajectory.budget import error_budget
 from mbaid_ros.core.trajectory.events import forces, jumps
-from mbaid_ros.core.trajectory.filter_run import FilterRun
+from mbaid_ros.core.trajectory.inquiry.undeclared import with_undeclared_orbit
 from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
+from mbaid_ros.core.trajectory.search.filter_run import FilterRun
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, with_linear_momentum_unknown
 from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, MOMENTUM, Point
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
-from mbaid_ros.core.trajectory.undeclared import with_undeclared_orbit
-from mbaid_ros.core.trajectory.windows import Window
+from mbaid_ros.core.trajectory.windows.averaging import KnotAveraging, Taken
+from mbaid_ros.core.trajectory.windows.window import Window
 from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.core.verdict.judgement import judge
 

@@ -10,8 +10,8 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.causes import PULSE, SYMPTOM, changed_by, constant_force
 from mbaid_ros.core.results.estimate import Event
-from mbaid_ros.core.trajectory.bank import Track
-from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.filter.bank import Track
+from mbaid_ros.core.trajectory.filter.belief import Moments
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM
 from mbaid_ros.core.verdict.judgement import MOST_JUMPS
 

@@ -9,10 +9,10 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.filter.belief import Moments
 from mbaid_ros.core.trajectory.state import LINEAR, Layout, Point
 from mbaid_ros.core.trajectory.variables import Variables
-from mbaid_ros.core.trajectory.window_noise import window_noises
+from mbaid_ros.core.trajectory.windows.window_noise import window_noises
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 FIRST = LINEAR.start  # the pose error before it begins anew with every motion

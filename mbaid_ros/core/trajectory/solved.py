@@ -10,7 +10,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event, Thruster
 from mbaid_ros.core.results.reporting import Instant, Solution
-from mbaid_ros.core.trajectory.belief import Moments
+from mbaid_ros.core.trajectory.filter.belief import Moments
 from mbaid_ros.core.trajectory.state import Layout
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.thrusters import Thrusters

@@ -27,6 +27,8 @@ POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 
 # Of the body's size, over which the prediction is near linear: one pass, or one move of the point, goes no further.
 _NEAR = 0.5
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+# Rows of a twist (v, w) in the order (angular, linear) of a pose error.
+ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 BODY_PLACES = np.arange(BODY.start, BODY.stop)
 
 

@@ -11,18 +11,18 @@ from mbaid_ros.core.results.estimate import Event
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.belief import Moments
 from mbaid_ros.core.trajectory.events import ChangedTarget, jumps
-from mbaid_ros.core.trajectory.filter_run import FilterRun
-from mbaid_ros.core.trajectory.findings import Change
-from mbaid_ros.core.trajectory.grasp import another_body
-from mbaid_ros.core.trajectory.inquiries import Inquiries
-from mbaid_ros.core.trajectory.prior_sizes import PriorSizes
+from mbaid_ros.core.trajectory.filter.belief import Moments
+from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
+from mbaid_ros.core.trajectory.inquiry.findings import Change
+from mbaid_ros.core.trajectory.inquiry.grasp import another_body
+from mbaid_ros.core.trajectory.inquiry.inquiries import Inquiries
+from mbaid_ros.core.trajectory.inquiry.suspicion import Suspicion
+from mbaid_ros.core.trajectory.search.filter_run import FilterRun
 from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.trajectory.state import BODY, Layout, layout_of
-from mbaid_ros.core.trajectory.suspicion import Suspicion
 from mbaid_ros.core.trajectory.variables import Variables, variables
-from mbaid_ros.core.trajectory.windows import Window, without_twist
+from mbaid_ros.core.trajectory.windows.window import Window, without_twist
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.core.unknowns.hypotheses import hypotheses
 from mbaid_ros.core.unknowns.words import all_of, of_change

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.trajectory.knots import Integers
 from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array
-
-Integers = npt.NDArray[np.int64]
+from mbaid_ros.core.geometry import Array, Integers
 
 SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
 

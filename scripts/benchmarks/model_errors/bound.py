@@ -24,13 +24,13 @@ from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.drawn import ErrorSizes
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.averaging import KnotAveraging
-from mbaid_ros.core.trajectory.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter import advance, update
-from mbaid_ros.core.trajectory.linearisation_cache import LinearisationCache
+from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
+from mbaid_ros.core.trajectory.filter.square_root import advance, update
+from mbaid_ros.core.trajectory.linearised.linearisation_cache import LinearisationCache
 from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.trajectory.variables import Variables, variables
-from mbaid_ros.core.trajectory.windows import Window, stacked
+from mbaid_ros.core.trajectory.windows.averaging import KnotAveraging
+from mbaid_ros.core.trajectory.windows.window import Window, stacked
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from mbaid_ros.core.unknowns.joint_placements import JointPlacements

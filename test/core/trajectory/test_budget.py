@@ -11,8 +11,8 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import SENSOR_NOISE
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.belief import Belief, Moments
 from mbaid_ros.core.trajectory.budget import error_budget
+from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.trajectory.chain import WindowModel
+from mbaid_ros.core.trajectory.linearised.chain import WindowModel
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from observed import MID, observe

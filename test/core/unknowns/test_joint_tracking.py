@@ -15,7 +15,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.filter import _wandered
+from mbaid_ros.core.trajectory.filter.square_root import _wandered
 from mbaid_ros.core.trajectory.state import BODY, layout_of
 from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.belief import Belief, Moments
+from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.trajectory.variables import variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty

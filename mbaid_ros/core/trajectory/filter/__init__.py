@@ -1,0 +1,1 @@
+"""The square-root information filter, one belief a hypothesis."""

@@ -1,0 +1,1 @@
+"""What conservation predicts of a window, linearised and whitened."""

@@ -1,0 +1,223 @@
+"""The base's twist that conservation predicts from joint motion and momentum, and its derivatives.
+
+About the base's origin, in odometry axes,  M(q, R; phi) V + b(q, q', R; phi) = (P, L - p x P),  with the locked inertia
+M and the momentum b of the joint motion at a resting base, both linear in the target's parameters phi. What wheels
+store inside bodies is a part of b. In orbit (P, L) is what the run began with and what tide and gravity gradient have
+brought since, which is linear in the bodies' parameters as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.geometry import Array, Integers, cross, skew
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
+from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about, of_bodies, of_link
+from mbaid_ros.core.trajectory.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.trajectory.windows.interpolation import Midpoints
+
+
+@dataclass(frozen=True)
+class Prediction(ArrayRecord):
+    """The predicted twist (v, w) of the base at N instants, odometry axes.
+
+    Attributes
+    ----------
+    twist : (N, 6)
+    by_parameters : (N, 6, u) derivative by the parameters
+    by_pose_error : (N, 6, 6) derivative by an error (theta, rho) of the base's pose, the turn of V itself left out
+    """
+
+    twist: Array
+    by_parameters: Array
+    by_pose_error: Array
+
+    @property
+    def error_slope(self) -> Array:
+        """Return F, the (..., 6, 6) rate of change of a pose error (theta, rho) by itself."""
+        slope = self.by_pose_error[..., ANGULAR_FIRST, :]
+        slope[..., 3:, :3] -= skew(self.twist[..., :3])  # the predicted velocity turns with the true base
+        return slope
+
+    def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
+        """Return parts of the instants, each laid out along several axes instead of one."""
+        ends = np.cumsum([np.prod(shape) for shape in shapes])
+        parts = [self[int(end - np.prod(shape)) : int(end)] for shape, end in zip(shapes, ends, strict=True)]
+        return [
+            Prediction(*(values.reshape(*shape, *values.shape[1:]) for values in vars(part).values()))
+            for part, shape in zip(parts, shapes, strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a robot that moves as predicted, at N instants; all of them are known.
+
+    Attributes
+    ----------
+    parameters : (n + 1, 10) standard parameters of each, in its own frame
+    mobility : (N, 6, 6) M^-1
+    states : as the momentum equations need them
+    """
+
+    parameters: Array
+    mobility: Array
+    states: BodyStates
+
+    def __getitem__(self, index: Integers) -> Bodies:
+        """Return those of some instants."""
+        return Bodies(self.parameters, self.mobility[index], self.states[index])
+
+
+def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction, Bodies]:
+    """Return the twist that conservation predicts at midpoints, and the bodies of a robot that moves so.
+
+    Parameters
+    ----------
+    layout : of the state
+    middle : Midpoints of N intervals, as the point's known side has them
+    point : its momentum is that before any known thrust or orbit, L about the run's origin
+    """
+    parameters, kernel = point.parameters, point.side.kernel
+    target, kinematics = kernel.target, kernel.kinematics
+    known = kernel.with_target(parameters[6:16])
+    placed = kinematics.configure(middle.base_rotation, middle.joint_position)
+    body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
+    mobility, moving = mobility_and_momentum(known, placed, body_twist)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
+    if layout.plane is not None:
+        mobility = in_plane(mobility, layout.plane)
+    tide = about(middle.tide, middle.base_position)
+    thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
+    linear, about_base = _momentum(middle, point, known, (tide, thrust))
+    total = np.concatenate((linear, about_base), axis=1)
+    twist = (mobility @ (total - moving)[..., None])[..., 0]
+    body_twist += twist[:, None]
+    states = BodyStates(
+        placed,
+        body_twist,
+        express(known, placed.rotation, placed.position),
+        *placed.link(target),
+        body_twist[:, target.body],
+        kernel.storage,
+        middle.stored,
+        tide,
+        thrust,
+    )
+    # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
+    # motion changes by.
+    count = len(parameters)
+    right = np.zeros((len(twist), 6, count + 6))
+    right[..., :6] = np.eye(6)
+    right[:, 3:, :3] = -skew(middle.base_position)
+    right[..., 6:16] = -states.regressor
+    if tide.shape[1]:
+        right[..., 6:16] += of_link(tide, target)
+    column = 16
+    for unknown in layout.predicted:
+        columns = unknown.momentum_columns(kernel, states)
+        if columns is not None:
+            right[..., column : column + unknown.count] = -columns @ unknown.factor
+        column += unknown.count
+    # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
+    turned = skew(linear)
+    right[:, :3, count : count + 3] = turned
+    right[:, 3:, count : count + 3] = skew(about_base)
+    right[:, 3:, count + 3 :] = turned
+    solved = mobility @ right
+    return Prediction(twist, solved[..., :count], solved[..., count:]), Bodies(known, mobility, states)
+
+
+def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, and what is known to have come since.
+
+    Parameters
+    ----------
+    middle, point : Midpoints, Point
+    known : (n + 1, 10) standard parameters of all bodies
+    brought : by tide and by thrusters that are off, as in `Bodies`
+    """
+    parameters, (tide, thrust) = point.parameters, brought
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    about_base = angular - cross(middle.base_position, linear)
+    parts = [(tide, known)] if tide.shape[1] else []
+    if thrust.shape[1] and point.side.thrust.any():
+        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
+    for columns, numbers in parts:
+        more = of_bodies(columns, numbers)
+        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
+    return linear, about_base
+
+
+def in_plane(mobility: Array, plane: Array) -> Array:
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
+
+    What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the
+    twist and the momentum equations are those of the (3, 6) rows.
+    """
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
+
+
+def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
+    """Return how joint errors move the prediction.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    bodies : at N instants, as predicted
+
+    Returns
+    -------
+    (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
+    """
+    by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
+    back = -bodies.mobility
+    return back @ by_rate, back @ by_position
+
+
+def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
+    """Return how the derivative A of the twist by the joint rates depends on the target body and the unknowns.
+
+    A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
+    every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
+
+    Parameters
+    ----------
+    layout : of the state
+    kernel : of the robot where it is linearised
+    bodies : at N instants, as predicted
+    by_rate : (N, 6, n) A there
+
+    Returns
+    -------
+    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
+    """
+    count, joints = len(by_rate), by_rate.shape[-1]
+    each = bodies.states[np.repeat(np.arange(count), joints)]  # once for every joint
+    alone = np.tile(np.arange(joints), count)
+    added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
+    twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
+    readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
+    of_target = twist[:, kernel.target.body]
+    motion = replace(each, body_twist=twist, twist=of_target, readings=readings, tide=each.tide[:, :0], thrust=thrust)
+    columns = [motion.regressor]
+    for unknown in layout.predicted:
+        of_momentum = unknown.momentum_columns(kernel, motion)
+        nothing = np.zeros((len(alone), 6, unknown.count))
+        columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
+    both = np.concatenate(columns, axis=-1)
+    right = -both.reshape(count, joints, 6, both.shape[-1]).transpose(0, 2, 3, 1)
+    return (bodies.mobility @ right.reshape(count, 6, -1)).reshape(right.shape)
+
+
+def _of(joint_twist: Array, joints: Integers) -> Array:
+    """Return the (N, 6) twist of one joint at each instant."""
+    return joint_twist[np.arange(len(joints)), joints]

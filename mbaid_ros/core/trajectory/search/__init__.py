@@ -1,0 +1,1 @@
+"""Where a young run is linearised: starts, passes, and when they are over."""

@@ -1,0 +1,1 @@
+"""What has been measured, cut into windows of knots."""

@@ -1,0 +1,106 @@
+"""Twists that are not the rate of the poses, told apart by poses and twists alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.trajectory.inquiry.misread_twists import misread_twist
+from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE, averages
+from mbaid_ros.core.trajectory.windows.window import Window, without_twist
+from mbaid_ros.core.trajectory.windows.window_noise import window_noises
+from observed import MID, configured_motion, observe
+
+SPACING, COUNT = 0.05, 10  # s, of knots, and how many there are in a window
+READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
+    'degrees a second': lambda _turn, v, w: (v, np.rad2deg(w)),
+    'millimetres a second': lambda _turn, v, w: (1e3 * v, w),
+    'wrong sign': lambda _turn, v, w: (-v, -w),
+    'set twist_frame: inertial': lambda turn, v, w: (rotate(turn, v), rotate(turn, w)),
+    'set twist_frame: child': lambda turn, v, w: (rotate_back(turn, v), rotate_back(turn, w)),
+    'is zero while its poses move': lambda _turn, v, w: (0.0 * v, 0.0 * w),
+}
+
+
+@cache
+def motion(robot: str) -> Truth:
+    return configured_motion(robot, 20.0, 100.0, 0.02)
+
+
+def observed(robot: str = 'servicer7', seed: int = 1) -> Samples:
+    return observe(motion(robot), MID, seed)
+
+
+def windows(samples: Samples, declared: float = 1.0) -> list[Window]:
+    """Return the windows of samples, the noise of the base in which is so many times what it is declared to be."""
+    rows = [samples[place * 50 : place * 50 + (COUNT + BEFORE + AFTER) * 5] for place in range(36)]
+    noises = window_noises([each[: 5 * COUNT] for each in rows], MID)
+    own = slice(BEFORE, BEFORE + COUNT)
+    return [
+        Window(
+            averages([each], each.time[:1], SPACING, COUNT + BEFORE + AFTER, np.zeros(3)),
+            *(own, SPACING, replace(noise, pose=noise.pose / declared**2, twist=noise.twist / declared**2)),
+            *(float(each.time[0]), False),
+        )
+        for each, noise in zip(rows, noises, strict=True)
+    ]
+
+
+def read(samples: Samples, reading: Callable[[Array, Array, Array], tuple[Array, Array]]) -> Samples:
+    linear, angular = reading(samples.base_rotation, samples.base_linear_velocity, samples.base_angular_velocity)
+    return replace(samples, base_linear_velocity=linear, base_angular_velocity=angular)
+
+
+@pytest.mark.parametrize('name', READINGS)
+@pytest.mark.parametrize('seed', range(3))
+def test_a_twist_that_is_read_otherwise_is_told(name: str, seed: int) -> None:
+    assert name in misread_twist(windows(read(observed(seed=seed), READINGS[name])))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_twist_of_another_point_tells_which(seed: int) -> None:
+    def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
+        return linear + cross(angular, rotation @ np.array([0.3, -0.2, 0.1])), angular
+
+    told = misread_twist(windows(read(observed(seed=seed), reading)))
+    assert 'that of a point' in told
+    found = [float(each) for each in told.partition('(')[2].partition(')')[0].split(',')]
+    np.testing.assert_allclose(found, [300.0, -200.0, 100.0], atol=20.0)
+
+
+@pytest.mark.parametrize('degrees', [20.0, 90.0, 170.0])
+def test_a_twist_in_turned_axes_tells_how_they_are_turned(degrees: float) -> None:
+    def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
+        linear, angular = (rotate(rotation, rotate_back(rotation, each) @ turn) for each in (linear, angular))
+        return linear, angular
+
+    turn = exp(np.deg2rad(degrees) * np.array([0.0, 1.0, 0.0]))
+    told = misread_twist(windows(read(observed(), reading)))
+    assert f'turned by {degrees:.0f} degrees about (' in told
+    axis = [float(each) for each in told.partition('(')[2].partition(')')[0].split(',')]
+    np.testing.assert_allclose(axis, [0.0, 1.0, 0.0], atol=0.05)
+
+
+@pytest.mark.parametrize('robot', ['servicer7', 'table1'])
+@pytest.mark.parametrize('declared', [1.0, 10.0])
+def test_the_rate_of_the_poses_is_no_other_however_noisy(robot: str, declared: float) -> None:
+    for seed in range(5):
+        assert misread_twist(windows(observed(robot, seed), declared)) == ''
+
+
+@pytest.mark.parametrize('name', ['degrees a second', 'wrong sign', 'is zero while its poses move'])
+def test_a_planar_robot_is_told_the_same(name: str) -> None:
+    assert name in misread_twist(windows(read(observed('table1'), READINGS[name])))
+
+
+def test_poses_alone_are_no_twist() -> None:
+    wrong = windows(read(observed(), READINGS['wrong sign']))
+    assert misread_twist([without_twist(each) for each in wrong]) == ''
+    assert misread_twist(wrong[:3]) == ''
