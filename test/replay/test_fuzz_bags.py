@@ -22,11 +22,11 @@ from simulated import CONFIG
 
 
 def test_damaged_files_end_with_an_exit_code_and_a_line() -> None:
-    outcome = fuzz_files.fuzz(12, 2, every=12)
+    outcome = fuzz_files.fuzz(8, 2, every=8)
     assert len(outcome) == 13
     for found in outcome.values():
         assert found.wrong == []
-        assert sum(found.codes.values()) == 12
+        assert sum(found.codes.values()) == 8
     assert all(found.codes[2] for kind, found in outcome.items() if kind not in {'metadata', 'MCAP messages'})
 
 

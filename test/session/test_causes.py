@@ -22,10 +22,10 @@ from shortened import shorten
             for condition in ('joints in degrees', 'positions in millimetres', 'quaternions with w first')
         ),
         ('orientation turned round', 24.0),
-        ("a joint's reading frozen for 15 s", 36.0),
+        pytest.param("a joint's reading frozen for 15 s", 36.0, marks=pytest.mark.long),
         pytest.param('an encoder that slips by 10 mrad', 56.0, marks=pytest.mark.long),
         pytest.param('a prismatic joint in millimetres', 24.0, marks=pytest.mark.long),
-        ('noise of the joints declared 10 x too small', 32.0),
+        pytest.param('noise of the joints declared 10 x too small', 32.0, marks=pytest.mark.long),
         ('a flexible joint of 2 Hz', 20.0),
         pytest.param('a flexible joint of 1 Hz', 24.0, marks=pytest.mark.long),
     ],
@@ -59,7 +59,7 @@ def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: 
 @pytest.mark.parametrize(
     ('condition', 'twist', 'alarms'),
     [
-        ('twist 50 ms late', r'is \+(49|50)', range(1, 16)),
+        pytest.param('twist 50 ms late', r'is \+(49|50)', range(1, 16), marks=pytest.mark.long),
         ('a twist of zeros', 'of the odometry is zero', range(1)),
         pytest.param(
             'twist of a point 0.3 m away',

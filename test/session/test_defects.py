@@ -178,7 +178,9 @@ def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) ->
     assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.told()[-1]
 
 
-@pytest.mark.parametrize(('delay', 'how'), [(0.2, '200 ms late'), (-0.32, '300 ms early')])
+@pytest.mark.parametrize(
+    ('delay', 'how'), [(0.2, '200 ms late'), pytest.param(-0.32, '300 ms early', marks=pytest.mark.long)]
+)
 def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
     messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
     last = estimates(ROBOT, sorted(messages, key=lambda each: (stamp_of(each.message), each.topic)))[0][-1]
