@@ -61,9 +61,9 @@ class Threshold:
         """The same as a row of a table."""
         first, *others = self.names
         names = ', '.join([f'`{self.module}.{first}`', *(f'`{name}`' for name in others)])
-        word = self.why.split()[0]
+        word, space, rest = self.why.partition(' ')
         begin = word.lower() if word == 'A' or word[1:].islower() else word  # no unit
-        why = (begin + self.why[len(word) :]).replace('|', '\\|')
+        why = (begin + space + rest).replace('|', '\\|')
         return f'| {names} | {self.value} | {why} |'
 
 
@@ -101,11 +101,7 @@ def _section(title: str, places: tuple[str, ...]) -> str:
 
 
 def _files(places: tuple[str, ...]) -> list[Path]:
-    return [file for place in places for file in ([CORE / place] if place.endswith('.py') else _modules(place))]
-
-
-def _modules(package: str) -> list[Path]:
-    return sorted((CORE / package).glob('*.py'))
+    return [file for place in places for file in sorted(CORE.glob(place if place.endswith('.py') else f'{place}/*.py'))]
 
 
 def _comments(source: str) -> dict[int, str]:

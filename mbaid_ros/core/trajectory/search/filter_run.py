@@ -147,8 +147,7 @@ class FilterRun:
     @property
     def point(self) -> Point:
         """The point that the run has come to, if nothing drifts."""
-        moments = self.moments_of_first()
-        return self._layout.point(moments.mean, moments.deviation)
+        return self._point(self.moments_of_first())
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in the order of their turn."""
@@ -263,5 +262,7 @@ class FilterRun:
         """Return the point of the best hypothesis."""
         if self._bank is None:
             return None
-        moments = Moments.of(best(self._bank).belief, self._variables)
+        return self._point(Moments.of(best(self._bank).belief, self._variables))
+
+    def _point(self, moments: Moments) -> Point:
         return self._layout.point(moments.mean, moments.deviation)
