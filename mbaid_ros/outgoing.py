@@ -103,7 +103,7 @@ def debris_message(
 
     Parameters
     ----------
-    alone : the captured body
+    alone : the captured body; NaN where nothing is known of it any more
     estimate : that it was taken from
     types : MessageTypes
     frames : of the estimate
@@ -113,6 +113,7 @@ def debris_message(
         estimate,
         parameters=alone.parameters,
         covariance=alone.covariance,
+        identifiable=np.isfinite(alone.parameters),
         budget=None,
         momentum=np.full(6, np.nan) if capture is None else capture.momentum,
         momentum_covariance=np.full((6, 6), np.nan) if capture is None else capture.covariance,

@@ -15,7 +15,10 @@ class RecorderConfig:
         '', 'Folder of the bag, which must not exist yet; empty means a new one named after the time of the start.'
     )
     topics: tuple[str, ...] = parameter(
-        (), "Topics to record; empty means the estimator's inputs and outputs, and the diagnostics, as they appear."
+        (),
+        'Topics to record; empty means joint_states, odom, pose, imu, thrust, stored_momentum and robot_description '
+        'under these names, what estimators publish of the body, and the diagnostics, as they appear; no /tf, markers '
+        'or motions.',
     )
     duration: float = parameter(
         0.0, 'Recording ends so long after the first message; 0 means when it is stopped.', unit='s', minimum=0.0

@@ -36,7 +36,8 @@ _ORANGE, _BLUE = (0.84, 0.37, 0.0), (0.0, 0.45, 0.7)
 def markers(estimate: Estimate, frame: str) -> MarkerArray:
     """Return the centre of mass, its 95 % ellipsoid, the principal axes and the equivalent ellipsoid of an estimate.
 
-    What is not known is deleted from the display; a coordinate of the CoM that is not known is drawn as 0.
+    What is not known is deleted from the display, and everything where the data contradict the model; a coordinate of
+    the CoM that is not known is drawn as 0.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def markers(estimate: Estimate, frame: str) -> MarkerArray:
     frame : the target link
     """
     parameters = estimate.parameters
-    if np.sum(np.isfinite(parameters[1:4])) < 2:
+    if estimate.status == 'inconsistent' or np.sum(np.isfinite(parameters[1:4])) < 2:
         return cleared()
     com = np.nan_to_num(parameters[1:4])
     made = [_sphere(0, com, np.eye(3), np.full(3, 0.02), _ORANGE, 1.0), _uncertainty(estimate, com)]

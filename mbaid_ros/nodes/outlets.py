@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
@@ -41,24 +42,23 @@ class Outlets:
         if with_debris:
             self._topics['~/debris'] = InertiaEstimate
         self._publishers: dict[str, Publisher] = {}
+        self._holding: set[str] = set()  # of ~/inertia, ~/robot_description, those whose last message can be used
         self.clear()
 
     def clear(self) -> None:
         """Forget what has been published: whoever subscribes from now on gets nothing of it."""
         self.close()
-        self._publishers = {
-            topic: quiet_publisher(self._node, message_type, topic, LATCHED)
-            for topic, message_type in self._topics.items()
-        }
+        for topic in self._topics:
+            self._open(topic)
 
     def close(self) -> None:
         """Publish no more."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
-        self._publishers = {}
+        self._publishers, self._holding = {}, set()
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
-        """Publish an estimate in the forms it is good for.
+        """Publish an estimate in the forms it is good for, and take back the one before in those it is not good for.
 
         Parameters
         ----------
@@ -69,10 +69,17 @@ class Outlets:
         """
         self._publish('~/estimate', estimate_message(estimate, TYPES, frames))
         if is_usable(estimate):
-            self._publish('~/inertia', inertia_message(estimate, TYPES, frames))
+            self._hold('~/inertia', inertia_message(estimate, TYPES, frames))
+        elif '~/inertia' in self._holding:
+            # Who reads this topic alone has to learn that the last numbers are not to be computed with any more.
+            nothing = replace(estimate, parameters=np.full(estimate.parameters.shape, np.nan))
+            self._publish('~/inertia', inertia_message(nothing, TYPES, frames))
+            self._holding.remove('~/inertia')
         if is_complete(estimate):
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
-            self._publish('~/robot_description', String(data=text))
+            self._hold('~/robot_description', String(data=text))
+        elif '~/robot_description' in self._holding:
+            self._withdraw('~/robot_description')
 
     def tell_stale(self, estimate: Estimate, frames: Frames, reasons: Sequence[str]) -> None:
         """Publish an estimate once more, as one that nothing follows for reasons."""
@@ -81,6 +88,19 @@ class Outlets:
     def publish_debris(self, message: InertiaEstimate) -> None:
         """Publish the captured body on its own."""
         self._publish('~/debris', message)
+
+    def _open(self, topic: str) -> None:
+        self._publishers[topic] = quiet_publisher(self._node, self._topics[topic], topic, LATCHED)
+
+    def _withdraw(self, topic: str) -> None:
+        """Forget what a latched topic holds, which only a publisher's end does."""
+        self._node.destroy_publisher(self._publishers[topic])
+        self._open(topic)
+        self._holding.remove(topic)
+
+    def _hold(self, topic: str, message: Any) -> None:
+        self._publish(topic, message)
+        self._holding.add(topic)
 
     def _publish(self, topic: str, message: Any) -> None:
         # A latched topic keeps one message, and would forget it for the next when several windows close at once: that

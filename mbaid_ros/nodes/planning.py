@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -42,7 +43,7 @@ class Planning:
         self._node = node
         self._state = state
         self._tell = tell
-        self._publisher = quiet_publisher(node, JointTrajectory, '~/motion', LATCHED)
+        self._publisher = self._open()
         self._service = node.create_service(Trigger, '~/plan', self._on_plan)
         self._timer = node.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()  # type: ignore[no-untyped-call]
@@ -67,9 +68,15 @@ class Planning:
         self._process = self._answer = None
 
     def forget(self) -> None:
-        """Give up what is under way, and tell no more of the motion there is."""
+        """Give up what is under way, and tell no more of the motion there is, not to late subscribers either."""
         self.give_up()
+        if self._state.plan is not None:
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = self._open()
         self._state.plan = None
+
+    def _open(self) -> Publisher:
+        return quiet_publisher(self._node, JointTrajectory, '~/motion', LATCHED)
 
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         session = self._state.session

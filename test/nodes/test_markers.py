@@ -77,6 +77,11 @@ def test_no_estimate_empties_the_display() -> None:
     assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
 
 
+def test_what_the_data_contradict_is_not_drawn() -> None:
+    made = markers(estimate(status='inconsistent'), 'link7')
+    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
+
+
 def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
     message = JointState(name=names, position=positions)
     message.header.stamp.nanosec = nanoseconds

@@ -17,7 +17,12 @@ from simulated import CONFIG
 
 POLICY = CONFIG / 'sros2' / 'mbaid_ros.policy.xml'
 EVERYTHING = ['publish_tf:=true', 'debris.report:=true', 'wheels.momentum_frame:=base_link']
-MOVED = [f'robot_description_file:={CONFIG / "servicer7.urdf"}', 'thrust.duration:=1.0', 'publish_clock:=true']
+MOVED = [
+    f'robot_description_file:={CONFIG / "servicer7.urdf"}',
+    'thrust.duration:=1.0',
+    'publish_clock:=true',
+    'imu.rate:=100.0',
+]
 
 
 def admitted(node: str) -> dict[str, set[str]]:
