@@ -59,12 +59,17 @@ class Diagnostics:
         self._arrival = dict.fromkeys(inlets, -np.inf)
         self._time = self._start = monotonic()
         self._samples = SampleReport()
+        self._used = 0  # samples, as the last report had it
+        self._used_at = self._time  # when that number last changed
 
     def statuses(self, state: State, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
         """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
         now = monotonic()
         period, self._time = now - self._time, now
-        reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted()}
+        used = state.session.used if state.session else 0
+        if used != self._used:
+            self._used, self._used_at = used, now
+        reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted(state)}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.of(state, heard=any(self._recent.values()))
@@ -87,9 +92,9 @@ class Diagnostics:
         wanted = [state.problem] if state.problem else []
         if state.session is None and not state.problem:
             wanted.append(f'no robot description on {self._description_topic} yet')
-        wanted += [self._absence(inlet) for inlet in self._wanted().values() if not inlet.received]
-        if state.paused:
-            wanted.append('paused: no samples are taken')
+        wanted += [self._absence(inlet) for inlet in self._wanted(state).values() if not inlet.received]
+        if state.halted:
+            wanted.append(state.halted)
         if state.session is not None and not state.session.used:
             wanted += complaints(state.session)
         elif state.session is not None:
@@ -98,14 +103,21 @@ class Diagnostics:
 
     def silence(self, state: State) -> str:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
-        if state.paused:
-            return 'paused: no samples are taken'
+        if state.halted:
+            return state.halted
         silent = [
             inlet.topic
-            for key, inlet in self._inlets.items()
+            for key, inlet in self._wanted(state).items()
             if inlet.received and self._time - self._arrival[key] > STALE_AFTER
         ]
-        return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s' if silent else ''
+        if silent:
+            return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s'
+        if state.session is not None and state.session.problem:
+            return state.session.problem
+        if self._time - self._used_at > STALE_AFTER:
+            unused = f'messages arrive, and none could be used for more than {STALE_AFTER:g} s'
+            return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused
+        return ''
 
     def awaited(self, state: State) -> list[str]:
         """Return what has to come before there can be an estimate, by topic and type, and what would help."""
@@ -115,13 +127,17 @@ class Diagnostics:
                 f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
                 'the parameter robot_description_file'
             )
-        silent = [inlet for inlet in self._wanted().values() if not inlet.received]
+        silent = [inlet for inlet in self._wanted(state).values() if not inlet.received]
         return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
 
-    def _wanted(self) -> dict[str, Inlet]:
+    def _wanted(self, state: State) -> dict[str, Inlet]:
         """Return the subscriptions without what need not come because something else locates the base."""
         wanted = dict(self._inlets)
-        if {'odom', 'pose'} <= wanted.keys():
+        chosen = state.session.base_source.kind if state.session else None
+        if chosen in wanted:
+            for other in {'odom', 'pose'} - {chosen}:
+                wanted.pop(other, None)  # whatever comes on it is not used
+        elif {'odom', 'pose'} <= wanted.keys():
             odometry, pose = wanted['odom'], wanted['pose']
             comes = pose.received or (not odometry.publishers() and pose.publishers())
             if comes and not odometry.received:
@@ -234,7 +250,7 @@ def _help(inlet: Inlet) -> str:
 def _estimate(state: State) -> Report:
     estimate = state.estimate
     if estimate is None:
-        return WARN, 'waiting: paused' if state.paused else 'waiting', []
+        return WARN, ': '.join(filter(None, ['waiting', state.halted.partition(':')[0]])), []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
     values: Values = [
         ('stale', bool(state.stale)),

@@ -40,7 +40,7 @@ class Estimating:
     ----------
     node : whose topics and services these are
     config : EstimatorConfig
-    active : whether data are taken from the beginning; where not, from `active` being set on
+    active : whether data are taken from the beginning; where not, from `activate` on
 
     Raises
     ------
@@ -52,8 +52,8 @@ class Estimating:
         self._node = node
         self._narrator = Narrator(node.get_logger())  # type: ignore[no-untyped-call]
         self._config = config
-        self.active = active
-        self._state = State()
+        self._state = State(active=active)
+        self._restarted = 0  # how often the session had started again by itself, when that was last looked at
         self._report_due = False  # a report waits for the estimate of a window
         self._awaited: int | None = None  # end of the window that one waited for
         # What can be refused comes first: nothing of this is on the graph then.
@@ -164,7 +164,7 @@ class Estimating:
         state = self._state
         if state.session is None:
             state.ignored['no robot description'] += 1
-        elif not self.active:
+        elif not state.active:
             state.ignored['not active'] += 1
         elif state.paused:
             state.ignored['paused'] += 1
@@ -178,6 +178,9 @@ class Estimating:
         except DataError as error:
             self._narrator.warn_once(str(error))
             return
+        if session.restarted != self._restarted:
+            self._restarted = session.restarted
+            self._planning.forget()  # a motion that begins where the run before ended
         self._telling.estimates(session, estimates)
         if estimates:
             self._leisure.reset()  # what can wait comes after the estimates
@@ -188,6 +191,13 @@ class Estimating:
         if self._state.session is None or not self._state.session.work_off():
             self._leisure.cancel()
             self._advising.look()
+
+    def activate(self, *, active: bool) -> None:
+        """Begin or end to take data; what has been learnt stays."""
+        if self._state.active and not active:
+            self._close_books()
+        self._state.active = active
+        self._telling.missing()
 
     def adjust(self, config: EstimatorConfig) -> None:
         """Take on what may change while it runs: convergence.*, plan.* and publish_tf.
@@ -240,8 +250,8 @@ class Estimating:
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         state = self._state
-        if request.data and state.session is not None and not state.paused:
-            self._process(state.session)  # what has come is in the estimate that is told as the last one
+        if request.data and not state.halted:
+            self._close_books()
         state.paused = bool(request.data)
         response.success = True
         response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
@@ -249,11 +259,17 @@ class Estimating:
         self._telling.missing()
         return response
 
+    def _close_books(self) -> None:
+        """Work through what has come, so that it is in the estimate that is told as the last one."""
+        if self._state.session is not None:
+            self._process(self._state.session)
+
     def _start_again(self) -> None:
         state = self._state
         if state.session is not None:
             state.session.reset()
         state.ignored = Counter()
+        self._restarted = 0
         self._planning.forget()
         self._telling.anew()
 

@@ -7,7 +7,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import specifications
+from mbaid_ros.config.parameters import named_specifications, specification_of, specifications
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.nodes.estimating import Estimating
 from mbaid_ros.nodes.parameters import changed, declare_parameters
@@ -64,7 +64,7 @@ class ManagedEstimatorNode(LifecycleNode):
 
     def _switch(self, result: TransitionCallbackReturn, *, active: bool) -> TransitionCallbackReturn:
         if self._estimating is not None:
-            self._estimating.active = active
+            self._estimating.activate(active=active)
         return result
 
     def _close(self) -> None:
@@ -74,11 +74,12 @@ class ManagedEstimatorNode(LifecycleNode):
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Take anything before `configure`, and what may change at run time after it."""
-        known = specifications(EstimatorConfig)
+        known, of_things = specifications(EstimatorConfig), tuple(named_specifications(EstimatorConfig).values())
         try:
             config = changed(self, EstimatorConfig, parameters)
             if self._estimating is not None:
-                fixed = [each.name for each in parameters if each.name in known and known[each.name].read_only]
+                specs = (specification_of(each.name, known, of_things) for each in parameters)
+                fixed = [spec.name for spec in specs if spec is not None and spec.read_only]
                 if fixed:
                     reason = f"'{fixed[0]}' is read when the node is configured: clean up first"
                     return SetParametersResult(successful=False, reason=reason)

@@ -88,7 +88,7 @@ class Narrator:
         key = _NUMBER.sub('#', text)
         if key not in self._warned:
             self._warned.add(key)
-            self._log.warning(text)
+            self._log.warning(one_line(text))
 
     def advice(self, text: str) -> None:
         """Tell what motion would help most, once for each joint and parameter."""

@@ -21,9 +21,15 @@ Report = tuple[bytes, str, Values]
 
 
 class SampleReport:
-    """Tells what has become of the messages since it told the last time."""
+    """Tells what has become of the messages since it told the last time.
+
+    Attributes
+    ----------
+    reasons : why messages of the time before the last report were not used; empty: they were, or none came
+    """
 
     def __init__(self) -> None:
+        self.reasons = ''
         self._used = 0
         self._dropped: Counter[str] = Counter()
         self._replaced: Counter[str] = Counter()
@@ -32,6 +38,7 @@ class SampleReport:
         """Return the report; `heard` is whether anything has come since the last one."""
         session = state.session
         values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
+        self.reasons = ''
         if session is None:
             return WARN, 'no sample can be used without a robot description', values
         since = self._since(session)
@@ -43,9 +50,11 @@ class SampleReport:
         values += [(f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))]
         if session.problem:
             return ERROR, session.problem, values
-        if state.paused:
-            return WARN, 'paused: no samples are taken', values
-        return (*_told(session, *since, heard=heard), values)
+        if state.halted:
+            return WARN, state.halted, values
+        used, dropped, replaced = since
+        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
+        return (*self._told(session, used, dropped.total(), replaced, heard=heard), values)
 
     def _since(self, session: Session) -> tuple[int, Counter[str], Counter[str]]:
         """Return what has been used, dropped and replaced since the last call, or since the session began anew."""
@@ -61,22 +70,20 @@ class SampleReport:
         self._used, self._dropped, self._replaced = used, dropped, replaced
         return recent
 
-
-def _told(
-    session: Session, used: int, dropped: Counter[str], replaced: Counter[str], *, heard: bool
-) -> tuple[bytes, str]:
-    """Return level and message from what has been used, dropped and replaced since the last report."""
-    reasons, lost = '; '.join([*explain(session, dropped), *obstacles(session)]), dropped.total()
-    if not used and reasons and heard:
-        return ERROR, f'nothing used, {lost} messages dropped since the last report: {reasons}'
-    if replaced:
-        reasons = '; '.join(filter(None, [reasons, *explain(session, replaced)]))
-        told = f'{used} samples used, {lost} messages dropped and {replaced.total()} not used wholly'
-        return WARN, f'{told} since the last report: {reasons}'
-    if lost:
-        return WARN, f'{used} samples used, {lost} messages dropped since the last report: {reasons}'
-    doubtful = doubts(session)
-    return WARN if doubtful or not session.used else OK, '; '.join([f'{session.used} used', *doubtful])
+    def _told(
+        self, session: Session, used: int, lost: int, replaced: Counter[str], *, heard: bool
+    ) -> tuple[bytes, str]:
+        """Return level and message from what has been used, lost and replaced since the last report."""
+        if not used and self.reasons and heard:
+            return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}'
+        if replaced:
+            reasons = '; '.join(filter(None, [self.reasons, *explain(session, replaced)]))
+            told = f'{used} samples used, {lost} messages dropped and {replaced.total()} not used wholly'
+            return WARN, f'{told} since the last report: {reasons}'
+        if lost:
+            return WARN, f'{used} samples used, {lost} messages dropped since the last report: {self.reasons}'
+        doubtful = doubts(session)
+        return WARN if doubtful or not session.used else OK, '; '.join([f'{session.used} used', *doubtful])
 
 
 def complaints(session: Session) -> list[str]:

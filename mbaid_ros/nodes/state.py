@@ -18,7 +18,8 @@ class State:
     session : the run, None before the first usable robot description
     problem : why the last robot description or the last data could not be used; empty: they could
     estimate : the last one
-    paused : True while no samples are taken
+    paused : True while no samples are taken, as somebody has asked for
+    active : False while a managed node is not, and takes no samples either
     stale : why the last estimate is not followed by another one; empty: it is
     advice : what motion would help most, in words; empty: none is needed or known
     plan : of the motion on ~/motion whether it reaches what is wanted, and the verdict; None: there is none
@@ -29,10 +30,18 @@ class State:
     problem: str = ''
     estimate: Estimate | None = None
     paused: bool = False
+    active: bool = True
     stale: str = ''
     advice: str = ''
     plan: tuple[bool, str] | None = None
     ignored: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def halted(self) -> str:
+        """Why no samples are taken, where that has been asked for; empty while they are."""
+        if not self.active:
+            return 'not active: no samples are taken'
+        return 'paused: no samples are taken' if self.paused else ''
 
     @property
     def account(self) -> str:

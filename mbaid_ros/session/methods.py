@@ -25,7 +25,7 @@ from mbaid_ros.session.self_calibration import self_calibration
 
 
 def capture_of(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, known: KnownRobot | None, make: Callable[..., Estimator]
 ) -> CaptureEstimator | None:
     """Return what stands before a method in a run that begins before the capture, None in any other run.
 
@@ -33,7 +33,8 @@ def capture_of(
     ----------
     config : EstimatorConfig
     kernel : of the robot as it is known before
-    make : what makes the method after the capture, of a kernel, or of it and how well the robot is known
+    known : how well all of it is known then; None leaves that to the parameters
+    make : what makes the method after the capture, of a kernel and of how well the robot is known
 
     Raises
     ------
@@ -51,13 +52,13 @@ def capture_of(
     noise = config.noise.declared
     capture = CaptureEstimator(
         kernel,
-        make(kernel),
+        make(kernel, known),
         noise,
         config.capture.margin,
         config.convergence.largest_residual,
         detect=config.capture.detect,
         calibrate=calibrate,
-        again=partial(make, kernel),
+        again=partial(make, kernel, known),
     )
     capture.time = config.capture.time or None
     return capture

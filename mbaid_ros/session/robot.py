@@ -12,7 +12,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, joints_moved
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
-from mbaid_ros.session.known import with_known_errors
+from mbaid_ros.session.known import known_side, with_known_errors
 from mbaid_ros.session.surroundings import storage
 
 
@@ -29,6 +29,7 @@ class Robot:
     model : as it is described
     target_link : name of the link whose inertia is identified
     described : momentum of the robot as it is described
+    known : how well a calibration has all of it known; None where the parameters say how well
     marker : where the frame of the odometry is on the base, where the parameters say so
 
     Raises
@@ -45,6 +46,8 @@ class Robot:
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
+        # The file is read but once: a run that starts again goes on with what it was started with.
+        self.known = known_side(config, self.described) if config.known_links.calibration else None
         self.marker: AttachedFrame | None = marker_frame(config)
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._capture: CaptureEstimator | None = None

@@ -60,12 +60,12 @@ class Segment:
         self.intake = Intake(config, robot)
         model, described = robot.model, robot.described
         method = partial(make or partial(make_estimator, judge=self._judge), config)
-        self._capture = capture_of(config, described, method)
+        self._capture = capture_of(config, described, robot.known, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         noise = config.noise
         self.identifier = Identifier(
-            self._capture or method(described),
+            self._capture or method(described, robot.known),
             config.window,
             config.maximum_gap,
             config.twist_frame,

@@ -100,6 +100,14 @@ def _prior(config: TargetPriorConfig) -> TargetPrior:
         raise ParameterError(
             f"parameter 'target_prior.mass_std' is {config.mass_std:g} kg without 'target_prior.mass'; accepted: both"
         )
+    if config.mass > 0.0 and config.mass_std == 0.0:
+        raise ParameterError(
+            f"parameter 'target_prior.mass' is {config.mass:g} kg without 'target_prior.mass_std'; accepted: both"
+        )
+    if config.com and config.com_std == 0.0:
+        raise ParameterError(
+            f"parameter 'target_prior.com' is {[*config.com]} m without 'target_prior.com_std'; accepted: both"
+        )
     missing = [name for name in ('com', 'mass_std') if not getattr(config, name)]
     if config.com_std > 0.0 and missing:
         raise ParameterError(

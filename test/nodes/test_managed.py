@@ -28,7 +28,15 @@ def state(graph: Graph) -> int:
 
 
 def set_text(graph: Graph, name: str, value: str) -> Any:
-    setting = Parameter(name=name, value=ParameterValue(type=4, string_value=value))
+    return assign(graph, name, ParameterValue(type=4, string_value=value))
+
+
+def set_number(graph: Graph, name: str, value: float) -> Any:
+    return assign(graph, name, ParameterValue(type=3, double_value=value))
+
+
+def assign(graph: Graph, name: str, value: ParameterValue) -> Any:
+    setting = Parameter(name=name, value=value)
     request = SetParameters.Request(parameters=[setting])
     return graph.call('/estimator/set_parameters', SetParameters, request).results[0]
 
@@ -38,7 +46,7 @@ def topics(graph: Graph) -> set[str]:
 
 
 def test_a_life(graph: Graph) -> None:
-    node = graph.start('estimator', '--lifecycle')
+    node = graph.start('estimator', '--lifecycle', '--ros-args', '-p', 'known_joints.joint2.zero_std:=0.002')
     assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
     assert '/estimator/estimate' not in topics(graph)
 
@@ -69,7 +77,12 @@ def test_a_life(graph: Graph) -> None:
             publishers[timed.topic].publish(timed.message)
     graph.wait(lambda: estimates and estimates[-1].samples, 'an estimate')
     assert estimates[-1].samples <= third // 2
+    assert not estimates[-1].stale
     assert transition(graph, Transition.TRANSITION_DEACTIVATE)
+    graph.wait(lambda: estimates[-1].stale, 'that the estimate is the last one')
+    assert estimates[-1].warnings[-1] == 'not active: no samples are taken'
+    refused = set_number(graph, 'known_joints.joint2.zero_std', 1e-3)
+    assert refused.reason == "'known_joints.joint2.zero_std' is read when the node is configured: clean up first"
     assert transition(graph, Transition.TRANSITION_CLEANUP)
 
     def published() -> set[str]:

@@ -103,6 +103,12 @@ def test_the_terminal_of_a_node(graph: Graph) -> None:
     assert 'waiting for /joint_states (sensor_msgs/msg/JointState)' in node.stderr
 
 
+def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
+    Narrator(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
+    (told,) = log.at('warning')
+    assert told.isprintable()
+
+
 def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
     narrator = Narrator(log)
     for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):

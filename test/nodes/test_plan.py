@@ -15,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 from graph import Graph
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.messages import trajectory_of
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.qos import LATCHED, qos
 from planned import first_motion
 from simulated import CONFIG
 
@@ -75,3 +75,10 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     done = estimates[-1].span.sec
     graph.wait(lambda: estimates[-1].span.sec > done, 'an estimate after the motion')
     assert np.all(estimates[-1].standard_deviation < before.standard_deviation)
+
+    # A run that is over has no motion that could be followed.
+    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
+    late = graph.collect('/estimator/motion', JointTrajectory, LATCHED)
+    graph.wait(lambda: graph.node.count_publishers('/estimator/motion') == 1, 'the topic')
+    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
+    assert not late

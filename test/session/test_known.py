@@ -23,6 +23,7 @@ from mbaid_ros.core.unknowns.clock_drift import ClockDrift
 from mbaid_ros.core.unknowns.gravity import Gravity
 from mbaid_ros.core.unknowns.time_offset import TimeOffset
 from mbaid_ros.core.unknowns.twist_bias import TwistBias
+from mbaid_ros.session import Session
 from mbaid_ros.session.known import EXACT_ROBOT, doubting_exactness, known_side, with_known_errors
 from servicing import LINKS, standard_parameters
 
@@ -73,6 +74,18 @@ def test_the_covariance_is_that_of_the_file(tmp_path: Path) -> None:
     wanted = matrix() / np.outer(size, size)
     assert robot.errors.covariance / np.outer(size[:70], size[:70]) == pytest.approx(wanted[:70, :70], abs=1e-11)
     assert own == pytest.approx(matrix()[70:80, 70:80])
+
+
+def test_a_run_that_starts_again_goes_on_with_the_calibration_it_began_with(tmp_path: Path) -> None:
+    path = tmp_path / 'calibration.json'
+    path.write_text(json.dumps(content()), encoding='utf-8')
+    session = Session(config_of(path), free_model().urdf)
+    known = session.robot.known
+    assert known is not None
+    assert known.uncertainty.carried is not None
+    path.write_text('moved on', encoding='utf-8')
+    session.reset()
+    assert session.robot.known is known
 
 
 def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session, make_estimator
+from mbaid_ros.session.known import KnownRobot
 from streams import run, urdf
 
 FAILS_AT, SECONDS = 4.0, 12.0  # s
@@ -53,8 +54,8 @@ class FailingLater(Failing):
 def test_a_run_that_cannot_be_solved_starts_again(failure: Exception, kind: type[Failing]) -> None:
     failures = [failure]
 
-    def make(config: EstimatorConfig, kernel: MomentumKernel) -> Estimator:
-        return kind(make_estimator(config, kernel), failures)
+    def make(config: EstimatorConfig, kernel: MomentumKernel, known: KnownRobot | None) -> Estimator:
+        return kind(make_estimator(config, kernel, known), failures)
 
     session = Session(build(EstimatorConfig, {'noise.joint_position': 1e-4}), urdf('servicer7'), make)
     estimates: list[Estimate] = []

@@ -60,6 +60,8 @@ def test_mount_and_time_and_target() -> None:
     [
         ({'known_joints.elbow.zero_std': 1e-3}, "'known_joints.elbow' is of no joint"),
         ({'target_prior__mass_std': 2.0}, "without 'target_prior.mass'"),
+        ({'target_prior__mass': 150.0}, "'target_prior.mass' is 150 kg without 'target_prior.mass_std'"),
+        ({'target_prior__com': [0.0, 0.0, 0.1]}, "is [0.0, 0.0, 0.1] m without 'target_prior.com_std'"),
         ({'target_prior__com_std': 0.01, 'target_prior__com': [0.0, 0.0, 0.1]}, "without 'target_prior.mass_std'"),
         (
             {'target_prior__com_std': 0.01, 'target_prior__mass_std': 1.0, 'target_prior__mass': 9.0},
