@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import InertiaStamped
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.duration import Duration
@@ -15,6 +13,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
+from mbaid_ros.core.results.course import InertiaCourse, is_complete
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.urdf_output import replace_inertial
 from mbaid_ros.nodes.message_classes import message_class
@@ -42,7 +41,8 @@ class Outlets:
         if with_debris:
             self._topics['~/debris'] = InertiaEstimate
         self._publishers: dict[str, Publisher] = {}
-        self._holding: set[str] = set()  # of ~/inertia, ~/robot_description, those whose last message can be used
+        self._inertia = InertiaCourse()
+        self._described = False  # whether ~/robot_description holds a robot
         self.clear()
 
     def clear(self) -> None:
@@ -55,7 +55,7 @@ class Outlets:
         """Publish no more."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
-        self._publishers, self._holding = {}, set()
+        self._publishers, self._inertia, self._described = {}, InertiaCourse(), False
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in the forms it is good for, and take back the one before in those it is not good for.
@@ -68,18 +68,17 @@ class Outlets:
             The robot description that it belongs to.
         """
         self._publish('~/estimate', estimate_message(estimate, TYPES, frames))
-        if is_usable(estimate):
-            self._hold('~/inertia', inertia_message(estimate, TYPES, frames))
-        elif '~/inertia' in self._holding:
-            # Who reads this topic alone has to learn that the last numbers are not to be computed with any more.
-            nothing = replace(estimate, parameters=np.full(estimate.parameters.shape, np.nan))
-            self._publish('~/inertia', inertia_message(nothing, TYPES, frames))
-            self._holding.remove('~/inertia')
+        told = self._inertia.follow(estimate)
+        if told is not None:
+            self._publish('~/inertia', inertia_message(told, TYPES, frames))
         if is_complete(estimate):
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
-            self._hold('~/robot_description', String(data=text))
-        elif '~/robot_description' in self._holding:
-            self._withdraw('~/robot_description')
+            self._publish('~/robot_description', String(data=text))
+        elif self._described:
+            # A robot without numbers is none, and only a publisher's end makes a latched topic forget.
+            self._node.destroy_publisher(self._publishers['~/robot_description'])
+            self._open('~/robot_description')
+        self._described = is_complete(estimate)
 
     def tell_stale(self, estimate: Estimate, frames: Frames, reasons: Sequence[str]) -> None:
         """Publish an estimate once more, as one that nothing follows for reasons."""
@@ -92,36 +91,11 @@ class Outlets:
     def _open(self, topic: str) -> None:
         self._publishers[topic] = quiet_publisher(self._node, self._topics[topic], topic, LATCHED)
 
-    def _withdraw(self, topic: str) -> None:
-        """Forget what a latched topic holds, which only a publisher's end does."""
-        self._node.destroy_publisher(self._publishers[topic])
-        self._open(topic)
-        self._holding.remove(topic)
-
-    def _hold(self, topic: str, message: Any) -> None:
-        self._publish(topic, message)
-        self._holding.add(topic)
-
     def _publish(self, topic: str, message: Any) -> None:
         # A latched topic keeps one message, and would forget it for the next when several windows close at once: that
         # waits until the subscribers have the one before, which they mostly have long since.
         self._publishers[topic].wait_for_all_acked(_PATIENCE)
         self._publishers[topic].publish(message)
-
-
-def is_usable(estimate: Estimate) -> bool:
-    """Tell whether an estimate says enough to compute with, at least in a plane.
-
-    That is a positive mass, two coordinates of the centre of mass and a moment of inertia.
-    """
-    mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
-    known = mass > 0.0 and np.sum(np.isfinite(com)) >= 2 and np.any(moments > 0.0)
-    return bool(known) and estimate.status != 'inconsistent'
-
-
-def is_complete(estimate: Estimate) -> bool:
-    """Tell whether all ten parameters of a link are known."""
-    return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))
 
 
 def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:

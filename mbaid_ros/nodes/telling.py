@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Mapping
-from dataclasses import replace
 from time import monotonic
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.results.debris import Debris
+from mbaid_ros.core.results.course import DebrisCourse
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.clocks import clock_problems
 from mbaid_ros.nodes.diagnostics import Diagnostics
@@ -59,7 +57,7 @@ class Telling:
         self._diagnostics: Diagnostics | None = None
         self._restarted = 0  # how often the session had started again when that was last told
         self._calibrated = ''  # what was last told of the robot's own bodies
-        self._debris: Debris | None = None  # what was last told of the captured body alone
+        self._debris = DebrisCourse()
         self._tidied = 0.0  # s of the monotonic clock, when Python last looked for garbage
         self._waiting: tuple[str, ...] | None = None  # what the last estimate of status 'waiting' said
 
@@ -95,7 +93,7 @@ class Telling:
         """
         self._state.estimate, self._state.stale, self._state.advice, self._waiting = None, '', '', None
         self._narrator.begin(warned=warned)
-        self._debris = None
+        self._debris = DebrisCourse()
         self._outlets.clear()
         self.display.clear()
         self.missing()
@@ -164,10 +162,7 @@ class Telling:
 
     def _tell_of_debris(self, session: Session, estimate: Estimate, frames: Frames) -> None:
         """Publish the captured body alone; once without numbers where it is not determined any more."""
-        found, told = session.robot.debris(estimate), self._debris
-        self._debris = found
-        if found is None and told is not None:
-            found = replace(told, parameters=np.full(10, np.nan), covariance=np.full((10, 10), np.nan))
+        found = self._debris.follow(session.robot.debris(estimate))
         if found is not None:
             capture = session.robot.captured(estimate)
             self._outlets.publish_debris(debris_message(found, estimate, TYPES, frames, capture))

@@ -8,6 +8,7 @@ from mbaid_ros.bags import BagReader, BagWriter, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.results.course import DebrisCourse, InertiaCourse
 from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.trajectory.knowledge import Knowledge
@@ -36,6 +37,7 @@ class EstimateWriter:
 
     def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
         self._bag = bag
+        self._inertia, self._debris = InertiaCourse(), DebrisCourse()
         for topic in (ESTIMATE_TOPIC, DEBRIS_TOPIC) if with_debris else (ESTIMATE_TOPIC,):
             bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
         bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
@@ -46,9 +48,11 @@ class EstimateWriter:
         """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
         time = max(0, estimate.stamp)
         self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, BAG_TYPES, frames), time)
-        self._bag.write(INERTIA_TOPIC, inertia_message(estimate, BAG_TYPES, frames), time)
-        if alone is not None:
-            self._bag.write(DEBRIS_TOPIC, debris_message(alone, estimate, BAG_TYPES, frames, capture), time)
+        told, body = self._inertia.follow(estimate), self._debris.follow(alone)
+        if told is not None:
+            self._bag.write(INERTIA_TOPIC, inertia_message(told, BAG_TYPES, frames), time)
+        if body is not None:
+            self._bag.write(DEBRIS_TOPIC, debris_message(body, estimate, BAG_TYPES, frames, capture), time)
 
 
 def replay_bag(

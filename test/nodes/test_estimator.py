@@ -26,7 +26,8 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.nodes.outlets import TYPES, is_complete, is_usable, last_of_each_window
+from mbaid_ros.core.results.course import InertiaCourse, is_complete
+from mbaid_ros.nodes.outlets import TYPES, last_of_each_window
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session
@@ -86,9 +87,9 @@ def test_inertia_is_published_once_it_says_something(graph: Graph) -> None:
     inertia = graph.collect('/estimator/inertia', InertiaStamped)
     publish(graph, messages)
     estimates = last_of_each_window(offline(EstimatorConfig(), 'table1', messages)[0], WINDOW)
-    usable = [
-        inertia_message(estimate, TYPES, Frames('link4', 'odom')) for estimate in estimates if is_usable(estimate)
-    ]
+    course = InertiaCourse()
+    told = [course.follow(estimate) for estimate in estimates]
+    usable = [inertia_message(each, TYPES, Frames('link4', 'odom')) for each in told if each is not None]
     assert 0 < len(usable) < len(estimates)
     graph.wait(lambda: len(inertia) >= len(usable), 'all inertias')
     assert [every_bit(message, INERTIA) for message in inertia] == [every_bit(message, INERTIA) for message in usable]

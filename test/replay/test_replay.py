@@ -163,11 +163,14 @@ def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], bag: str, tm
     result = result_of(capsys, bag, '--output', str(output))
     with BagReader(output) as estimates:
         read = [message for _, message, _ in estimates.read(['/estimator/estimate'])]
+        told = [message.inertia.m for _, message, _ in estimates.read(['/estimator/inertia'])]
         assert estimates.topics['/estimator/inertia'].type == 'geometry_msgs/msg/InertiaStamped'
         assert estimates.topics['/estimator/estimate'].latched
     assert [None if np.isnan(message.inertia.m) else message.inertia.m for message in read] == [
         entry['estimate']['mass'] for entry in result['history']
     ]
+    assert 0 < len(told) < len(read)  # from the first that can be computed with
+    assert told == [message.inertia.m for message in read[-len(told) :]]
     assert not np.isnan(read[-1].inertia.m)
     assert read[-1].header.frame_id == 'link4'
     assert read[-1].momentum_frame == 'odom'
