@@ -38,7 +38,8 @@ class LinkDeviations:
     )
     inertia_relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of the elements of their inertia about the centre of mass, at a given mass.',
+        'Standard deviation of each element of their inertia about the centre of mass at a given mass, relative to the '
+        'mean moment.',
         minimum=0.0,
         maximum=1.0,
     )

@@ -80,8 +80,9 @@ class Samples(ArrayRecord):
         bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
     thrust : (N, 30 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
         thrusters is off its command: scale, turn, delay (6 x 5, rows first); none where not given
-    gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, base axes, since it began; NaN where it is
-        not known, (N, 0) where there is no IMU
+    gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, since it began, in base axes, or, where
+        joints move the link that it is on, in those of that link; NaN where it is not known, (N, 0) where there is no
+        IMU
     apart : (N,) s, between the poses, or between the samples where these are further apart; 0 where not known
     noise : (N, 3) standard deviation of joint positions and velocities, and over what time (s) the errors of poses are
         correlated, as they have turned out to be; (N, 0) where they are as declared
@@ -193,7 +194,7 @@ class ImuStream(ArrayRecord):
     Attributes
     ----------
     stamp : (N,) int64 ns
-    angular_velocity : (N, 3) rad/s, base axes
+    angular_velocity : (N, 3) rad/s, in base axes, or, where joints move the link that it is on, in those of that link
     rotation : (N, 3, 3) base link to world axes; NaN where it is not told, also where not given
     rotation_covariance : (N, 3, 3) rad^2, world axes
     declared : (N,) whether the message says how noisy the orientation is

@@ -27,9 +27,11 @@ _QUATERNION_TOLERANCE = 0.1
 class ImuReader:
     """Reads Imu messages: the angular velocity in base axes, and the orientation where that is asked for.
 
+    Of an IMU on a link that joints move, the angular velocity is in the axes of that link.
+
     Parameters
     ----------
-    axes : (3, 3) of each frame that is accepted, by name: to those of the base link
+    axes : (3, 3) of each frame that is accepted, by name: to those of the base link, or of the link that it moves with
     frame : name of the one it is in, whatever messages say; empty leaves it to these
     orientation_std : rad, of an orientation whose covariance is not set; None does not read orientations
     """

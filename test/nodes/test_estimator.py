@@ -24,9 +24,9 @@ from captured import with_bare_link
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
+from mbaid_ros.core.results.course import InertiaCourse, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.results.course import InertiaCourse, is_complete
 from mbaid_ros.nodes.outlets import TYPES, last_of_each_window
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message

@@ -52,7 +52,7 @@ class KnownMomentum:
         self._samples = 0
 
     def add(self, window: Samples) -> None:
-        """Take a window; one that lacks velocities and is too short to take them from the positions is left out."""
+        """Take a window; one too short to take velocities from its positions is left out, even if it has some."""
         if len(window) < FEWEST:
             return
         if self._origin is None:

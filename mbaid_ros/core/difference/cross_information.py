@@ -1,7 +1,8 @@
 """What ties consider parameters to the unknowns in the normal equations: summed over windows like the information.
 
-Consider parameters e add E e to the equations. With the unknowns' information N, the cross-information C and their own
-information D the normal equations are [[N, C], [C^T, D]]: one standard deviation of e moves the solution by -N^-1 C.
+Consider parameters e of variance one add E e to the equations. With the unknowns' information N, the cross-information
+C and their own information D the normal equations are [[N, C], [C^T, D]]: one standard deviation of e moves the
+solution by -N^-1 C.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ Block k of the problem reads (numbers as in docs/method.md)
 
 with A, y computed from measured quantities and G their whitened derivatives: d A / d e = G1, d y / d e = G0 for unit
 errors e. Plain weighted least squares is biased, because A is noisy. The functional maximum likelihood minimises
-sum f^T (G G^T)^-1 f (5); its gradient is that of a least squares with the corrected rows A + G1 . u, where
-u = -G^T (G G^T)^-1 f (6) is the adjustment of the measurements that fulfils the equations.
+sum f^T (G G^T)^-1 f (5); its gradient is that of a least squares with the corrected rows A + G1 . eta, where
+eta = -G^T (G G^T)^-1 f (6) is the adjustment of the measurements that fulfils the equations.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class Blocks(ArrayRecord):
     noise_rows: Array
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
-        """Return the equations E f in the unknowns x' with x = B x'.
+        """Return the equations Pi f in the unknowns x' with x = B x'.
 
         Parameters
         ----------
-        selection : (k, r) E
+        selection : (k, r) Pi
         basis : (u, v) B
         """
         count, equations, sources, _ = self.noise_rows.shape
@@ -148,7 +148,7 @@ def whitened(blocks: Blocks, x: Array) -> White:
     whitener = whitener_of(noise)
     white_residual = (whitener @ residual[..., None])[..., 0]
     white_noise = whitener @ noise
-    adjustment = -(white_residual[:, None] @ white_noise)  # u (6), (K, 1, z)
+    adjustment = -(white_residual[:, None] @ white_noise)  # eta (6), (K, 1, z)
     corrected = blocks.rows + (adjustment[:, None] @ blocks.noise_rows)[:, :, 0]
     return White(white_residual, whitener @ corrected, white_noise, whitener)
 

@@ -1,8 +1,8 @@
 """What the momentum equations depend on beside the unknowns that are solved for: consider parameters (Schmidt 1966).
 
-An unknown of the known side adds E d to the equations of every window, with known columns E and d of covariance F F^T.
-It is not solved for here, and widens the covariance of what is by what it does to that. Unknowns that a calibration has
-left are dependent: d is F times numbers that have a factor of their own.
+An unknown of the known side adds E e to the equations of every window: e independent numbers of variance one, E its
+columns times the factor of its prior covariance. It is not solved for here, and widens the covariance of what is by
+what it does to that. Unknowns that a calibration has left are dependent: E has a factor of their covariance in it, too.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ConsiderParameters:
         self._directions = [orth(factor[every == label].T) for label in self.labels]
 
     def columns(self, windows: Sequence[Samples], body: Array) -> Array:
-        """Return the means of E F over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o).
+        """Return the means of E over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o).
 
         The windows follow those of the call before.
         """

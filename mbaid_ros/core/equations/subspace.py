@@ -20,7 +20,7 @@ class Subspace:
 
     Attributes
     ----------
-    rows : (k, 6) E, the equations used are E f
+    rows : (k, 6) Pi, the equations used are Pi f
     basis : (u, v) orthonormal B, the unknowns are x = B x'
     plane : in the target link's frame; None in space
     """

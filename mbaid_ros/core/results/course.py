@@ -35,7 +35,7 @@ class InertiaCourse:
         self._told = False  # whether the last ones can be used
 
     def follow(self, estimate: Estimate) -> Estimate | None:
-        """Return the next estimate, without its numbers where these cannot be used; None where that is known already."""
+        """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
         before, self._told = self._told, is_usable(estimate)
         if self._told:
             return estimate
@@ -49,7 +49,7 @@ class DebrisCourse:
         self._told: Debris | None = None
 
     def follow(self, found: Debris | None) -> Debris | None:
-        """Return the next one, without numbers where it is not determined any more; None where that is known already."""
+        """Return the next one, without numbers where it is not determined any more; None where that is known."""
         before, self._told = self._told, found
         if found is None and before is not None:
             return replace(before, parameters=np.full(10, np.nan), covariance=np.full((10, 10), np.nan))

@@ -2,17 +2,21 @@
 
 The rules of `status`:
 
-- `waiting`: no window has been completed.
 - `not_identifiable`: the data determine none of the ten parameters.
 - `inconsistent`: the residuals are larger than the noise explains (by the factor `largest_residual`), or the estimate
   is far from any body that can exist: the model, the noise parameters or the conservation of momentum is wrong.
 - `converged`: the standard deviation of every parameter that is determined is below `converged_std`, relative.
 - `estimating`: otherwise.
 
+`waiting` is said elsewhere, where there is no solution yet, and what contradicts a solution beside its residuals is
+found there (docs/method.md, "Status").
+
 A standard deviation is relative to the mass itself, for the centre of mass to a given length, for the inertia I_ij to
-sqrt(I_ii I_jj). A parameter is determined when it is below `identifiable_std`, relative, with the information reduced
-by what noise alone would have brought. Centre of mass and inertia about it are quotients, h / m: where the mass may as
-well be zero they may be anything (Fieller 1954), however small their linearised standard deviation is.
+sqrt(I_ii I_jj). A parameter is determined when it is below `identifiable_std`, relative, by the cautious covariance: of
+`difference` that with the information reduced by twice what noise alone would have brought, of `trajectory` the
+covariance itself, which allows for noise in the rows (docs/trajectory.md, eq. 14); and where the equations are near
+linear in it (`curvature`). Centre of mass and inertia about it are quotients, h / m: where the mass may as well be zero
+they may be anything (Fieller 1954), however small their linearised standard deviation is.
 """
 
 from __future__ import annotations
@@ -54,9 +58,10 @@ class Solution:
     ----------
     x : (16,) (m, h, I_o, P_0, L_0)
     covariance : (16, 16) of x
-    cautious_covariance : (16, 16) the same with NOISE_MARGIN times the noise's own information taken off
-    cost : sum of the squared normalised residuals
-    redundancy : number of equations less that of unknowns
+    cautious_covariance : (16, 16) the same with NOISE_MARGIN times the noise's own information taken off; of
+        `trajectory` the same as the covariance
+    cost : sum of the squared normalised residuals; of `trajectory` of the normalised innovations
+    redundancy : number of equations less that of unknowns; of `trajectory` that of the innovations
     origin : (3,) m, about which L_0 is taken, odometry frame
     plane : of a planar motion, which leaves six of the ten parameters open; else None
     restarted : whether earlier windows had to be given up

@@ -80,7 +80,8 @@ def _size(parameters: Array) -> float:
 class BodyDeviations:
     """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
 
-    First moment and inertia go with the mass: what is said of the inertia is at a given one.
+    That of each element of the inertia is relative to the mean moment, a third of the trace (a `LinkPrior`'s to
+    sqrt(I_ii I_jj)). First moment and inertia go with the mass: what is said of the inertia is at a given one.
     """
 
     mass: float

@@ -28,6 +28,11 @@ def mobility_and_momentum(parameters: Array, configuration: Configuration, body_
     -------
     (N, 6, 6) M^-1 with twist = M^-1 momentum for a robot that moves as one body, and the (N, 6) momentum (P, L) at the
     twists
+
+    Raises
+    ------
+    LinAlgError
+        All mass lies on a line, and M has no inverse.
     """
     count, bodies = configuration.position.shape[:2]
     place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)

@@ -125,7 +125,7 @@ class PlaneDetector:
         return plane
 
     def rows(self) -> Array:
-        """Return the (k, 6) selection E of the equations that hold: E (P, L), k = 3 in a plane, else 6."""
+        """Return the (k, 6) selection Pi of the equations that hold: Pi (P, L), k = 3 in a plane, else 6."""
         if not self.planar or self._normal is None:
             return np.eye(6)
         first = np.cross(self._normal, np.eye(3)[int(np.argmin(np.abs(self._normal)))])

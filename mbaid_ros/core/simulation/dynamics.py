@@ -140,6 +140,11 @@ class Dynamics:
         Returns
         -------
         (n,) array, N m or N; internal, so the total momentum does not change
+
+        Raises
+        ------
+        ModelError
+            The inertia of the whole robot is singular in this state, so that nothing gives the base's acceleration.
         """
         configuration = self._configuration(state)
         acceleration = np.concatenate((np.zeros(6), joint_acceleration))

@@ -20,7 +20,8 @@ class TrajectorySettings:
     start : windows before the first estimate
     kept : windows linearised again while the run is young
     uncertainty : of the known side
-    adapt : also follow the hypotheses that the momentum or the odometry drifts, and take the best
+    adapt : also follow the hypotheses that a constant force and torque act, or that momentum or odometry drift, and
+        take the best
     constant : axes of a constant force and torque that is taken to act
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     located : whether anything locates the base; linear momentum means nothing where not

@@ -1,4 +1,8 @@
-"""The list of what is uncertain on the known side. A new unknown is a file beside this one and a line here."""
+"""The list of what is uncertain on the known side. A new unknown is a file beside this one, a field and a line here.
+
+The field is one of `Uncertainty`. The line is in `of_sensors` where the unknown belongs to a run, in `catalogue` where
+it belongs to the robot: `CalibratedSide` then has to count its numbers, too, which no calibration speaks of.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,7 @@ class Uncertainty:
     Attributes
     ----------
     zeros, origins, axes : of each joint: rad (m for a prismatic one), m, rad; empty is exact
-    mount_position, mount_orientation : m, rad, of the odometry's frame on the base
+    mount_position, mount_orientation : m, rad, of the base's frame in the one that the odometry locates
     time_offset : s, of the joints' stamps
     target : what is known of the target body
     linear_momentum : N s, of the total linear momentum about zero; 0 where nothing is known of it

@@ -2,7 +2,8 @@
 
 An unknown is a vector of numbers with a Gaussian prior about zero. It may act on the momentum of the robot that moves
 as measured (`momentum_columns`), on what the sensors read (`reading`), or both. The filter estimates it, the error
-budget tells its share, and its linearisation point follows it (`moved`): none of these knows what it is.
+budget tells its share, and its linearisation point follows it (`moved`): none of these knows what it is. What asks for
+one by its class or label says something of that one alone (docs/architecture.md lists these).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class ImuMotion:
 
     Attributes
     ----------
-    rate : (B, 3) rad/s, mean angular velocity at the nodes
+    rate : (B, 3) rad/s, mean angular velocity at the knots
     slope : (B, 3) its weighted mean slope
     axes : (B, 3, 3) weighted mean of R, its axes to the odometry's
     stretching, turning : (B, 3, 3) weighted means of R diag(R^T w) and of [w]x R
@@ -63,12 +64,12 @@ class Reading:
 
     Attributes
     ----------
-    twist : (B, 6) mean twist (w, v) of the base at the nodes
+    twist : (B, 6) mean twist (w, v) of the base at the knots
     slope : (B, 6) weighted mean of (w', v' - w x v)
-    rotation : (B, 3, 3) mean orientation of the base at the nodes
+    rotation : (B, 3, 3) mean orientation of the base at the knots
     turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
     time : (B,) s, of the windows' middles
-    position : (B, 3) m, mean position of the base at the nodes, from the run's origin
+    position : (B, 3) m, mean position of the base at the knots, from the run's origin
     axes : (B, 3, 3) weighted mean of R
     origin : (3,) m, the run's, in the odometry frame
     imu : where there is one

@@ -41,7 +41,7 @@ _DECLARED_BY = {
     TORQUE: 'disturbance.torque_std',
     SHAPE: 'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
 }
-_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 7): beyond it, how many times is not known
+_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 8): beyond it, how many times is not known
 
 
 def of_change(time: float, *, exchanged: bool) -> str:

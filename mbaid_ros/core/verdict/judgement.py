@@ -41,7 +41,7 @@ class Evidence:
 
     Attributes
     ----------
-    nis : mean normalised innovation squared
+    nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
     innovations : by sensor, and from window to window
     distances : by what is declared, in words, how far off the data see it beside its prior; where a walk is reported,
         those of the hypothesis that nothing drifts

@@ -33,11 +33,11 @@ class Belief:
         innovations are those of the mean itself
     innovations : what they were, sensor by sensor
     feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
-    nis, measured : sum of the normalised innovations squared, and how many there were
+    nis, measured : sum of the normalised innovations squared over all windows, no mean, and how many there were
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
     carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
-        (`Carried`), or between an update and the step after it of its noise and these; None where nothing links it
+        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
     """
 
     root: Array
@@ -207,7 +207,7 @@ class Moments:
 
     @cached_property
     def _attenuated(self) -> tuple[Array, Attenuation]:
-        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 13)."""
+        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 14)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]

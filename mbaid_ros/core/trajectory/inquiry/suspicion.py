@@ -76,6 +76,12 @@ class Suspicion:
         windows : in order
         point : of the run's layout, at which they are linearised; None where it has come to none
         jumps : s, when the momentum seemed to jump in the run
+
+        Raises
+        ------
+        LinAlgError
+            There is no point to pass the windows at that is of a robot that can be, or none with other noise. It comes
+            with the bit of work that shows it.
         """
         wide, quiet = self.extended(*self._suspects()), self.hypotheses[0]
         fits = yield from self._fits(windows)

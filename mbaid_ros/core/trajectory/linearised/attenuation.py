@@ -53,6 +53,8 @@ def nothing_feigned(variables: Variables) -> Array:
 class Attenuation:
     """What noise in the rows makes of the errors of the body's b variables, P their covariance as it seems.
 
+    M is that of docs/trajectory.md, eq. 13; what is published by these that of docs/trajectory.md, eq. 14.
+
     Attributes
     ----------
     gain : (b, b) N of (1 - P M)^-1 = 1 + P N, which errors are larger by

@@ -217,7 +217,7 @@ def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spa
     gain[..., :-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
     gain[..., :3, -1] = integral[..., 3:] - middle.turn
     gain[..., 3:, -1] = integral[..., :3] - middle.step
-    # xi acts at mid-interval, the mean of both ends: (1 - D F / 2) xi' = (1 + D F / 2) xi + gain
+    # xi acts at mid-interval, the mean of both ends: (1 - D F~ / 2) xi' = (1 + D F~ / 2) xi + gain
     back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
     return 2.0 * back - _IDENTITY, back @ gain
 

@@ -79,7 +79,7 @@ def joint_noise(
     apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
     length = apart + np.concatenate(size)
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
-    # What is left behind at position level: the turn of A itself, and what F makes of A dq.
+    # What is left behind at position level: the turn of A itself, and what F~ makes of A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
     process, stored = deviation * length * remainder, np.zeros((*middle.shape[:-1], 0))

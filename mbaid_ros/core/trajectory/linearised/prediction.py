@@ -32,7 +32,8 @@ class Prediction(ArrayRecord):
     ----------
     twist : (N, 6)
     by_parameters : (N, 6, u) derivative by the parameters
-    by_pose_error : (N, 6, 6) derivative by an error (theta, rho) of the base's pose, the turn of V itself left out
+    by_pose_error : (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, the turn of V itself
+        left out
     """
 
     twist: Array
@@ -41,7 +42,10 @@ class Prediction(ArrayRecord):
 
     @property
     def error_slope(self) -> Array:
-        """Return F, the (..., 6, 6) rate of change of a pose error (theta, rho) by itself."""
+        """Return F~, the (..., 6, 6) rate of change of a pose error xi = (theta, rho) by itself.
+
+        F~ xi = (F_w xi, F_v xi - v x theta): the rows of F with the angular ones first, and what its turn makes of V.
+        """
         slope = self.by_pose_error[..., ANGULAR_FIRST, :]
         slope[..., 3:, :3] -= skew(self.twist[..., :3])  # the predicted velocity turns with the true base
         return slope
@@ -167,7 +171,7 @@ def in_plane(mobility: Array, plane: Array) -> Array:
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
-    """Return how joint errors move the prediction.
+    """Return the Jacobians of the predicted twist by the joints: how errors of these move the prediction.
 
     Parameters
     ----------
@@ -184,7 +188,7 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
 
 
 def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
-    """Return how the derivative A of the twist by the joint rates depends on the target body and the unknowns.
+    """Return the Jacobian, by the target body and the unknowns, of A, the derivative of the twist by the joint rates.
 
     A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
     every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.

@@ -29,7 +29,9 @@ _TELLING = 8  # windows that tell whether a jump was a push: if the target has m
 
 
 class FilterRun:
-    """Follows momentum, body and time offset through the windows, under several hypotheses of what drifts.
+    """Follows the state through the windows, under several hypotheses of what acts or drifts.
+
+    That is pose error, momentum, body and all unknowns of the layout.
 
     The linear models are absolute, so each window may keep the linearisation point it was first seen at. While the run
     is young all windows are linearised again at the latest estimate, as often as it takes to settle.

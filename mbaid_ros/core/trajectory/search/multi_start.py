@@ -74,6 +74,11 @@ class MultiStart:
         ----------
         windows : in order; those that are added while the search goes on are only followed
         points : make what has been found earlier, or None; each is asked only where the one before leads nowhere
+
+        Raises
+        ------
+        LinAlgError
+            Neither points nor guesses lead to a robot that can be. It comes with the bit of work that shows it.
         """
         count = len(windows)
         stacks = in_stacks(windows)

@@ -126,8 +126,9 @@ class Stack:
 
     @cached_property
     def whitening(self) -> Array:
-        """How much of a pose's change over each window makes the errors of its mean independent, (B, 1).
+        """Which share of a pose's change over each window makes the errors of its mean independent, (B, 1).
 
+        One number a window for all six of a pose, no matrix that divides by the noise: that share is added to the mean.
         An autoregression x' = c x + e from knot to knot has the mean of e over m of them, over 1 - c: the mean of x and
         1 / (m (1 - c)) of what x changes by. 0 where the errors are independent as they are.
         """
