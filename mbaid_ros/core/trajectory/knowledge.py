@@ -72,7 +72,8 @@ class End:
         """Return the end of a run by its last window, of a length in s; origin (3,) m, normal (3,) of planar motion."""
         of_means = window_noises([window[-1:]], noise)[0]
         twist = np.full((6, 6), np.nan) if window.missing_rates[1] else of_means.twist
-        sensing = Sensing(len(window) / length, noise.joint_position, of_means.pose, twist)
+        joint_position = noise.found_in(window).joint_position
+        sensing = Sensing(len(window) / length, joint_position, of_means.pose, twist)
         if window.missing_rates[0] and len(window) >= FEWEST:
             window = with_rates(window)
         return End(

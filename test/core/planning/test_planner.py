@@ -21,6 +21,7 @@ from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.core.trajectory.knowledge import End
 from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.core.unknowns.carried import Carried
 from mbaid_ros.session.methods import make_reporting
@@ -47,6 +48,13 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(
     # The filter linearises at numbers of its own: a few per cent. What the plan promises is kept within 20 %.
     assert reached / plan.after == pytest.approx(1.0, abs=0.15)
     assert np.all(plan.after < 0.9 * plan.before)
+
+
+def test_a_motion_is_planned_with_the_noise_that_was_found(servicer: Begun) -> None:
+    found = np.array([[3.0 * MID.joint_position, MID.joint_velocity, 0.0]])
+    for samples, joints in ((servicer.samples, 1.0), (replace(servicer.samples, noise=found), 3.0)):
+        sensing = End.of(samples, MID, 0.5, np.zeros(3), None).sensing
+        assert sensing.joint_position == joints * MID.joint_position
 
 
 def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(servicer: Begun) -> None:
