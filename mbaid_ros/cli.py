@@ -7,7 +7,7 @@ import difflib
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
@@ -56,6 +56,12 @@ def run(main_function: Callable[[list[str]], int], argv: Sequence[str] | None = 
 def _complain(name: str, text: str) -> int:
     print(f'mbaid_ros {name}: {one_line(text)}', file=sys.stderr)  # noqa: T201 - the one error line
     return EXIT_USER_ERROR
+
+
+def warn(name: str, warnings: Iterable[str]) -> None:
+    """Tell on stderr what a user should know, a line each; `name` is what the lines call the executable."""
+    for warning in warnings:
+        print(f'mbaid_ros {name}: warning: {one_line(warning)}', file=sys.stderr)  # noqa: T201 - where no error is
 
 
 def one_line(text: str) -> str:

@@ -85,6 +85,8 @@ def require_writable(option: str, path: str | None) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a file so that at every instant it is there as a whole, whoever else writes it; a device is written to.
 
+    What UTF-8 does not have is written as in `as_utf8`.
+
     Raises
     ------
     OSError
@@ -94,7 +96,7 @@ def write_text(path: str | Path, text: str) -> None:
     device = target.exists() and not target.is_file()
     new = target if device else target.with_name(f'.{target.name[:_PART]}.{os.getpid()}.new')
     try:
-        new.write_text(text, encoding='utf-8')
+        new.write_text(as_utf8(text), encoding='utf-8')
         if not device:
             new.replace(target)
     except OSError as reason:  # of a file that nobody has heard of, or of none
@@ -102,6 +104,11 @@ def write_text(path: str | Path, text: str) -> None:
     finally:
         if not device:
             new.unlink(missing_ok=True)
+
+
+def as_utf8(text: str) -> str:
+    """Return a text with what UTF-8 does not have, as names of files may, escaped as in JSON, which reads it back."""
+    return text.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
 def parse_json(text: str) -> Any:

@@ -18,7 +18,8 @@ from mbaid_ros import limits
 from mbaid_ros.bags.block import Block, Raw, of_length
 from mbaid_ros.bags.chunks import UnindexedError
 from mbaid_ros.bags.recorded import Recorded, Timed
-from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic
+from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic, by_name
+from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
@@ -49,20 +50,23 @@ class BagReader:
         self.path = Path(path)
         self.warnings: list[str] = []
         self._sources = self._open()
-        self.topics: dict[str, Topic] = {}
-        for source in self._sources:
-            for name, topic in source.topics.items():
-                before = self.topics[name].count if name in self.topics else 0
-                self.topics[name] = Topic(**{**vars(topic), 'count': before + topic.count})
+        self.topics, left_out = by_name(topic for source in self._sources for topic in source.topics.values())
         self.messages = sum(topic.count for topic in self.topics.values())
-        if not all(source.complete for source in self._sources):
+        whole = all(source.complete for source in self._sources)
+        if not whole:
             self.warnings.append(
                 f"bag '{self.path}' was cut off while it was written: read up to the cut, {self.messages} messages"
             )
+        self.warnings += _unread_logs(self.path)
+        for name, count in sum((source.left_out for source in self._sources), left_out).items():
+            self.warnings.append(
+                f"topic '{name}' of bag '{self.path}' is of type {self.topics[name].type}, and {count} of its messages "
+                'are of another: they are left out'
+            )
         if not self.messages:
             self.close()
-            cut = ': it was cut off before the first one' if self.warnings else ''
-            raise DataError(f"bag '{self.path}' holds no messages{cut}")
+            why = '; '.join(self.warnings) if whole else 'it was cut off before the first one'
+            raise DataError(f"bag '{self.path}' holds no messages" + (f': {why}' if why else ''))
 
     def require(self, topic: str, *types: str) -> None:
         """Check that messages of one of some types are there.
@@ -93,13 +97,18 @@ class BagReader:
         for source in self._sources:
             read = 0
             reason = ''
+            own = {
+                name: topic.count
+                for name, topic in source.topics.items()
+                if name in chosen and topic.type == self.topics[name].type
+            }
             try:
-                for block in source.blocks(chosen):
+                for block in source.blocks(own):
                     read += len(block)
                     yield block
             except (*DAMAGE, OSError) as error:
-                reason = ' '.join(str(error).split())[:200] or type(error).__name__
-            expected = sum(topic.count for name, topic in source.topics.items() if name in chosen)
+                reason = _reason(error)
+            expected = sum(own.values())
             if reason or read < expected:
                 because = f': {reason}' if reason else ''
                 self.warnings.append(f"bag '{self.path}' is damaged: read {read} of {expected} messages{because}")
@@ -237,28 +246,44 @@ class BagReader:
         if not self.path.is_dir():
             return [_open_file(self.path)]
         # With its metadata; or else, where that or a file is incomplete, file by file.
-        unindexed = False
-        with suppress(*DAMAGE, OSError):
-            try:
-                return [IndexedSource(self.path)]
-            except UnindexedError:
-                unindexed = True
-        sources = [_open_file(file) for file in _files(self.path)]
-        if not unindexed and all(source.complete for source in sources):
+        reason = ''
+        try:
+            return [IndexedSource(self.path)]
+        except UnindexedError:
+            pass
+        except FileNotFoundError:
+            reason = 'it does not exist'
+        except (*DAMAGE, OSError) as error:
+            reason = _reason(error)
+        sources = [_open_file(file) for file in _files(self.path, reason)]
+        if reason and all(source.complete for source in sources):
             self.warnings.append(
-                f"metadata.yaml of bag '{self.path}' cannot be used: its files are read in the order of their names"
+                f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "
+                'their names'
             )
         return sources
 
 
-def _files(folder: Path) -> list[Path]:
-    """Return the files of a folder that may hold messages, in their order."""
+def _reason(error: Exception) -> str:
+    return ' '.join(str(error).split())[:200] or type(error).__name__
+
+
+def _unread_logs(path: Path) -> list[str]:
+    """Return what to know of a bag whose databases were not closed, one line each."""
+    files = sorted(path.glob('*.db3')) if path.is_dir() else [path]
+    return list(filter(None, map(unread_log, files)))
+
+
+def _files(folder: Path, reason: str) -> list[Path]:
+    """Return the files of a folder that may hold messages, in their order; its metadata have a reason to be no use."""
     entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
     if len(entries) > limits.FOLDER_FILES:
         raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
     files = [path for path in sorted(entries, key=_natural_order) if path.suffix in {'.mcap', '.db3'}]
     if not files:
-        raise DataError(f"folder '{folder}' is not a bag: there is no .mcap and no .db3 file in it")
+        raise DataError(
+            f"folder '{folder}' is not a bag: there is no .mcap and no .db3 file in it; metadata.yaml: {reason}"
+        )
     return files
 
 
@@ -275,6 +300,8 @@ def _open_file(file: Path) -> Source:
             return SalvagedSource(file)
         if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
             raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
+        if log := unread_log(file):
+            raise DataError(f"bag '{file}' cannot be read: {log}") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
 
 

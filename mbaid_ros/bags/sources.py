@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -72,10 +72,12 @@ class Source(Protocol):
     Attributes
     ----------
     topics : the topics by name
+    left_out : by topic, number of messages that are not read, as they are of another type
     complete : False if the end is missing
     """
 
     topics: dict[str, Topic]
+    left_out: Counter[str]
     complete: bool
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
@@ -83,6 +85,19 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Release the files."""
+
+
+def by_name(found: Iterable[Topic]) -> tuple[dict[str, Topic], Counter[str]]:
+    """Return topics by name, and of those that have several types how many messages are not of the first."""
+    topics: dict[str, Topic] = {}
+    left_out: Counter[str] = Counter()
+    for topic in found:
+        first = topics.setdefault(topic.name, replace(topic, count=0))
+        if topic.type == first.type:
+            topics[topic.name] = replace(topic, count=first.count + topic.count)
+        else:
+            left_out[topic.name] += topic.count
+    return topics, left_out
 
 
 class IndexedSource:
@@ -97,13 +112,7 @@ class IndexedSource:
         self.complete = True
         self._reader = _storage(path)
         self._reader.open()
-        self.topics: dict[str, Topic] = {}
-        counts: Counter[str] = Counter()
-        for connection in self._reader.connections:
-            known = self.topics.get(connection.topic)
-            if known is None or known.type == connection.msgtype:
-                counts[connection.topic] += connection.msgcount
-                self.topics[connection.topic] = _topic(connection, counts[connection.topic])
+        self.topics, self.left_out = by_name(map(_topic, self._reader.connections))
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages."""
@@ -153,10 +162,9 @@ class SalvagedSource:
                 counts[record.channel_id] += 1
             elif isinstance(record, Footer):
                 self.complete = True
-        self.topics: dict[str, Topic] = {}
-        for number, topic in self._channels.items():
-            before = self.topics[topic.name].count if topic.name in self.topics else 0
-            self.topics[topic.name] = Topic(**{**vars(topic), 'count': before + counts[number]})
+        self.topics, self.left_out = by_name(
+            replace(topic, count=counts[number]) for number, topic in self._channels.items()
+        )
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages."""
@@ -165,9 +173,9 @@ class SalvagedSource:
     def _raw(self, topics: Collection[str]) -> Iterator[Raw]:
         for record in self._records():
             if isinstance(record, Message) and record.channel_id in self._channels:
-                name = self._channels[record.channel_id].name
-                if name in topics:
-                    yield name, record.data, record.log_time
+                topic = self._channels[record.channel_id]
+                if topic.name in topics and topic.type == self.topics[topic.name].type:
+                    yield topic.name, record.data, record.log_time
 
     def close(self) -> None:
         """Release nothing: the file is open only while it is read."""
@@ -215,13 +223,13 @@ def _cut_chunk(stream: io.BufferedReader, left: int) -> Iterator[McapRecord]:
         return  # the cut
 
 
-def _topic(connection: Connection, count: int) -> Topic:
+def _topic(connection: Connection) -> Topic:
     extension: Any = connection.ext
     latched, reliable = _offered(extension.offered_qos_profiles)
     return Topic(
         name=connection.topic,
         type=connection.msgtype,
-        count=count,
+        count=connection.msgcount,
         definition=connection.msgdef.data,
         idl=connection.msgdef.format == MessageDefinitionFormat.IDL,
         latched=latched,

@@ -7,6 +7,7 @@ than the size of the file explains. Every row is checked: sqlite keeps text wher
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -182,6 +183,15 @@ class SqliteReader(Sqlite3Reader):
         """Return the numbers of messages by the number of their topic."""
         rows = self._query('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
         return {number: count for number, count in rows if isinstance(number, int)}
+
+
+def unread_log(file: Path) -> str:
+    """Return what to know of a database with a log beside it, which a writer that is killed leaves; else nothing."""
+    log = file.with_name(f'{file.name}-wal')
+    if not log.is_file() or not log.stat().st_size:
+        return ''
+    command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
+    return f"'{log}' holds what has not been written into its bag, and is not read: {command} writes it there"
 
 
 def _authorize(action: int, first: str | None, second: str | None, database: str | None, origin: str | None) -> int:

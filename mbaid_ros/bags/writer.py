@@ -21,6 +21,8 @@ _FOREVER = QosTime(9223372036, 854775807)
 class BagWriter:
     """A bag that is being written; a context manager, which completes the bag whatever ends it.
 
+    Where that is an error before the first message, nothing is left of it.
+
     A disk that takes no more ends it, too: messages that have been handed over by then stay, and can be read.
 
     Parameters
@@ -156,7 +158,10 @@ class BagWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        if error is not None and not self.messages:
+            self._unmake()
+        else:
+            self.close()
 
 
 def _profile(*, latched: bool, reliable: bool) -> Qos:

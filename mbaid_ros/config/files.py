@@ -14,19 +14,24 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
+_STANDARD = 'tag:yaml.org,2002:'  # what !! stands for
 
 
 class _Loader(yaml.SafeLoader):
     """The safe loader with the numbers of ROS: YAML 1.1 as PyYAML has it takes ``1e6`` for a string.
 
-    As in ROS there are no aliases, of which a few lines can stand for gigabytes, and no merged mappings. Numbers have a
-    bound on their digits: one of many can be read in hexadecimal, but no longer be written.
+    As in ROS there are no aliases, of which a few lines can stand for gigabytes, and no merged mappings; nor tags, with
+    which any text claims to be of any type. Numbers have a bound on their digits: one of many can be read in
+    hexadecimal, but no longer be written.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Return the next node."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError('aliases are not supported')
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if tag := getattr(event, 'tag', None):
+            raise yaml.YAMLError(f'tags ({tag.replace(_STANDARD, "!!")}) are not supported')
         return super().compose_node(parent, index)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:

@@ -15,13 +15,14 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.cli import run
+from mbaid_ros.cli import run, warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.nodes.arguments import player_arguments
 from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import LATENCY, Interrupt, own_arguments, ros
+from mbaid_ros.nodes.topic_names import why_no_topic
 
 NAME = 'player'
 
@@ -78,6 +79,9 @@ class PlayerNode(Node):
         if name not in self._bag.topics:
             raise DataError(f"bag '{self._bag.path}' has no topic '{name}'; topics: {listing(self._bag.topics)}")
         topic = self._bag.topics[name]
+        if reason := why_no_topic(self, name):
+            self._leave_out(f"topic '{name}' cannot be played: {reason}", required=required)
+            return
         try:
             message_type = message_class(topic.type)
         except (ImportError, AttributeError, ValueError) as error:
@@ -160,8 +164,7 @@ def _main(argv: list[str]) -> int:
     with BagReader(arguments.bag) as bag:
         with ros(argv) as interrupt:
             _play(arguments, bag, interrupt)
-        for warning in bag.warnings:
-            print(f'mbaid_ros {NAME}: warning: {warning}', file=sys.stderr)
+        warn(NAME, bag.warnings)
     return 0
 
 

@@ -16,13 +16,15 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.cli import run
+from mbaid_ros.cli import one_line, run
 from mbaid_ros.config.recorder import RecorderConfig
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.arguments import recorder_arguments
 from mbaid_ros.nodes.message_classes import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import Interrupt, own_arguments, ros
+from mbaid_ros.nodes.topic_names import why_no_topic
 
 NAME = 'recorder'
 
@@ -48,7 +50,7 @@ class RecorderNode(Node):
         super().__init__(NAME)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._config = declare_parameters(self, RecorderConfig)
-        self._wanted = [self.resolve_topic_name(topic) for topic in self._config.topics or _INPUTS]
+        self._wanted = [self._resolved(topic) for topic in self._config.topics or _INPUTS]
         self._subscriptions_of: dict[str, Subscription] = {}
         self._offers: dict[str, tuple[bool, bool]] = {}
         self._refused: set[str] = set()
@@ -80,6 +82,18 @@ class RecorderNode(Node):
         """Complete the bag and return what is in it, in words."""
         self._writer.close()
         return f"{self.messages} messages on {len(self._offers)} topics in '{self._writer.path}'"
+
+    def _resolved(self, topic: str) -> str:
+        """Return the full name of a topic of the parameters.
+
+        Raises
+        ------
+        ParameterError
+            It is none.
+        """
+        if reason := why_no_topic(self, topic):
+            raise ParameterError(f"parameter 'topics' names '{topic}': {reason}; accepted: names like /joint_states")
+        return str(self.resolve_topic_name(topic))
 
     def _discover(self) -> None:
         """Subscribe to topics that have appeared, and anew where a publisher offers less than those before."""
@@ -117,9 +131,11 @@ class RecorderNode(Node):
             return
         try:
             message_type = message_class(type_name)
-        except (ImportError, AttributeError):
-            self._refused.add(topic)
-            self._log.warning(f"topic '{topic}' is not recorded: its type {type_name} is not installed")
+        except (ImportError, AttributeError, ValueError):
+            self._refuse(topic, f'its type {type_name} is not installed')
+            return
+        if reason := why_no_topic(self, topic):
+            self._refuse(topic, reason)
             return
         if before is None:
             self._writer.add_topic(topic, type_name, latched=latched, reliable=reliable)
@@ -130,6 +146,10 @@ class RecorderNode(Node):
         profile = qos(_DEPTH, best_effort=not reliable, latched=latched)
         take = partial(self._take, topic)
         self._subscriptions_of[topic] = self.create_subscription(message_type, topic, take, profile, raw=True)
+
+    def _refuse(self, topic: str, reason: str) -> None:
+        self._refused.add(topic)
+        self._log.warning(f"topic '{topic}' is not recorded: {reason}")
 
     def _take(self, topic: str, data: bytes, info: Mapping[str, int]) -> None:
         if info['received_timestamp'] > self._until:
@@ -161,7 +181,7 @@ def _main(argv: list[str]) -> int:
             record(node, interrupt)
         finally:
             account = node.close()
-        print(account)
+        print(one_line(account))
     return 0
 
 

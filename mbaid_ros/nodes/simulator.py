@@ -36,6 +36,7 @@ NAME = 'simulator'
 
 _AHEAD = 0.1  # s of this machine's time that is simulated at once: a batch costs little more than a single sample
 _SHORTEST_PERIOD = 0.001  # s, of the timer; at higher rates it publishes several messages at a time
+_LONGEST_PERIOD = 0.1  # s: however slow it is, subscribers that it waits for and its end are noticed
 _PATIENCE = 2.0  # s, with subscribers that have not got everything when the run is over
 _DEPTH = 5000  # messages kept for a slow subscriber: no fewer than the estimator keeps
 _AT_ONCE = 200  # messages of each kind that are told at once
@@ -88,7 +89,7 @@ class SimulatorNode(Node):
         # A clock that nothing stops: this node is what others may take their time from.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period = 1.0 / (rate * self._config.real_time_factor)
-        self.create_timer(max(period, _SHORTEST_PERIOD), self._on_timer, clock=steady)
+        self.create_timer(max(_SHORTEST_PERIOD, min(period, _LONGEST_PERIOD)), self._on_timer, clock=steady)
 
     def _start(self) -> None:
         """Let the run begin now."""

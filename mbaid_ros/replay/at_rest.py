@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -80,17 +81,16 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
     DataError
         The bag cannot be used, or the joints do not rest for `SHORTEST`.
     """
-    recording = _read(bag, joint_states, odom)
+    recording, warnings = _read(bag, joint_states, odom)
     time = recording.joint_time
     begin, end, moved = longest_rest(time, recording.joint_channels['joint_position'])
-    warnings = []
+    moving = f'{listing(recording.joints[joint] for joint in moved)} {"moves" if len(moved) == 1 else "move"}'
+    if end - begin < SHORTEST:
+        raise DataError(
+            f"bag '{bag}' is of no robot at rest: {f'{moving}, ' if moved else ''}all joints rest for "
+            f'{end - begin:.2g} s at most; accepted: {SHORTEST:g} s with the joints braked'
+        )
     if moved:
-        moving = f'{listing(recording.joints[joint] for joint in moved)} {"moves" if len(moved) == 1 else "move"}'
-        if end - begin < SHORTEST:
-            raise DataError(
-                f"bag '{bag}' is of no robot at rest: {moving}, all joints rest for {end - begin:.2g} s at most; "
-                f'accepted: {SHORTEST:g} s with the joints braked'
-            )
         part = f'{begin:.3g} s to {end:.3g} s of {time[-1]:.3g} s'
         warnings.append(f"bag '{bag}': {moving}; measured from {part}, where all joints rest")
         recording = recording.between(begin, end)
@@ -108,8 +108,8 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
     return Measured({name: scatter(values) for name, values in channels.items()}, tuple(warnings))
 
 
-def _read(bag: str, joint_states: str, odom: str) -> Recording:
-    """Return what a bag's sensors say.
+def _read(bag: str, joint_states: str, odom: str) -> tuple[Recording, list[str]]:
+    """Return what a bag's sensors say, and what to know of the bag.
 
     Raises
     ------
@@ -119,21 +119,23 @@ def _read(bag: str, joint_states: str, odom: str) -> Recording:
     with BagReader(bag) as recording:
         for topic, kind in ((joint_states, JOINT_STATE_TYPE), (odom, ODOMETRY_TYPE)):
             recording.require(topic, kind)
-            if recording.topics[topic].count < FEWEST:
-                raise DataError(f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'")
         joints = [message for _, message, _ in recording.read([joint_states])]
         bases = [message for _, message, _ in recording.read([odom])]
-    names = tuple(joints[0].name)
-    if any(tuple(joint.name) != names for joint in joints):
-        raise DataError(f"messages of '{joint_states}' in bag '{bag}' name other joints; accepted: the same in each")
+        warnings = list(dict.fromkeys(recording.warnings))
+    for topic, messages in ((joint_states, joints), (odom, bases)):
+        if len(messages) < FEWEST:
+            raise DataError('; '.join([f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'", *warnings]))
+    names = _names(joints, f"topic '{joint_states}' of bag '{bag}'")
     begin = _stamp(joints[0])
+    joint_time = _times(joints, begin, f"topic '{joint_states}' of bag '{bag}'")
+    base_time = _times(bases, begin, f"topic '{odom}' of bag '{bag}'")
     try:
         position, orientation, linear, angular = np.split(np.array(list(map(numbers_of, bases))), [3, 7, 10], axis=1)
         turns = Rotation.from_quat(orientation)
-        return Recording(
+        found = Recording(
             joints=names,
-            joint_time=1e-9 * np.array([_stamp(joint) - begin for joint in joints]),
-            base_time=1e-9 * np.array([_stamp(base) - begin for base in bases]),
+            joint_time=joint_time,
+            base_time=base_time,
             joint_channels={
                 'joint_position': np.array([joint.position for joint in joints]),
                 'joint_velocity': np.array([joint.velocity for joint in joints]),
@@ -147,6 +149,52 @@ def _read(bag: str, joint_states: str, odom: str) -> Recording:
         )
     except ValueError as error:  # messages of unequal lengths, no rotation
         raise DataError(f"bag '{bag}' cannot be used: {error}") from error
+    return found, warnings
+
+
+def _names(joints: Sequence[Any], topic: str) -> tuple[str, ...]:
+    """Return the names of the joints.
+
+    Raises
+    ------
+    DataError
+        Messages name others, or have another number of positions or velocities.
+    """
+    names = tuple(joints[0].name)
+    for joint in joints:
+        if tuple(joint.name) != names:
+            raise DataError(f'messages on {topic} name other joints; accepted: the same in each')
+        positions, velocities = len(joint.position), len(joint.velocity)
+        if not {positions, velocities} <= {0, len(names)}:
+            raise DataError(
+                f'a message on {topic} has {len(names)} names, {positions} positions and {velocities} velocities; '
+                'accepted: as many as names, or none'
+            )
+    return names
+
+
+def _times(messages: Sequence[Any], origin: int, topic: str) -> Array:
+    """Return the stamps of messages, s since an origin in ns.
+
+    Raises
+    ------
+    DataError
+        They go back, or are of less than `SHORTEST`, as those are that nobody has filled in.
+    """
+    stamps = np.array([_stamp(message) for message in messages])
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    if back.size:
+        before, after = 1e-9 * stamps[back[0] : back[0] + 2]
+        raise DataError(
+            f'a message on {topic} is stamped {after:.3f} s, after one of {before:.3f} s; accepted: stamps that do not '
+            'go back'
+        )
+    lasting = 1e-9 * float(stamps[-1] - stamps[0])
+    if lasting < SHORTEST:
+        raise DataError(
+            f'messages on {topic} last {lasting:.2g} s by their stamps; accepted: {SHORTEST:g} s with the joints braked'
+        )
+    return np.asarray(1e-9 * (stamps - origin))
 
 
 def _stamp(message: object) -> int:
@@ -177,7 +225,7 @@ def longest_rest(time: Array, position: Array) -> tuple[float, float, list[int]]
 
     Parameters
     ----------
-    time : (n,) s, increasing
+    time : (n,) s, in order
     position : (n, k) of the joints
 
     Returns
@@ -186,9 +234,9 @@ def longest_rest(time: Array, position: Array) -> tuple[float, float, list[int]]
     moved : columns of the joints that move before or after it
     """
     known = np.all(np.isfinite(position), axis=1)
+    if position[known].size == 0:
+        return float(time[0]), float(time[-1]), []
     time, position = time[known], position[known]
-    if position.size == 0:
-        return -np.inf, np.inf, []
     blocks = _blocks(time)
     means = np.array([np.mean(position[block], axis=0) for block in blocks])
     allowed = 2.0 * _MOVED * _noise(position, blocks) + 2.0 * _resolution(position)

@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.files import write_text
+from mbaid_ros.files import as_utf8, write_text
 from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not
 from mbaid_ros.replay.calibrated_text import summary
 from mbaid_ros.replay.feed import progress_bar
@@ -154,7 +154,7 @@ def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace)
 
         write_text(arguments.report, html(result))
     if arguments.json == STDOUT:
-        sys.stdout.write(text)
+        sys.stdout.write(as_utf8(text))
     else:
         print(summary(result))
         if not result.contradicted:
@@ -163,7 +163,9 @@ def _write_results(result: Calibrated, urdf: str, arguments: argparse.Namespace)
 
 def _tell_what_goes_on_from_it(arguments: argparse.Namespace) -> None:
     """Say how an estimation is given what has been found: robot and covariance belong together."""
-    if arguments.output and arguments.json:
-        print(f'replay and estimator go on from it: {arguments.output}, with known_links.calibration {arguments.json}')
-    elif arguments.output:
-        print(f'how well {arguments.output} is known is kept by --json FILE alone, for known_links.calibration')
+    output = one_line(arguments.output or '')
+    if output and arguments.json:
+        told = f'with known_links.calibration {one_line(arguments.json)}'
+        print(f'replay and estimator go on from it: {output}, {told}')
+    elif output:
+        print(f'how well {output} is known is kept by --json FILE alone, for known_links.calibration')

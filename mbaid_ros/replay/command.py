@@ -17,7 +17,7 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.files import require_writable, write_text
+from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.many import replay_bags
@@ -119,8 +119,6 @@ def _replay_one(bag: str, config: EstimatorConfig, urdf: str, inputs: Inputs, wr
 def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: Sequence[Truth | None]) -> None:
     results = [as_json(result) for result in runs]
     text = json.dumps(results[0] if len(results) == 1 else results, allow_nan=False, ensure_ascii=False) + '\n'
-    # Names of files may hold bytes that are no text: as JSON escapes them, they read back the same.
-    text = text.encode('utf-8', 'backslashreplace').decode('utf-8')
     # Files first: whoever reads the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
         write_text(arguments.json, text)
@@ -129,6 +127,6 @@ def _write_results(runs: Sequence[Run], arguments: argparse.Namespace, truths: S
 
         write_text(arguments.report, html(runs, truths))
     if arguments.json == STDOUT:
-        sys.stdout.write(text)
+        sys.stdout.write(as_utf8(text))
     else:
         print(texts(runs))

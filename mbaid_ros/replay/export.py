@@ -36,6 +36,7 @@ def _parser() -> ArgumentParser:
     add('--output', metavar='FILE', help='default: standard output')
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
     add('--result', type=_count, default=1, metavar='N', help='which result of a JSON of several bags (default: 1)')
+    add('--topic', default='', metavar='TOPIC', help='which estimates of a bag with those of several estimators')
     add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')
     add('--equivalent', choices=('box', 'ellipsoid'), help='add the uniform body of the same inertia')

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.files import write_text
+from mbaid_ros.files import as_utf8, write_text
 from mbaid_ros.replay import formats
 from mbaid_ros.replay.identified import Identified, read_identified
 
@@ -32,7 +32,8 @@ _SHAPES = {
 def export(arguments: argparse.Namespace) -> int:
     """Do what the arguments ask for and return the exit code."""
     _check(arguments)
-    body = read_identified(arguments.input, arguments.result, alone=arguments.debris)
+    body = read_identified(arguments.input, arguments.result, arguments.topic, alone=arguments.debris)
+    warn('export', body.notes)
     urdf = read_robot_description(arguments.model) if arguments.model else ''
     if arguments.fill:
         body = _filled(body, urdf)
@@ -42,7 +43,7 @@ def export(arguments: argparse.Namespace) -> int:
         return EXIT_INCONSISTENT if body.contradicted else EXIT_NOT_DETERMINED
     text = _written(body, arguments, urdf)
     if arguments.output is None:
-        sys.stdout.write(text)
+        sys.stdout.write(as_utf8(text))
     else:
         write_text(arguments.output, text)
     return 0

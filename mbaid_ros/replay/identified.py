@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
-from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import contradiction
 from mbaid_ros.core.results.parameters import PARAMETERS
@@ -34,6 +34,7 @@ class Identified:
     parameters : (10,) in the order of PARAMETERS, NaN where not determined
     covariance : (10, 10) of them; NaN where not known
     warnings : of the estimate
+    notes : what to know of the file, one line each
     """
 
     link: str
@@ -41,6 +42,7 @@ class Identified:
     parameters: Array
     covariance: Array
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def contradicted(self) -> bool:
@@ -53,22 +55,27 @@ class Identified:
         return [name for name, value in zip(PARAMETERS, self.parameters, strict=True) if math.isnan(value)]
 
 
-def read_identified(path: str, result: int = 1, *, alone: bool = False) -> Identified:
+def read_identified(path: str, result: int = 1, topic: str = '', *, alone: bool = False) -> Identified:
     """Return the body in a file.
 
     Parameters
     ----------
     path : JSON of `replay`, or a bag
     result : which one, counted from 1, of a file with several
+    topic : of a bag with estimates on several
     alone : the captured body without the link that holds it
 
     Raises
     ------
     DataError
         The file cannot be read or holds no such body, or one of a size that none has.
+    ParameterError
+        A topic is given, and the file is no bag.
     """
     json = Path(path).suffix.lower() == '.json'
-    body = _from_json_file(path, result, alone=alone) if json else _from_bag(path, alone=alone)
+    if json and topic:
+        raise ParameterError(f"--topic {topic} is for a bag, which '{path}' is not")
+    body = _from_json_file(path, result, alone=alone) if json else _from_bag(path, topic, alone=alone)
     largest = np.max(np.abs(body.parameters), initial=0.0, where=~np.isnan(body.parameters))
     if largest > limits.QUANTITY:
         raise DataError(f"'{path}' holds a body with {largest:g}; at most {limits.QUANTITY:g} is accepted")
@@ -138,9 +145,9 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def _from_bag(path: str, *, alone: bool) -> Identified:
+def _from_bag(path: str, topic: str, *, alone: bool) -> Identified:
     with BagReader(path) as bag:
-        estimates = [name for name, topic in bag.topics.items() if topic.type == ESTIMATE_TYPE]
+        estimates = [each.name for each in bag.topics.values() if each.type == ESTIMATE_TYPE]
         names = [name for name in estimates if name.endswith(_DEBRIS) == alone]
         if alone and estimates and not names:
             raise DataError(f"bag '{path}' holds no captured body alone; {_TOLD}")
@@ -149,14 +156,22 @@ def _from_bag(path: str, *, alone: bool) -> Identified:
                 f"bag '{path}' holds no estimates ({ESTIMATE_TYPE}); topics: {listing(bag.topics)}; "
                 'replay it with --json, and export that'
             )
+        if topic and topic not in names:
+            raise DataError(f"bag '{path}' holds no estimates on '{topic}'; accepted: {listing(sorted(names))}")
+        if not topic and len(names) > 1:
+            raise DataError(
+                f"bag '{path}' holds estimates on several topics: {listing(sorted(names))}; choose one with --topic"
+            )
+        topic = topic or names[0]
         last = None
-        for _, message, _ in bag.read(names):
+        for _, message, _ in bag.read([topic]):
             last = message
+        notes = tuple(bag.warnings)
     if last is None:
-        raise DataError(f"bag '{path}' holds no estimate on {listing(names)}")
+        raise DataError('; '.join([f"bag '{path}' holds no estimate on {topic}", *notes]))
     inertia = last.inertia
     values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
     known = np.asarray(last.identifiable, dtype=bool)
     parameters = np.where(known, np.array(values, dtype=float), np.nan)
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
-    return Identified(last.header.frame_id, last.status, parameters, covariance, tuple(last.warnings))
+    return Identified(last.header.frame_id, last.status, parameters, covariance, tuple(last.warnings), notes)

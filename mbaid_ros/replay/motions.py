@@ -8,7 +8,6 @@ from mbaid_ros.bags import BagReader, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.feed import Progress, feed
 from mbaid_ros.replay.inputs import Inputs
@@ -75,7 +74,7 @@ def read_motions(
     """
     collectors: list[_Collector] = []
 
-    def collect(_config: EstimatorConfig, _kernel: MomentumKernel) -> Estimator:
+    def collect(*_given: object) -> Estimator:
         collectors.append(_Collector())
         return collectors[-1]
 

@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Sequence
 
-from mbaid_ros.cli import ArgumentParser, one_line, run
+from mbaid_ros.cli import ArgumentParser, run, warn
 from mbaid_ros.replay.inputs import ODOMETRY, Inputs
 
 
@@ -20,8 +20,7 @@ def _noise_at_rest(argv: list[str]) -> int:
     from mbaid_ros.replay.at_rest import measure  # noqa: PLC0415 - takes a while, and --help needs none of it
 
     measured = measure(arguments.bag, arguments.joint_states, arguments.odom)
-    for warning in measured.warnings:
-        print(f'mbaid_ros noise_at_rest: warning: {one_line(warning)}', file=sys.stderr)
+    warn('noise_at_rest', measured.warnings)
     print('/**:\n  ros__parameters:\n    noise:')
     for name, std in measured.stds.items():
         print(f'      {name}: {std:.1e}' if math.isfinite(std) else f'      # {name}: not measured')

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
+from hostile_bags import SCHEMA
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, message_types, serialize
+from mbaid_ros.bags.types import definition
 from mbaid_ros.core.errors import DataError
 from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
 
@@ -147,6 +152,17 @@ def test_an_error_while_writing_leaves_a_complete_bag(tmp_path: Path) -> None:
     assert len(everything(tmp_path / 'bag')[0]) == 1
 
 
+def test_an_error_before_the_first_message_leaves_nothing(tmp_path: Path) -> None:
+    def refused() -> None:
+        with BagWriter(tmp_path / 'bag') as bag:
+            bag.add_topic('/a', STRING)
+            raise DataError('no input')
+
+    with pytest.raises(DataError, match='no input'):
+        refused()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_parts_of_a_folder_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for number in (10, 9):
         with BagWriter(tmp_path / f'part_{number}') as bag:
@@ -191,6 +207,107 @@ def test_mcap_files_of_other_writers(tmp_path: Path, compression: CompressionTyp
         assert times == list(range(len(times)))
         assert len(times) > 200
         assert 'cut off' in bag.warnings[0]
+
+
+def of_two_types(path: Path) -> Path:
+    """Write a file with ten texts on a topic, and two joint states on the same one."""
+    with path.open('wb') as stream:
+        writer: Any = Writer(stream, chunk_size=200)
+        writer.start(profile='ros2')
+        for kind, message, count in ((STRING, string('x'), 10), (JOINT_STATE, joint_state(0), 2)):
+            schema = writer.register_schema(kind, 'ros2msg', definition(kind)[0].encode())
+            channel = writer.register_channel('/a', 'cdr', schema)
+            for _ in range(count):
+                writer.add_message(channel, log_time=0, data=serialize(message, kind), publish_time=0)
+        writer.finish()
+    return path
+
+
+def cut_off(path: Path) -> Path:
+    path.write_bytes(path.read_bytes()[:-100])
+    return path
+
+
+def of_two_files(folder: Path) -> Path:
+    of_two_types(folder / 'a_0.mcap')
+    with BagWriter(folder / 'later') as bag:
+        bag.add_topic('/a', JOINT_STATE)
+        for _ in range(3):
+            bag.write('/a', joint_state(0), 1)
+    (folder / 'later' / 'later.mcap').rename(folder / 'a_1.mcap')
+    return folder
+
+
+@pytest.mark.parametrize(
+    ('make', 'left_out'),
+    [
+        (lambda folder: of_two_types(folder / 'a.mcap'), 2),
+        (lambda folder: cut_off(of_two_types(folder / 'a.mcap')), 2),
+        (of_two_files, 5),
+    ],
+    ids=['whole', 'cut off', 'two files'],
+)
+def test_of_a_topic_with_two_types_the_first_is_read_and_the_rest_told(
+    tmp_path: Path, make: Any, left_out: int
+) -> None:
+    with BagReader(make(tmp_path)) as bag:
+        assert (bag.messages, bag.topics['/a'].count, bag.topics['/a'].type) == (10, 10, STRING)
+        assert [message.data for _, message, _ in bag.read(['/a'])] == ['x'] * 10
+        (warning,) = [each for each in bag.warnings if each.endswith('left out')]
+    assert f'is of type {STRING}, and {left_out} of its messages are of another: they are left out' in warning
+    assert not any('damaged' in each for each in bag.warnings)
+
+
+def killed(folder: Path, before: int) -> Path:
+    """Return a database as its writer leaves it that is killed: some messages in it, 100 in the log beside it."""
+    insert = 'INSERT INTO messages VALUES (NULL, 1, ?, ?)'
+    (folder / 'killed').mkdir()
+    with closing(sqlite3.connect(folder / 'x.db3')) as connection:
+        connection.execute('PRAGMA journal_mode = WAL')
+        connection.executescript(SCHEMA)
+        connection.execute('INSERT INTO topics VALUES (1, ?, ?, ?, ?, ?)', ('/a', STRING, 'cdr', '', ''))
+        rows = [(index, serialize(string(str(index)), STRING)) for index in range(before + 100)]
+        if before:
+            connection.executemany(insert, rows[:before])
+            connection.commit()
+            connection.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()
+        connection.executemany(insert, rows[before:])
+        connection.commit()
+        for name in ('x.db3', 'x.db3-wal'):
+            shutil.copyfile(folder / name, folder / 'killed' / name)
+    return folder / 'killed' / 'x.db3'
+
+
+@pytest.mark.parametrize('bare', [False, True], ids=['folder', 'file'])
+def test_what_only_the_log_of_a_database_has_is_told(tmp_path: Path, *, bare: bool) -> None:
+    file = killed(tmp_path, 10)
+    path = file if bare else file.parent
+    read, warnings = everything(path)
+    assert len(read) == 10
+    (warning,) = [each for each in warnings if '-wal' in each]
+    assert warning.startswith(f"'{file}-wal' holds what has not been written into its bag, and is not read")
+    words = shlex.split(warning.partition(': ')[2])
+    assert words[:3] == ['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)']
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute(words[2]).fetchall()
+    read, warnings = everything(path)
+    assert len(read) == 110
+    assert not any('-wal' in each for each in warnings)
+
+
+def test_a_database_that_is_all_in_its_log_is_told(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"x\.db3-wal' holds what has not been written"):
+        BagReader(killed(tmp_path, 0))
+
+
+def test_a_database_without_messages_whose_log_has_some_is_told(tmp_path: Path) -> None:
+    file = killed(tmp_path, 1)
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute('DELETE FROM messages')
+        connection.commit()
+    Path(f'{file}-wal').write_bytes(b'some')
+    with pytest.raises(DataError, match=r"holds no messages: '.*x\.db3-wal' holds what has not been written"):
+        BagReader(file)
 
 
 def no_bag_file(folder: Path) -> Path:

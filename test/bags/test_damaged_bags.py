@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hostile_bags import folder_of, metadata
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
 from small_bags import COUNT, STRING, everything, string
@@ -93,6 +94,17 @@ def test_a_folder_with_bad_metadata_is_read_by_its_files(recorded: Path, tmp_pat
     read, warnings = everything(tmp_path)
     assert len(read) == COUNT + 1
     assert 'metadata.yaml' in warnings[0]
+
+
+def test_why_the_metadata_cannot_be_used_is_told(recorded: Path, tmp_path: Path) -> None:
+    (tmp_path / 'recorded.mcap').write_bytes((recorded / 'recorded.mcap').read_bytes())
+    (tmp_path / 'metadata.yaml').write_text('rosbag2_bagfile_information: {version: 99}')
+    _, (warning,) = everything(tmp_path)
+    assert 'cannot be used (metadata of version 99; accepted: up to 9): its files are read in' in warning
+    (tmp_path / 'recorded.mcap').rename(tmp_path / 'recorded.mcap.lz4')
+    folder_of(tmp_path, metadata(['recorded.mcap.lz4'], 'mcap', 'file', compression_format='lz4'))
+    with pytest.raises(DataError, match=r"no .db3 file in it; metadata.yaml: compression 'file' as 'lz4' is not known"):
+        BagReader(tmp_path)
 
 
 @pytest.mark.parametrize('seed', range(60))

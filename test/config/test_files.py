@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.core.errors import ParameterError
 
 
@@ -94,6 +94,12 @@ def test_an_empty_section_is_no_parameters(tmp_path: Path) -> None:
         ('/**:\n  ros__parameters: 5\n', "must hold 'name: value' pairs"),
         ('a: [1, 2\nb: }', 'is not YAML'),
         ('x: !!python/object/apply:os.system [ls]', 'is not YAML'),
+        ("x: !!int ''", 'is not YAML: tags (!!int) are not supported'),
+        ('x: !!bool maybe', 'is not YAML: tags (!!bool) are not supported'),
+        ('x: !!timestamp foo', 'is not YAML: tags (!!timestamp) are not supported'),
+        ('!!set x: 1', 'is not YAML: tags (!!set) are not supported'),
+        ('!own [x]: 1', 'is not YAML: tags (!own) are not supported'),
+        ('x: ! 1', 'is not YAML: tags (!) are not supported'),
         ('x: ' + '1' * 5000, 'is not YAML'),
     ],
 )
@@ -103,6 +109,11 @@ def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path: Path, text: 
     assert message in str(caught.value)
     assert 'parameters.yaml' in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_an_assignment_with_a_tag_is_refused_in_one_line() -> None:
+    with pytest.raises(ParameterError, match=r"the value of 'window' is not YAML: tags \(!!int\) are not supported"):
+        parse_assignment("window:=!!int ''")
 
 
 def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -44,3 +45,13 @@ def test_a_stream_without_a_pause_does_not_keep_a_recorder_from_ending(
     record(node, interrupt)
     assert 0 < node.messages < 1_000_000
     node.close()
+
+
+def test_a_topic_of_a_type_that_is_none_is_told_and_left_out() -> None:
+    node = RecorderNode.__new__(RecorderNode)  # of no graph
+    told: list[str] = []
+    refused: set[str] = set()
+    vars(node).update(_log=SimpleNamespace(warning=told.append), _offers={}, _refused=refused)
+    node._follow('/odd', 'odd', [])
+    assert told == ["topic '/odd' is not recorded: its type odd is not installed"]
+    assert refused == {'/odd'}

@@ -218,6 +218,23 @@ def test_estimates_older_than_the_installed_message_are_not_played(live: Graph, 
     )
 
 
+@pytest.mark.parametrize('name', ['joint states', '/arm/1st'])
+def test_a_topic_whose_name_is_none_to_ros_is_not_played(live: Graph, tmp_path: Path, name: str) -> None:
+    with BagWriter(tmp_path / 'odd') as bag:
+        for topic in ('/robot_description', name):
+            bag.add_topic(topic, 'std_msgs/msg/String', latched=True)
+            bag.write(topic, message_class('std_msgs/msg/String')(data='<robot/>'), 0)
+    refused = live.start('player', tmp_path / 'odd', '--topics', name)
+    assert refused.wait() == 2
+    assert refused.stderr.count('\n') == 1
+    assert f"topic '{name}' cannot be played: topic name " in refused.stderr
+    descriptions = live.collect('/robot_description', String, LATCHED)
+    rest = live.start('player', tmp_path / 'odd', '--wait-for-subscribers', 30)
+    live.wait(lambda: descriptions, 'the other topic')
+    assert rest.wait() == 0
+    assert f"topic '{name}' cannot be played: topic name " in rest.stdout + rest.stderr
+
+
 def test_only_the_topics_asked_for_are_played_with_a_clock(live: Graph, bag: Path) -> None:
     states = live.collect('/joint_states', JointState, DEEP)
     clocks = live.collect('/clock', Clock, DEEP)
@@ -249,6 +266,12 @@ def test_only_the_topics_asked_for_are_played_with_a_clock(live: Graph, bag: Pat
             "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s",
         ),
         ('recorder', ['--ros-args', '-p', 'output'], 'output'),
+        (
+            'recorder',
+            ['--ros-args', '-p', "topics:=['/odom', 'joint states']"],
+            "parameter 'topics' names 'joint states': topic name must not contain characters other than",
+        ),
+        ('recorder', ['--ros-args', '-p', "topics:=['/arm/1st']"], 'topic name token must not start with a number'),
     ],
 )
 def test_a_users_error_is_one_line(live: Graph, bag: Path, name: str, arguments: list[str], text: str) -> None:

@@ -77,6 +77,15 @@ def test_a_signal_ends_it_cleanly(graph: Graph, number: signal.Signals) -> None:
     assert 'Traceback' not in node.stderr
 
 
+@pytest.mark.parametrize('slow', [['real_time_factor:=1e-12'], ['joint_rate:=1e-12', 'odometry_rate:=1e-12']])
+def test_however_slow_it_is_it_runs_until_it_is_stopped(graph: Graph, slow: list[str]) -> None:
+    node = start(graph, 'duration:=0', 'wait_for_subscribers:=1', *slow)
+    joints = graph.collect('joint_states', JointState, DEEP)
+    odometry = graph.collect('odom', Odometry, DEEP)
+    graph.wait(lambda: joints and odometry, 'the first messages')
+    assert node.stop() == 0
+
+
 @pytest.mark.parametrize(
     ('parameter', 'words'),
     [

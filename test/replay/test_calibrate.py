@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -242,6 +243,22 @@ def test_a_bag_of_another_robot_is_refused(place: Path, capsys: pytest.CaptureFi
     error = capsys.readouterr().err
     assert 'holds no complete window; ' in error
     assert 'wrist' in error
+
+
+def test_names_of_files_that_are_no_text_read_back_the_same(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff\n')
+    Path(odd).symlink_to(place / 'before')
+    files = {name: f'{odd}.{name}' for name in ('json', 'html', 'urdf')}
+    outputs = ['--json', files['json'], '--report', files['html'], '--output', files['urdf']]
+    assert main([odd, '--model', str(place / 'cad.urdf'), *outputs]) == 0
+    assert json.loads(Path(files['json']).read_text(encoding='utf-8'))['bags'] == [odd]
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith('replay and estimator go on from it: ')
+    assert last.count('\\udcff .') == 2
+    assert main([odd, '--model', str(place / 'cad.urdf'), '--json', '-']) == 0
+    assert json.loads(capsys.readouterr().out)['bags'] == [odd]
 
 
 def test_the_model_is_not_overwritten(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

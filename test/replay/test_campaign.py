@@ -269,6 +269,16 @@ def test_a_folder_of_something_else_or_in_use_is_refused(
     assert "runs.jsonl', line 1, is no result" in refused(capsys, yaml, '--output', str(broken))
 
 
+def test_the_names_of_the_files_are_told_in_one_line(
+    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+) -> None:
+    odd = tmp_path / os.fsdecode(b'\xff\n\x1b[2J')
+    shutil.copytree(whole, odd)
+    assert campaign.main([str(written(tmp_path)), '--output', str(odd)]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith(f'{tmp_path}/\\udcff \\x1b[2J/runs.jsonl, ')
+
+
 # -- failures
 
 WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {step: 1.0, initial.joint_velocities: [9.0, 9.0, 9.0, 9.0]}}\n'

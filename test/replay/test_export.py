@@ -20,7 +20,8 @@ from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.principal import box_sizes
-from mbaid_ros.outgoing import Frames
+from mbaid_ros.outgoing import Frames, estimate_message
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.export import main
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.run import EstimateWriter
@@ -184,6 +185,60 @@ def test_a_bag_of_estimates_from_before_their_budget_is_read(
     assert exported(capsys, str(older), '--format', 'mjcf') == exported(capsys, written(tmp_path), '--format', 'mjcf')
 
 
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, str]:
+    """Return what is written, and the one warning."""
+    assert main(list(arguments)) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith('mbaid_ros export: warning: ')
+    assert captured.err.count('\n') == 1
+    return captured.out, captured.err
+
+
+def test_a_bag_of_estimates_that_was_cut_off_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    cut = tmp_path / 'cut.mcap'
+    with BagWriter(tmp_path / 'whole') as bag:
+        writer = EstimateWriter(bag)
+        writer.write(estimate(), Frames('link7', 'odom'))
+        bag.flush()
+        cut.write_bytes((tmp_path / 'whole' / 'whole.mcap').read_bytes())
+        writer.write(estimate(parameters=BODY * 0.5), Frames('link7', 'odom'))
+    text, warning = told(capsys, str(cut), '--format', 'mjcf')
+    assert f"bag '{cut}' was cut off while it was written" in warning
+    assert text == exported(capsys, written(tmp_path), '--format', 'mjcf')
+
+
+def test_a_bag_whose_estimates_cannot_be_read_says_why(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = Path(recorded(tmp_path, estimate())) / 'bag.mcap'
+    content = bytearray(file.read_bytes())
+    content[content.index(b'\x28\xb5\x2f\xfd')] = 0  # what zstd begins with
+    file.write_bytes(content)
+    error = exported(capsys, str(file), code=2)
+    assert 'holds no estimate on /estimator/estimate; bag ' in error
+    assert 'is damaged: read 0 of 1 messages' in error
+
+
+def of_two_estimators(folder: Path) -> str:
+    """Write a bag with an estimate of one estimator, and a later one of half the body of another."""
+    with BagWriter(folder / 'two') as bag:
+        for name, body in (('left', BODY), ('right', 0.5 * BODY)):
+            bag.add_topic(f'/{name}/estimate', ESTIMATE_TYPE)
+            message = estimate_message(estimate(parameters=body), BAG_TYPES, Frames('link7', 'odom'))
+            bag.write(f'/{name}/estimate', message, 0)
+    return str(folder / 'two')
+
+
+def test_of_several_estimators_one_has_to_be_chosen(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = of_two_estimators(tmp_path)
+    error = exported(capsys, bag, code=2)
+    assert 'holds estimates on several topics: /left/estimate, /right/estimate; choose one with --topic' in error
+    left = exported(capsys, bag, '--topic', '/left/estimate', '--format', 'mjcf')
+    assert left == exported(capsys, written(tmp_path), '--format', 'mjcf')
+    right = exported(capsys, bag, '--topic', '/right/estimate', '--format', 'mjcf')
+    assert right == exported(capsys, written(tmp_path, estimate(parameters=0.5 * BODY)), '--format', 'mjcf')
+    error = exported(capsys, bag, '--topic', '/estimate', code=2)
+    assert "holds no estimates on '/estimate'; accepted: /left/estimate, /right/estimate" in error
+
+
 def test_a_bag_without_estimates_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/a', 'std_msgs/msg/String')
@@ -234,6 +289,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         (['{file}', '--equivalent', 'ellipsoid'], 'accepted: mjcf, mjcf-body, json'),
         (['{file}', '--output', '/absent/x'], "--output '/absent/x' cannot be written"),
         (['{file}', '--result', '0'], "'0' is not accepted"),
+        (['{file}', '--topic', '/a'], "--topic /a is for a bag, which '"),
         (['{broken}'], 'is not JSON'),
         (['{other}'], 'accepted: what replay --json writes'),
         (['{calibration}'], 'is a calibration, whose URDF calibrate --output writes'),

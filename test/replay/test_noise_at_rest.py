@@ -52,12 +52,13 @@ def bag_at_rest(tmp_path_factory: pytest.TempPathFactory) -> str:
 def changed(
     bag: str, path: Path, joints: Callable[[int, Any], Any], base: Callable[[int, Any], Any] | None = None
 ) -> str:
-    """Write a bag anew, every n-th message of a topic as functions of n and the message have it."""
+    """Write a bag anew, every n-th message of a topic as functions of n and the message have it, None is without it."""
     with BagReader(bag) as before, BagWriter(path) as after:
         for topic, kind, change in zip(TOPICS, (JOINT_STATE, ODOMETRY), (joints, base or same), strict=True):
             after.add_topic(topic, kind)
             for number, (_, message, time) in enumerate(before.read([topic])):
-                after.write(topic, change(number, message), time)
+                if (made := change(number, message)) is not None:
+                    after.write(topic, made, time)
     return str(path)
 
 
@@ -128,6 +129,83 @@ def test_a_robot_that_moves_all_the_time_is_refused(
     line = refused(capsys, changed(bag, tmp_path / 'moved', turned(lambda time: 0.3 * np.sin(time))))
     assert 'is of no robot at rest: joint3 moves, all joints rest for ' in line
     assert 'accepted: 5 s with the joints braked' in line
+
+
+def until(end: float, change: Callable[[int, Any], Any]) -> Callable[[int, Any], Any]:
+    """Return a change of what comes before a time (s), without what comes after it."""
+    return lambda number, message: change(number, message) if number < end * RATE else None
+
+
+@pytest.mark.parametrize('path', [lambda time: 0.3 * np.sin(time), lambda time: 0.0 * time], ids=['moving', 'resting'])
+def test_less_than_five_seconds_are_refused_whether_or_not_it_moves(
+    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], path: Callable[[float], float]
+) -> None:
+    short = changed(bag, tmp_path / 'short', until(0.6, turned(path)), until(0.6, same))
+    assert "topic '/joint_states' of bag '" in (line := refused(capsys, short))
+    assert 'last 0.59 s by their stamps; accepted: 5 s with the joints braked' in line
+
+
+def stamped(stamp: Callable[[int], int], change: Callable[[int, Any], Any] = same) -> Callable[[int, Any], Any]:
+    """Return a change with the n-th message stamped with a number of nanoseconds of n."""
+
+    def also(number: int, message: Any) -> Any:
+        stamped = message.header.stamp
+        seconds, nanoseconds = divmod(stamp(number), 1_000_000_000)
+        time = replace(stamped, sec=seconds, nanosec=nanoseconds)
+        return change(number, replace(message, header=replace(message.header, stamp=time)))
+
+    return also
+
+
+def test_stamps_that_were_never_filled_in_are_refused(
+    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = stamped(lambda _: 0, turned(lambda time: 0.3 * np.sin(time)))
+    line = refused(capsys, changed(bag, tmp_path / 'unstamped', arm))
+    assert "topic '/joint_states' of bag '" in line
+    assert 'last 0 s by their stamps; accepted: 5 s with the joints braked' in line
+    line = refused(capsys, changed(bag, tmp_path / 'base', same, stamped(lambda _: 0)))
+    assert "topic '/odom' of bag '" in line
+
+
+def test_stamps_that_go_back_are_refused(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    back = changed(bag, tmp_path / 'back', stamped(lambda number: 10**7 * (number - 200 * (number > 700))))
+    line = refused(capsys, back)
+    assert "a message on topic '/joint_states' of bag '" in line
+    assert 'is stamped 5.010 s, after one of 7.000 s; accepted: stamps that do not go back' in line
+
+
+def test_more_positions_than_names_are_refused(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def unnamed(_number: int, message: Any) -> Any:
+        return replace(message, name=message.name[:1], position=message.position[:2], velocity=message.velocity[:1])
+
+    moved = turned(lambda time: 0.3 * np.sin(time), joint=1)
+    odd = changed(bag, tmp_path / 'odd', lambda number, message: unnamed(number, moved(number, message)))
+    line = refused(capsys, odd)
+    assert "a message on topic '/joint_states' of bag '" in line
+    assert 'has 1 names, 2 positions and 1 velocities; accepted: as many as names, or none' in line
+
+
+def test_a_bag_that_was_cut_off_is_told(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (file,) = Path(bag).glob('*.mcap')
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(file.read_bytes()[: file.stat().st_size * 8 // 10])
+    assert main([str(cut)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"mbaid_ros noise_at_rest: warning: bag '{cut}' was cut off while it was written")
+    assert captured.err.count('\n') == 1
+    assert 'joint_position: ' in captured.out
+
+
+def test_a_damaged_bag_is_one_line(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (file,) = Path(bag).glob('*.mcap')
+    content = bytearray(file.read_bytes())
+    content[content.index(b'\x28\xb5\x2f\xfd')] = 0  # what zstd begins with
+    damaged = tmp_path / 'damaged.mcap'
+    damaged.write_bytes(content)
+    line = refused(capsys, str(damaged))
+    assert f"bag '{damaged}' has fewer than 50 messages of '/joint_states'" in line
+    assert 'is damaged: read 0 of 1001 messages' in line
 
 
 def test_a_base_that_is_pushed_is_told(bag: str, tmp_path: Path) -> None:

@@ -179,6 +179,13 @@ def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], bag: str, tm
     assert 'one BAG; 2' in refused(capsys, bag, bag, '--model', MODEL, '--output', str(tmp_path / 'two'))
 
 
+def test_an_error_leaves_no_bag_of_estimates(capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path) -> None:
+    output = tmp_path / 'estimates'
+    assert "'/absent' does not exist" in refused(capsys, '/absent', '--model', MODEL, '--output', str(output))
+    assert not output.exists()
+    assert main([bag, '--model', MODEL, *QUICK, '--output', str(output)]) == 0
+
+
 def test_the_report_needs_nothing_else(capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path) -> None:
     report = tmp_path / 'report.html'
     assert main([bag, '--model', MODEL, '--report', str(report), *QUICK]) == 0

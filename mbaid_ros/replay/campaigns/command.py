@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from mbaid_ros.cli import one_line
 from mbaid_ros.config.campaign import Campaign, CampaignRun, load_campaign
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.replay.campaigns.cluster import made_on_cluster
@@ -40,7 +41,8 @@ def make_campaign(arguments: argparse.Namespace) -> int:
         cases = statistics(made)
         summary = as_json(cases, made)
         folder.write_summary(summary)
-    print(f'{table(cases, made)}\n{output / RUNS}, {output / SUMMARY}')
+    print(table(cases, made))
+    print(one_line(f'{output / RUNS}, {output / SUMMARY}'))
     return FAILED_RUNS if summary['failed'] else 0
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mbaid_ros import limits
+from mbaid_ros.cli import warn
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
@@ -44,7 +45,7 @@ class Begin:
 
 
 def read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
-    """Return where a plan begins.
+    """Return where a plan begins; what is to know of a bag is told on stderr.
 
     Raises
     ------
@@ -56,6 +57,7 @@ def read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
         config = build(EstimatorConfig, _given(arguments))
         with progress_bar(path) as progress:
             run = replay_bag(path, config, urdf, Inputs.of(arguments, config), progress=progress)
+        warn('plan', run.warnings)
         return _begin(path, config, urdf, run.final.status, run.state)
     content = _content(path)
     made = content.get('made_by') or {}
