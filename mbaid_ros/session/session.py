@@ -35,7 +35,8 @@ class Session:
     urdf : str
         Text of the robot description.
     make : callable, optional
-        What makes the method of each segment; the one that the parameters name where not given.
+        What makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, how well
+        the robot is known (None without one); the method that the parameters name where not given.
 
     Attributes
     ----------

@@ -146,7 +146,7 @@ def test_the_numbers_are_those_of_calibrate() -> None:
     session, collector = make(), Collector()
     feed(session)
 
-    def collect(_config: EstimatorConfig, _kernel: MomentumKernel) -> Estimator:
+    def collect(*_given: object) -> Estimator:
         return collector
 
     feed(Session(EstimatorConfig(), cad(), collect), BEGIN - 0.5)
