@@ -10,31 +10,16 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.thrust import LATE_THRUST
-from mbaid_ros.core.results.budget import MAIN_CAUSES, UNCHECKED
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
-from mbaid_ros.core.results.rounding import rounded
-from mbaid_ros.core.sensor_levels import SensorLevels
+from mbaid_ros.nodes.estimate_report import estimate_report, numbers
 from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.sample_report import ERROR, OK, STALE, WARN, Report, SampleReport, Values, complaints
 from mbaid_ros.nodes.state import State
-from mbaid_ros.nodes.terminal import ESTIMATE, NEXT
+from mbaid_ros.nodes.terminal import ESTIMATE
 from mbaid_ros.session import explain
 
 STALE_AFTER = 2.0  # s without a message
 _WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s, that a wait is told of once it is longer
-
-_CAUSES = 3  # that are told
-
-_LEVEL_OF_STATUS = {
-    'waiting': WARN,
-    'estimating': OK,
-    'converged': OK,
-    'not_identifiable': WARN,
-    'inconsistent': ERROR,
-}
 
 
 class Diagnostics:
@@ -74,7 +59,7 @@ class Diagnostics:
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.of(state, heard=any(self._recent.values()))
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
-        reports[ESTIMATE] = _estimate(state)
+        reports[ESTIMATE] = estimate_report(state)
         hardware = state.session.robot.model.name if state.session else ''
         return [
             DiagnosticStatus(
@@ -195,8 +180,8 @@ class Diagnostics:
         thrust = state.session.thrust
         values += [
             ('used', thrust.commands),
-            ('linear impulse (N s)', _numbers(thrust.brought[:3])),
-            ('angular impulse (N m s)', _numbers(thrust.brought[3:])),
+            ('linear impulse (N s)', numbers(thrust.brought[:3])),
+            ('angular impulse (N m s)', numbers(thrust.brought[3:])),
         ]
         wrong = [*explain(state.session, thrust.dropped), *((LATE_THRUST,) if thrust.late else ())]
         return (WARN, '; '.join(wrong), values) if wrong else (OK, f'{thrust.commands} commands used', values)
@@ -245,67 +230,3 @@ def _help(inlet: Inlet) -> str:
     others = sorted({info.topic_type for info in publishers} - set(inlet.type_names))
     taken = ' or '.join(inlet.type_names)
     return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
-
-
-def _estimate(state: State) -> Report:
-    estimate = state.estimate
-    if estimate is None:
-        return WARN, ': '.join(filter(None, ['waiting', state.halted.partition(':')[0]])), []
-    causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
-    values: Values = [
-        ('stale', bool(state.stale)),
-        ('method', estimate.method),
-        ('stage', estimate.stage),
-        ('phase', state.session.robot.phase if state.session else ''),
-        ('known bodies', (state.session.robot.calibrated if state.session else '') or 'as in the robot description'),
-        ('time (s)', f'{estimate.time:.3f}'),
-        ('samples', estimate.samples),
-        ('residual', f'{estimate.residual:.3g}'),
-        ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
-        *_parameters(estimate),
-        *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
-        (NEXT, state.advice),
-        *_plan(state),
-        (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
-        (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting()),
-        ('linear momentum (N s)', _numbers(estimate.momentum[:3])),
-        ('angular momentum (N m s)', _numbers(estimate.momentum[3:])),
-        *_noise(estimate.noise),
-        *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
-    ]
-    level = _LEVEL_OF_STATUS[estimate.status]
-    text = estimate.status.replace('_', ' ')
-    if estimate.warnings:
-        text = f'{text}: likely cause: {causes[0]}' if causes else f'{text}: {estimate.warnings[0]}'
-        level = max(level, WARN)
-    if state.stale:
-        return STALE, f'{text}; stale: {state.stale}', values
-    return level, text, values
-
-
-def _plan(state: State) -> Values:
-    """Return what the motion on ~/motion comes to."""
-    if state.plan is None:
-        return []
-    reached, verdict = state.plan
-    return [('plan reaches what is wanted', reached), ('plan', verdict)]
-
-
-def _noise(levels: SensorLevels | None) -> Values:
-    """Return how noisy each sensor is declared to be, and how noisy its readings are."""
-    if levels is None:
-        return []
-    return [(f'noise of {name} ({unit})', text) for name, unit, text in levels.shown()]
-
-
-def _parameters(estimate: Estimate) -> Values:
-    rows: Values = []
-    for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
-        shown, band = rounded(value, std)
-        spread = f' +- {band} (95 %)' if band else ''
-        rows.append((f'{name} ({unit})', f'{shown}{spread}' if shown else 'not determined'))
-    return rows
-
-
-def _numbers(values: Sequence[float] | Array) -> str:
-    return ' '.join(f'{value:.6g}' for value in values)

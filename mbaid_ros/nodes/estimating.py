@@ -53,12 +53,12 @@ class Estimating:
         self._narrator = Narrator(node.get_logger())  # type: ignore[no-untyped-call]
         self._config = config
         self._state = State(active=active)
-        self._restarted = 0  # how often the session had started again by itself, when that was last looked at
         self._report_due = False  # a report waits for the estimate of a window
         self._awaited: int | None = None  # end of the window that one waited for
         # What can be refused comes first: nothing of this is on the graph then.
         self._read_robot()
-        self._telling = Telling(node, config, self._state, self._narrator)
+        self._planning = Planning(node, self._state, self._narrator.event)
+        self._telling = Telling(node, config, self._state, self._narrator, self._planning)
         self._description = None if self._state.session else DescriptionInlet(node, self._on_description)
         self._inlets = {
             'joint_states': Inlet(node, JointState, 'joint_states', self._on_joint_state),
@@ -74,7 +74,6 @@ class Estimating:
             node.create_service(SetBool, '~/pause', self._on_pause),
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
-        self._planning = Planning(node, self._state, self._narrator.event)
         self._advising = Advising(self._state, self._narrator.advice)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -178,9 +177,6 @@ class Estimating:
         except DataError as error:
             self._narrator.warn_once(str(error))
             return
-        if session.restarted != self._restarted:
-            self._restarted = session.restarted
-            self._planning.forget()  # a motion that begins where the run before ended
         self._telling.estimates(session, estimates)
         if estimates:
             self._leisure.reset()  # what can wait comes after the estimates
@@ -269,8 +265,6 @@ class Estimating:
         if state.session is not None:
             state.session.reset()
         state.ignored = Counter()
-        self._restarted = 0
-        self._planning.forget()
         self._telling.anew()
 
     # Reports

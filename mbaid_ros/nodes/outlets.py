@@ -71,14 +71,14 @@ class Outlets:
         told = self._inertia.follow(estimate)
         if told is not None:
             self._publish('~/inertia', inertia_message(told, TYPES, frames))
-        if is_complete(estimate):
+        described, self._described = self._described, is_complete(estimate)
+        if self._described:
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
             self._publish('~/robot_description', String(data=text))
-        elif self._described:
+        elif described:
             # A robot without numbers is none, and only a publisher's end makes a latched topic forget.
             self._node.destroy_publisher(self._publishers['~/robot_description'])
             self._open('~/robot_description')
-        self._described = is_complete(estimate)
 
     def tell_stale(self, estimate: Estimate, frames: Frames, reasons: Sequence[str]) -> None:
         """Publish an estimate once more, as one that nothing follows for reasons."""

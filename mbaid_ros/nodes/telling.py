@@ -19,6 +19,7 @@ from mbaid_ros.nodes.inlet import Inlet
 from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.narrator import Narrator
 from mbaid_ros.nodes.outlets import TYPES, Outlets, last_of_each_window
+from mbaid_ros.nodes.planning import Planning
 from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.sample_report import remarks
 from mbaid_ros.nodes.simulated_clock import SimulatedClock
@@ -38,17 +39,21 @@ class Telling:
     config : EstimatorConfig
     state : what the node knows; the estimate in it is the last one told
     narrator : says in the log what changes
+    planning : whose motion is withdrawn with the run that it was planned from
 
     Attributes
     ----------
     display : markers and transforms
     """
 
-    def __init__(self, node: Node, config: EstimatorConfig, state: State, narrator: Narrator) -> None:
+    def __init__(
+        self, node: Node, config: EstimatorConfig, state: State, narrator: Narrator, planning: Planning
+    ) -> None:
         self._node = node
         self._config = config
         self._state = state
         self._narrator = narrator
+        self._planning = planning
         self._log: Any = node.get_logger()  # type: ignore[no-untyped-call]
         self.display = Display(node, with_frames=config.publish_tf, prefix=config.frame_prefix)
         self._clock = SimulatedClock(node, config.time_jump_threshold)
@@ -94,6 +99,7 @@ class Telling:
         self._state.estimate, self._state.stale, self._state.advice, self._waiting = None, '', '', None
         self._narrator.begin(warned=warned)
         self._debris = DebrisCourse()
+        self._planning.forget()
         self._outlets.clear()
         self.display.clear()
         self.missing()
