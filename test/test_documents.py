@@ -15,8 +15,8 @@ from documents import DOCUMENTS, README, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import specifications
+from mbaid_ros.config.trajectory import METHODS
 from mbaid_ros.replay.result_json import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
@@ -102,7 +102,9 @@ def test_the_readme_has_every_topic_and_service_of_the_estimator() -> None:
     text = README.read_text(encoding='utf-8')
     section = text[text.index('## Topics and services') : text.index('## Methods')]
     named = set(re.findall(r'^\| `(~/\w+)` \|', section, re.MULTILINE))
-    sources = (ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'outlets', 'markers', 'planning'))
+    sources = (
+        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publishers', 'markers', 'planning')
+    )
     assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
 
 

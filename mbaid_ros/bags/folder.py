@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,12 +16,12 @@ from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.reader import DirectoryReader
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import Block, Raw, in_blocks
-from mbaid_ros.bags.chunks import ChunkReader
+from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
 from mbaid_ros.bags.compression import unpack_file, unpacked
-from mbaid_ros.bags.profiles import parse_profiles, parse_yaml
 from mbaid_ros.bags.sqlite import SqliteReader
+from mbaid_ros.bags.writer import parse_profiles, parse_yaml
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.files import require_regular
 
 _NEWEST = 9  # version of the metadata
@@ -188,3 +190,49 @@ def _count(told: Mapping[str, Any], key: str) -> int:
     if not isinstance(value, int) or not 0 <= value < 2**63:
         raise ReaderError(f'metadata have no number {key}')
     return value
+
+
+Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """N messages.
+
+    Attributes
+    ----------
+    topics : N names, the topic of each message in the order they were recorded
+    messages : those of each topic, in order: a list, or `Packets`
+    times : of each topic, ns, when they were recorded
+    """
+
+    topics: Sequence[str]
+    messages: Mapping[str, Sequence[Any]]
+    times: Mapping[str, Stamps]
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    def __iter__(self) -> Iterator[Timed]:
+        left = {topic: zip(self.of(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
+        return ((topic, *next(left[topic])) for topic in self.topics)
+
+    def of(self, topic: str) -> Sequence[Any]:
+        """Return the messages of a topic."""
+        return self.messages.get(topic, ())
+
+    def runs(self, topic: str) -> Iterator[Recorded]:
+        """Yield the same messages in parts: those of a topic that follow one another, and those between them."""
+        if topic not in self.messages:
+            yield self
+            return
+        done = dict.fromkeys(self.messages, 0)
+        for _, group in groupby(self.topics, key=topic.__eq__):
+            names = list(group)
+            some = {name: slice(done[name], done[name] + names.count(name)) for name in dict.fromkeys(names)}
+            yield Recorded(
+                names,
+                {name: self.messages[name][part] for name, part in some.items()},
+                {name: self.times[name][part] for name, part in some.items()},
+            )
+            done.update({name: part.stop for name, part in some.items()})

@@ -15,9 +15,8 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import Block, Raw, of_length
-from mbaid_ros.bags.chunks import UnindexedError
-from mbaid_ros.bags.recorded import Recorded, Timed
+from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, of_length
+from mbaid_ros.bags.folder import Recorded, Timed
 from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types

@@ -20,12 +20,11 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDura
 from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import Block, Raw, in_blocks
-from mbaid_ros.bags.chunks import ChunkReader
+from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
 from mbaid_ros.bags.compression import beginning, unpacked_chunk
 from mbaid_ros.bags.folder import FolderReader
-from mbaid_ros.bags.profiles import parse_profiles
 from mbaid_ros.bags.sqlite import SqliteReader
+from mbaid_ros.bags.writer import parse_profiles
 
 Storage = FolderReader | ChunkReader | SqliteReader
 

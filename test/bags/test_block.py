@@ -8,7 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mbaid_ros.bags.block import Block, Raw, in_blocks, of_length
+from mbaid_ros.bags.chunks import (
+    Block,
+    Raw,
+    in_blocks,
+    of_length,
+)
 
 
 def messages(count: int) -> list[Raw]:

@@ -8,9 +8,9 @@ import pytest
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.simulated_robot import make_motion
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion
 from simulated import CONFIG, robot
 

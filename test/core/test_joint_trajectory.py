@@ -5,7 +5,7 @@ import pytest
 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.simulation.steered import Followed
+from mbaid_ros.simulation.steered import Followed
 
 TIMES = np.array([0.0, 0.7, 2.0, 2.5])
 NOTHING = np.zeros((0, 0))

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion
-from mbaid_ros.core.intake.falling_frame import FallingFrame
-from mbaid_ros.core.orbit import Orbit, Turning
+from mbaid_ros.core.robot.orbit import Orbit, Turning
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 from simulated import robot
 
 SECOND = 1_000_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.symmetric import solve_symmetric
+from mbaid_ros.core.linear_algebra import solve_symmetric
 
 
 def test_directions_without_information_are_left_alone() -> None:

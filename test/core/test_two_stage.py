@@ -11,7 +11,7 @@ import pytest
 from made_runs import estimate
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.two_stage import DISAGREE, TwoStageEstimator
 from observed import MID, configured_motion, observe, windows
 
@@ -44,7 +44,7 @@ class Stage:
         """Have nothing to do."""
         return False
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Know nothing."""
         return None
 

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from floating import RATE, float_freely, normalised
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, identify
 from wheels import FREQUENCY, TOP, spinning, unaware, wheeled
 

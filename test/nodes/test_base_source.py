@@ -13,7 +13,7 @@ from sensor_msgs.msg import Imu, JointState
 from graph import Graph
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.publishers import TYPES
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.session import Session

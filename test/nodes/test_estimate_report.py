@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from made_runs import budget, estimate
-from mbaid_ros.core.sensor_levels import SensorLevels
-from mbaid_ros.nodes.estimate_report import estimate_report
-from mbaid_ros.nodes.sample_report import ERROR, OK, WARN
+from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.nodes.reports import ERROR, OK, WARN, estimate_report
 from mbaid_ros.nodes.state import State
 
 

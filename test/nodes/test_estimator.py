@@ -24,10 +24,10 @@ from captured import with_bare_link
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.results.course import InertiaCourse, is_complete
+from mbaid_ros.core.results.publication import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.nodes.outlets import TYPES, last_of_each_window
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.nodes.publishers import TYPES, last_of_each_window
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session
@@ -87,7 +87,7 @@ def test_inertia_is_published_once_it_says_something(graph: Graph) -> None:
     inertia = graph.collect('/estimator/inertia', InertiaStamped)
     publish(graph, messages)
     estimates = last_of_each_window(offline(EstimatorConfig(), 'table1', messages)[0], WINDOW)
-    course = InertiaCourse()
+    course = InertiaPublication()
     told = [course.follow(estimate) for estimate in estimates]
     usable = [inertia_message(each, TYPES, Frames('link4', 'odom')) for each in told if each is not None]
     assert 0 < len(usable) < len(estimates)

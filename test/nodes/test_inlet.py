@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from graph import Graph
 from mbaid_ros.cdr import Packet
 from mbaid_ros.messages import joint_state_shape
-from mbaid_ros.nodes.inlet import Inlet
+from mbaid_ros.nodes.subscriptions import Subscriptions
 
 
 def test_messages_come_as_packets_where_their_layout_is_known(graph: Graph) -> None:
@@ -29,7 +29,7 @@ def test_messages_come_as_packets_where_their_layout_is_known(graph: Graph) -> N
     }
     taken: dict[str, list[Any]] = {topic: [] for topic in sent}
     for topic, messages in sent.items():
-        inlet = Inlet(graph.node, type(messages[0]), topic, taken[topic].append)
+        inlet = Subscriptions(graph.node, type(messages[0]), topic, taken[topic].append)
         publisher = graph.publisher(topic, type(messages[0]))
         for message in messages:
             publisher.publish(message)

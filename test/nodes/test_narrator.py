@@ -11,7 +11,7 @@ import pytest
 from graph import Graph
 from made_runs import estimate
 from mbaid_ros.core.results.estimate import WITHHELD
-from mbaid_ros.nodes.narrator import Narrator, headline
+from mbaid_ros.nodes.log import RunLog, headline
 from mbaid_ros.session import survey
 from simulated import CONFIG, robot
 
@@ -37,7 +37,7 @@ def fresh_log() -> Log:
 
 def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
     odd = replace(survey(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
-    Narrator(log).robot(odd, 'trajectory')
+    RunLog(log).robot(odd, 'trajectory')
     assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
     assert 'a guess' in log.at('info')[1]
     assert log.at('info')[-1] == 'method trajectory'
@@ -45,7 +45,7 @@ def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
 
 
 def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
-    narrator = Narrator(log)
+    narrator = RunLog(log)
     course = ['waiting', 'estimating', 'estimating', 'converged', 'converged', 'estimating']
     for time, status in enumerate(course):
         narrator.estimate(estimate(time=float(time), status=status))
@@ -65,14 +65,14 @@ def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
 
 def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -> None:
     causes = (('the mass of link2 is off', 12.0),)
-    Narrator(log).estimate(estimate(status='inconsistent', causes=causes, residual=7.0))
+    RunLog(log).estimate(estimate(status='inconsistent', causes=causes, residual=7.0))
     assert log.at('warning')[0].endswith('residual 7, difference, likely cause: the mass of link2 is off')
     nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan), warnings=('nothing moves',))
     assert headline(nothing) == 'residual 1, difference, nothing moves'
 
 
 def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: Log) -> None:
-    narrator = Narrator(log)
+    narrator = RunLog(log)
     nothing = {'status': 'not_identifiable', 'parameters': np.full(10, np.nan)}
     for time in (0.5, 1.0, 4.9):
         narrator.estimate(estimate(time=time, **nothing))
@@ -81,15 +81,15 @@ def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: 
         narrator.estimate(estimate(time=time, **nothing))
     (told,) = log.at('warning')
     assert told.startswith('first estimate, not identifiable after 5.0 s')
-    withheld = Narrator(log)
+    withheld = RunLog(log)
     withheld.estimate(estimate(time=1.0, warnings=(WITHHELD,), **nothing))
     assert len(log.at('warning')) == 2
 
 
 def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr('mbaid_ros.nodes.narrator.monotonic', lambda: now[0])
-    narrator = Narrator(log)
+    monkeypatch.setattr('mbaid_ros.nodes.log.monotonic', lambda: now[0])
+    narrator = RunLog(log)
     for now[0] in (104.0, 106.0, 107.0):
         narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])
     assert log.told == [('warning', 'waiting for /odom (nav_msgs/msg/Odometry)')]
@@ -104,13 +104,13 @@ def test_the_terminal_of_a_node(graph: Graph) -> None:
 
 
 def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
-    Narrator(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
+    RunLog(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
     (told,) = log.at('warning')
     assert told.isprintable()
 
 
 def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
-    narrator = Narrator(log)
+    narrator = RunLog(log)
     for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
         narrator.advice(text)
     assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from graph import Graph
 from made_runs import BODY, estimate, planar
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.nodes.outlets import Outlets
+from mbaid_ros.nodes.publishers import Publishers
 from mbaid_ros.nodes.qos import LATCHED
 from mbaid_ros.outgoing import Frames
 from streams import urdf
@@ -20,7 +20,7 @@ FRAMES = Frames(target_link='link7', odometry='odom')
 
 
 def test_numbers_that_are_contradicted_are_taken_back(graph: Graph) -> None:
-    outlets, robot = Outlets(graph.node), urdf('servicer7')
+    outlets, robot = Publishers(graph.node), urdf('servicer7')
     inertia = graph.collect('/test/inertia', InertiaStamped)
     outlets.publish(estimate(), FRAMES, robot)
     graph.wait(lambda: len(inertia) == 1, 'the numbers')
@@ -38,7 +38,7 @@ def test_numbers_that_are_contradicted_are_taken_back(graph: Graph) -> None:
 
 
 def test_a_robot_description_that_is_contradicted_is_not_found_by_who_comes_late(graph: Graph) -> None:
-    outlets, robot = Outlets(graph.node), urdf('servicer7')
+    outlets, robot = Publishers(graph.node), urdf('servicer7')
     descriptions = graph.collect('/test/robot_description', String)
     heavier = np.concatenate(([200.0], BODY[1:]))
     outlets.publish(estimate(), FRAMES, robot)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mbaid_ros.nodes.pace import Pace
+from mbaid_ros.nodes.player import Pace
 
 
 def test_a_run_goes_by_the_clock_and_is_late_after_a_standstill() -> None:

@@ -10,8 +10,7 @@ import rclpy
 from rclpy.node import Node
 
 from graph import free_domain
-from mbaid_ros.nodes.estimator import EstimatorNode
-from mbaid_ros.nodes.managed import ManagedEstimatorNode
+from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
 

@@ -14,7 +14,7 @@ from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main
-from mbaid_ros.recordings.spot_2021 import COMMANDS_FILE
+from mbaid_ros.recordings.spot import COMMANDS_FILE
 from mbaid_ros.replay.replay import main as replay
 
 

@@ -16,8 +16,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main
-from mbaid_ros.recordings.throws import OBJECTS
-from mbaid_ros.recordings.tudelft import read_tudelft_throw
+from mbaid_ros.recordings.throws import OBJECTS, read_tudelft_throw
 
 
 @pytest.fixture(scope='module', name='twin')

@@ -22,15 +22,14 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
-from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion
 from simulated import CONFIG, state

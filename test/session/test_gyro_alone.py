@@ -14,8 +14,8 @@ from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.intake.dead_reckoning import DeadReckoning
 from mbaid_ros.core.samples import ImuStream
+from mbaid_ros.core.sensors.imu import DeadReckoning
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
 from simulated import CONFIG

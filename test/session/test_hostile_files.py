@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mbaid_ros.config.calibrated import read_calibration
+from mbaid_ros.config.calibration import read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build

@@ -9,7 +9,7 @@ import pytest
 
 from gyros import KNOWN, Spoil, messages, normalised, rated, taken
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.messages import IMU_FRAME

@@ -13,8 +13,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
 from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
-from mbaid_ros.core.intake.orientation_only import measured_orientation
 from mbaid_ros.core.samples import ImuStream
+from mbaid_ros.core.sensors.base import measured_orientation
 from mbaid_ros.messages import ImuReader
 from mbaid_ros.session import Session, obstacles
 from streams import urdf

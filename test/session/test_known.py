@@ -12,19 +12,23 @@ from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import catalogue
-from mbaid_ros.core.unknowns.clock_drift import ClockDrift
-from mbaid_ros.core.unknowns.gravity import Gravity
-from mbaid_ros.core.unknowns.time_offset import TimeOffset
-from mbaid_ros.core.unknowns.twist_bias import TwistBias
+from mbaid_ros.core.unknowns.environment import Gravity
+from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session import Session
-from mbaid_ros.session.known import EXACT_ROBOT, doubting_exactness, known_side, with_known_errors
+from mbaid_ros.session.posterior import (
+    EXACT_ROBOT,
+    doubting_exactness,
+    nominal_model,
+    with_known_errors,
+)
 from servicing import LINKS, standard_parameters
 
 ROBOT = MomentumKernel(free_model(), 'link7')
@@ -92,7 +96,7 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     """Links but the target, joints, mount: what the filter's independent numbers make of it is what the file says."""
     path = tmp_path / 'calibration.json'
     path.write_text(json.dumps(content()), encoding='utf-8')
-    known = known_side(config_of(path), ROBOT)
+    known = nominal_model(config_of(path), ROBOT)
     unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.carried
     assert carried is not None
     parts, sensing = unknowns[:-4], unknowns[-4:]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.session.meshes import mesh_points
+from mbaid_ros.session.robot import mesh_points
 
 CORNERS = np.concatenate((np.zeros((1, 3)), np.eye(3)))
 FACES = '1 2 3', '1 2 4', '1 3 4', '2 3 4'

@@ -12,7 +12,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session, make_estimator
-from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.session.posterior import KnownRobot
 from streams import run, urdf
 
 FAILS_AT, SECONDS = 4.0, 12.0  # s

@@ -12,11 +12,11 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.simulation.run import total_momentum
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
+from mbaid_ros.simulation.simulation import total_momentum
 from orbiting import AWAY, declared, history, identify, nees, session, simulated, urdf
 
 SECONDS = 30.0

@@ -13,7 +13,7 @@ from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.bags import Recorded
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate

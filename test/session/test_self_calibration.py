@@ -13,10 +13,10 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
 from captured import Joined, alone, capture, sensed
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.capture import BEFORE
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
@@ -26,11 +26,11 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.session import Session
 from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from observed import MID
 from servicing import LINKS, PRIORS
 

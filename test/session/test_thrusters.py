@@ -9,16 +9,15 @@ import pytest
 from scipy.stats import chi2
 
 from derivatives import central_difference
-from mbaid_ros.core.calibration.blocks import Normals
-from mbaid_ros.core.calibration.prior import LinkPrior, make_prior
+from mbaid_ros.calibration.unknowns import LinkPrior, Normals, make_prior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.thrust import EXACT_THRUST, Thrust
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.tide import OF_A_THRUSTER
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.sensors.thrust import EXACT_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.thrusters import Thrusters, thrusters
+from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import MID, kernel, observe, windows
@@ -163,7 +162,7 @@ def test_calibrate_tells_what_it_has_found_of_them() -> None:
     mean = before.belief.mean.copy()
     place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
     mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
-    (found,) = replace(before, belief=Carried(mean, 0.5 * before.belief.factor)).thrusters()
+    (found,) = replace(before, belief=UnknownsPrior(mean, 0.5 * before.belief.factor)).thrusters()
     assert found.frame == 'link3'
     assert (found.scale, found.scale_std) == pytest.approx((1.2, 0.05))
     assert found.turn == pytest.approx([0.0, -0.05, 0.0])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.target_body import TargetPrior
 from mbaid_ros.session.uncertainty import declared_uncertainty
 from simulated import robot
 

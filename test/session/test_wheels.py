@@ -8,12 +8,12 @@ from scipy.stats import chi2
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.intake.stored_momentum import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.sensors.orbit_frame import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session, intake_warnings
 from mbaid_ros.simulated_run import SimulatedRun

@@ -8,11 +8,11 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import free_model, perturbed
-from mbaid_ros.config.known_side import EXACT
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import calibrated
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.robot.model_errors import calibrated
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
 from servicing import PRIORS, all_unknown, free_motion
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.calibration.structure import Mechanism, Structure, structure
-from mbaid_ros.core.calibration.words import base_parameter, exchanges, formula
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter, exchanges, formula, structure
+from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth
 from observed import MID, drifting, observe, windows
 from random_robots import random_state, random_urdf
 from simulated import robot

@@ -8,8 +8,8 @@ from scipy.stats import chi2
 
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
+from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
-from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array
 
 MOMENTUM = slice(2, UNKNOWNS)

@@ -12,8 +12,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, LOW, MID, drifting, identify, kernel, true_body
 from random_robots import random_urdf
 from simulated import state

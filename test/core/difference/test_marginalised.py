@@ -9,9 +9,9 @@ import pytest
 
 from derivatives import central_difference
 from linear_problems import TRUE, UNKNOWNS, linear_blocks, noise_information, noisy_blocks, quadratic
+from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.difference.marginalised import MarginalisedPrior
-from mbaid_ros.core.equations import errors_in_variables as eiv
-from mbaid_ros.core.equations.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
 
 NOTHING = np.zeros((UNKNOWNS, UNKNOWNS))

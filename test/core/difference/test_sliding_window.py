@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from linear_problems import TRUE, UNKNOWNS, exact_blocks, linear_blocks, noise_information, noisy_blocks, with_errors
+from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
-from mbaid_ros.core.equations import errors_in_variables as eiv
-from mbaid_ros.core.equations.errors_in_variables import Blocks
-from mbaid_ros.core.equations.first_solutions import Sums
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
-from mbaid_ros.core.intake.attached_frame import AttachedFrame
 from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.core.sensors.base import AttachedFrame
 from observed import MID
 
 GENERATOR = np.random.default_rng(1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.covariances import usable_covariance
+from mbaid_ros.core.sensors.base import usable_covariance
 
 DEFAULT = 1e-4 * np.eye(6)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.intake.gyro import IMU_OUT_OF_ORDER, SATURATED, Gyro
-from mbaid_ros.core.intake.gyro_frame import GyroFrame
 from mbaid_ros.core.samples import ImuStream, Samples, Stamps
+from mbaid_ros.core.sensors.conventions import GyroFrame
+from mbaid_ros.core.sensors.imu import IMU_OUT_OF_ORDER, SATURATED, Gyro
 
 MILLISECOND = 1_000_000
 GAP = 100 * MILLISECOND

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.joint_merge import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
 from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.sensors.joints import (
+    NO_PARTNER,
+    OFTEN,
+    PARTNER_GAP,
+    REDUNDANT,
+    JointMerge,
+    Joints,
+)
 
 SECOND = 1_000_000_000
 GAP = SECOND // 10

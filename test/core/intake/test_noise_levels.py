@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.intake.found_noise import FoundNoise
-from mbaid_ros.core.intake.noise_levels import Levels, NoiseLevels
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
 from measured import base_stream, joint_stream
 from observed import MID
 

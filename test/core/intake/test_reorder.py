@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbaid_ros.core.intake.reorder import LATE, REPEATED, Reorder
 from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.sensors.streams import LATE, REPEATED, Reorder
 
 LIMIT = 50
 stamp_lists = st.lists(st.integers(0, 300), min_size=1, max_size=60)

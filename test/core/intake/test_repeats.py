@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbaid_ros.core.intake.repeats import REPEATED_POSE, Repeats
 from mbaid_ros.core.samples import BaseStream, Stamps
+from mbaid_ros.core.sensors.outliers import REPEATED_POSE, Repeats
 from measured import base_stream, piece
 
 SECOND = 1_000_000_000

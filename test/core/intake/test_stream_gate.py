@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, STRAY_STAMP, ZERO_STAMP, Gate
+from mbaid_ros.core.sensors.streams import (
+    JUMPED_BACK,
+    STRAY_STAMP,
+    ZERO_STAMP,
+    Gate,
+)
 
 SECOND = 1_000_000_000
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import rotate, rotate_back
-from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.sensors.conventions import TwistFrame
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.sensors.streams import Windows
 
 
 def samples_at(time: Array) -> Samples:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.planning.collisions import Collisions, no_mesh
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.session.meshes import mesh_points
+from mbaid_ros.planning.collisions import Collisions, no_mesh
+from mbaid_ros.session.robot import mesh_points
 
 INERTIAL = '<inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 BOX, BALL = '<box size="1 1 1"/>', '<sphere radius="0.1"/>'

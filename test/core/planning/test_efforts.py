@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.planning.efforts import Efforts
-from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.simulation.dynamics import Dynamics, State
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.planning.collisions import Efforts
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.simulation.dynamics import Dynamics, State
 from planned import Begun, planner
 from simulated import robot
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.planning.limits import BaseLimits
-from mbaid_ros.core.planning.simple import SIMPLE, simple_motion
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.unplanned import SIMPLE, simple_motion
 from planned import FASTEST, Begun, planner
 
 TURN = np.radians(0.5)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.planning.limits import JointLimits, joint_limits
-from mbaid_ros.core.planning.splines import Splines
+from mbaid_ros.planning.limits import JointLimits, joint_limits
+from mbaid_ros.planning.splines import Splines
 from simulated import robot
 
 LIMITS = JointLimits(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
-from mbaid_ros.core.results.consistency import is_physical, project, project_planar
+from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
 from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from made_runs import BODY, STD, estimate, planar
-from mbaid_ros.core.results.course import DebrisCourse, InertiaCourse, is_complete, is_usable
-from mbaid_ros.core.results.debris import Debris, Frame
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.publication import (
+    Debris,
+    DebrisPublication,
+    Frame,
+    InertiaPublication,
+    is_complete,
+    is_usable,
+)
 
 NEGATIVE = estimate(parameters=np.concatenate(([-3.0], BODY[1:])))
 NOTHING = Estimate(method='trajectory', status='not_identifiable')
@@ -17,7 +23,7 @@ CONTRADICTED = estimate(status='inconsistent')
 
 @pytest.mark.parametrize('useless', [NEGATIVE, NOTHING, CONTRADICTED], ids=['negative', 'nothing', 'contradicted'])
 def test_the_loss_of_usable_numbers_is_told_once(useless: Estimate) -> None:
-    course = InertiaCourse()
+    course = InertiaPublication()
     assert course.follow(useless) is None
     for usable in (estimate(), planar()):
         assert is_usable(usable)
@@ -36,7 +42,7 @@ def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:
 
 
 def test_the_loss_of_the_captured_body_is_told_once() -> None:
-    course = DebrisCourse()
+    course = DebrisPublication()
     assert course.follow(None) is None
     body = Debris(Frame('grasp', np.eye(3), np.zeros(3)), BODY, np.diag(STD**2))
     assert course.follow(body) is body

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.results.curvature import Curvature
+from mbaid_ros.core.results.reporting import Curvature
 
 MASS, IXX = 0, 4
 

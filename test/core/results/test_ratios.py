@@ -7,7 +7,7 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.results.ratios import inertia_ratios
+from mbaid_ros.core.results.physical_consistency import inertia_ratios
 
 BODY = np.array([0.28, 1e-3, -2e-3, 3e-3, 2.2e-4, 1e-5, -2e-5, 3.1e-4, 1.5e-5, 4e-4])
 

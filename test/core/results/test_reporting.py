@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverses
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane

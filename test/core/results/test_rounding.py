@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import rounded
 
 
 @pytest.mark.parametrize(

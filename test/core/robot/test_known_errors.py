@@ -10,8 +10,14 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import (
+    BodyDeviations,
+    body_sizes,
+    calibrated,
+    declared,
+    relative_factor,
+)
 
 LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
 INERTIA = '<inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="2"/>'

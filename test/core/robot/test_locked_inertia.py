@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from random_robots import random_state, random_urdf
 
 COUNT = 33

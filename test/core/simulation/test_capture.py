@@ -13,8 +13,8 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from simulated import robot, state
 
 TIME = 3.33  # s, between two steps

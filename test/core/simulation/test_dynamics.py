@@ -10,9 +10,9 @@ import pytest
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.simulation.dynamics import Dynamics, State
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, total_momentum
+from mbaid_ros.simulation.dynamics import Dynamics, State
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from random_robots import random_urdf
 from simulated import relative_drift, state, table1
 

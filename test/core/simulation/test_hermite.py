@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation.hermite import HermiteSpline
+from mbaid_ros.simulation.hermite import HermiteSpline
 
 
 def sine(step: float) -> HermiteSpline:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, without_linear_momentum
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, without_linear_momentum
 from simulated import CONFIG, robot, state, table1
 
 STEP = 0.002  # s, of MuJoCo's Runge-Kutta method of order 4

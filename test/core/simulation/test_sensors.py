@@ -9,9 +9,14 @@ import pytest
 
 from mbaid_ros.core.geometry import log, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.sensors import (
+    BaseReadings,
+    JointReadings,
+    SensedSimulation,
+    Sensors,
+)
+from mbaid_ros.simulation.simulation import Simulation, Truth
 from simulated import table1
 
 NOISE = SensorNoise(1e-4, 2e-3, 3e-3, 4e-4, 5e-3, 6e-4)

@@ -6,10 +6,10 @@ import pytest
 from mbaid_ros.config.simulator import InitialConfig, MotionConfig, SimulatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.steered import Steered, made_to_follow
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.simulated_run import SimulatedRun
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.steered import Steered, made_to_follow
 from simulated import CONFIG, robot
 
 NOTHING = np.zeros((0, 0))

@@ -9,11 +9,11 @@ import pytest
 
 from captured import servicer_motion
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.thrust import Thrust
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Motion, Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
-from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Motion, Passive
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
 from simulated import robot, state
 

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, vec
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.inertia import physical, standard
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.effects import BodyPoses
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation
-from mbaid_ros.core.simulation.surroundings import Surroundings
-from mbaid_ros.core.simulation.tide import Tide
+from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import BodyPoses, Surroundings, Tide
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation
 from orbiting import orbit
 from simulated import CONFIG, robot, state
 

@@ -15,10 +15,10 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.misreading import misread
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.true_robot import misread
 from observed import MID, observe
 from random_robots import random_urdf
 from simulated import drawn, relative_drift, robot, state

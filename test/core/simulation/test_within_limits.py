@@ -13,10 +13,8 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import Limit
-from mbaid_ros.core.simulation.motion import Sinusoids, random_sinusoids
-from mbaid_ros.core.simulation.within_limits import followed, within_limits
-from mbaid_ros.simulated_robot import make_simulation
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
+from mbaid_ros.simulation.motion import Sinusoids, followed, random_sinusoids, within_limits
 from simulated import robot
 
 TIME = np.linspace(0.0, 400.0, 20_001)

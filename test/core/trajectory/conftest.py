@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from floating import RATE
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion
 
 STEP = 0.05  # s, of the integrator

@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.honesty.runs import PUBLISHED, Told, run
 from captured import capture
-from mbaid_ros.core.results.causes import PULSE
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import PULSE, Estimate
 from observed import MID, estimator, kernel, observe, true_body, windows
 from shortened import shorten
 

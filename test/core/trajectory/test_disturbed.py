@@ -13,9 +13,9 @@ from floating import DEFAULT, errors, float_freely, follow, make, normalised, pu
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import body_sizes
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.robot.model_errors import body_sizes
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, windows
 
 SECONDS = 20.0

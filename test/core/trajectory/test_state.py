@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbaid_ros.core.filter.state import near_part
 from mbaid_ros.core.robot.inertia import standard
-from mbaid_ros.core.trajectory.state import near_part
 
 BODY = standard(np.array([10.0, 0.1, 0.2, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0]))
 POINT = np.concatenate((np.zeros(6), BODY, np.zeros(3)))

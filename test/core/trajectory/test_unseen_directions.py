@@ -13,11 +13,10 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.run import Simulation
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation.simulation import Simulation
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, estimator, observe, windows
 
 SEED = 2  # of a robot whose odometry is mounted two standard deviations off

@@ -7,7 +7,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import declared
+from mbaid_ros.core.robot.model_errors import declared
 from observed import kernel
 from wrong_robots import LINKS
 

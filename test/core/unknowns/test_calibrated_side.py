@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.unknowns.calibrated_side import CalibratedSide
+from mbaid_ros.core.unknowns.base import OdometryMount
+from mbaid_ros.core.unknowns.calibrated import CalibratedSide
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.gyro import GyroErrors
-from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
+from mbaid_ros.core.unknowns.sensors import GyroErrors
 from observed import kernel
 
 

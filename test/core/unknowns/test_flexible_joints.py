@@ -9,14 +9,14 @@ import pinocchio
 import pytest
 
 from floating import float_freely
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import parse
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.declaration import JointMotion
-from mbaid_ros.core.unknowns.flexible_joints import FlexibleJoints, flexible_joints
+from mbaid_ros.core.unknowns.joints import FlexibleJoints, flexible_joints
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe
 from windowed import START as BEGIN
 from windowed import residuals, window_model, window_of

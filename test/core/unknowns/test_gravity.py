@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.tide import momentum_rates, of_bodies
-from mbaid_ros.core.unknowns.gravity import gravity, rate_of
+from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
+from mbaid_ros.core.unknowns.environment import gravity, rate_of
 from observed import kernel
 
 RATE = 1.1e-3

@@ -9,13 +9,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from floating import float_freely
+from mbaid_ros.core.filter.chain import WindowModel
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.trajectory.linearised.chain import WindowModel
-from mbaid_ros.core.trajectory.state import BODY, Layout
-from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
+from mbaid_ros.core.unknowns.sensors import GyroErrors, gyro
+from mbaid_ros.simulation.motion import Sinusoids
 from observed import MID, observe
 from windowed import JOINT, residuals, window_model, window_of
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from floating import float_freely
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.catalogue import catalogue
+from mbaid_ros.simulation.motion import Sinusoids
 from observed import MID, observe
 from windowed import residuals, window_model, window_of
 from wrong_robots import DECLARED, Wrong

@@ -11,15 +11,13 @@ import pytest
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors, declared
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.model_errors import KnownErrors, declared, displaced
+from mbaid_ros.core.robot.orbit import of_bodies
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.tide import of_bodies
+from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.joint_placements import JointPlacements, joint_placements
-from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
+from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(6)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp, log, rotate
-from mbaid_ros.core.intake.falling_frame import FallingFrame
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.tide import momentum_rates, of_bodies
+from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
 from mbaid_ros.core.unknowns.declaration import Reading
-from mbaid_ros.core.unknowns.orbit_shape import Circle, OrbitShape, orbit_shape
+from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, orbit_shape
 from observed import kernel
 from orbiting import orbit
 

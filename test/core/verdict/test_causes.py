@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from mbaid_ros.core.diagnosis.ranking import CHANNELS, Roughness, lines, ranked, roughness
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.variance_components import PriorComparison
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.verdict.innovations import Innovations
-from mbaid_ros.core.verdict.ranking import ranked
-from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness, roughness
-from mbaid_ros.core.verdict.spectrum import lines
-from mbaid_ros.core.verdict.widening import BesidePrior
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 
 JOINT, ANGLE, LENGTH = 1e-4, 2e-4, 1e-3  # rad, rad, m
@@ -34,13 +32,13 @@ def test_the_gain_by_less_certainty_is_the_ratio_of_the_likelihoods() -> None:
         return float(multivariate_normal.logpdf(data, cov=spread))
 
     own = np.array([1, 2])
-    value, factor = BesidePrior.of(mean[own], covariance[np.ix_(own, own)]).gain(30.0)
+    value, factor = PriorComparison.of(mean[own], covariance[np.ix_(own, own)]).gain(30.0)
     assert value == pytest.approx(likelihood(np.array([1.0, factor, factor])) - likelihood(np.ones(3)), rel=1e-9)
     assert factor in {10.0, 30.0}
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
-    assert BesidePrior.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
+    assert PriorComparison.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
 
 
 def samples(joint: float, orientation: float, position: float, seed: int) -> Samples:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.square_root import advance, update
-from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow
-from mbaid_ros.core.trajectory.state import BODY, Layout
-from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from observed import kernel
@@ -31,10 +31,10 @@ class Case:
         self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
         rng = np.random.default_rng(5)
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
-        belief = Belief.prior(self.space)
+        belief = SquareRootInformation.prior(self.space)
         for white in self.windows:
             belief = advance(update(belief, white), white, self.space, UNDISTURBED)
-        self.moments = Moments.of(belief, self.space)
+        self.moments = MeanAndCovariance.of(belief, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
         size = self.layout.size

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
 
 LINKS = ('base_link', 'link1', 'link2', 'link3')
 CAUSES = tuple(f'link:{name}' for name in LINKS for _ in range(10))
@@ -15,11 +15,11 @@ OTHER_LINKS = np.array(CAUSES) != 'link:link2'
 NOISE = 2.0  # of what the data say of each number, in units of its prior
 
 
-def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorSizes:
+def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleFactors:
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorSizes.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from joint_windows import SPACING, joint_window
+from mbaid_ros.core.diagnosis.encoders import slipped_readings
+from mbaid_ros.core.filter.knots import AFTER, BEFORE
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.inquiry.slipped_readings import slipped_readings
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE
-from mbaid_ros.core.trajectory.windows.window import Window
 
 COUNT = 10  # knots of a window
 JOINTS = ('shoulder', 'elbow', 'wrist')

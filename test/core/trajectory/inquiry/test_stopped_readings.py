@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from joint_windows import joint_window
+from mbaid_ros.core.diagnosis.encoders import stopped_readings
+from mbaid_ros.core.filter.knots import AFTER, BEFORE
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Flags
-from mbaid_ros.core.trajectory.inquiry.stopped_readings import stopped_readings
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE
-from mbaid_ros.core.trajectory.windows.window import Window
 
 COUNT = BEFORE + 20 + AFTER
 JOINTS = ('shoulder', 'elbow', 'wrist')

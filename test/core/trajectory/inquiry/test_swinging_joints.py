@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.diagnosis.encoders import size, swinging
+from mbaid_ros.core.filter.state import Layout
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.inquiry.swinging_joints import size, swinging
-from mbaid_ros.core.trajectory.state import Layout
-from mbaid_ros.core.trajectory.windows.window import Window
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe
 from windowed import JOINT as JOINT_NOISE
 from windowed import window_model, window_of

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from drawn_windows import prepare, variables, window
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.square_root import update
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.square_root import update
-from mbaid_ros.core.trajectory.linearised.attenuation import Attenuation
-from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -32,17 +32,17 @@ def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> 
     rng = np.random.default_rng(4)
     space = variables(rng)
     white = [prepare(window(rng), space) for _ in range(2)]
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     for each in white:
         belief = update(belief, each)
     assert belief.feigned == pytest.approx(white[0].feigned + white[1].feigned)
-    moments = Moments.of(belief, space)
+    moments = MeanAndCovariance.of(belief, space)
     rows = np.arange(6, BODY.stop)  # momentum and body
     covariance = moments.covariance(rows)
     information = np.zeros((len(rows), len(rows)))
     gather = space.gather[BODY, BODY]
     # Of these drawn windows' information, what is left of a hundredth of the joints' noise.
-    small = Moments.of(replace(belief, feigned=1e-4 * belief.feigned), space)
+    small = MeanAndCovariance.of(replace(belief, feigned=1e-4 * belief.feigned), space)
     information[6:, 6:] = 1e-4 * gather.T @ belief.feigned[:, :-1] @ gather
     expected = np.linalg.inv(np.eye(len(rows)) - covariance @ information)
     for which in (rows, BODY_PLACES):
@@ -71,7 +71,7 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
         found = step(found)
     information = np.mean(np.sum(rows**2, axis=1)) / size
     seems = np.sqrt(1.0 / information)
-    found_of = Attenuation.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
+    found_of = InformationCorrection.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
     wider = np.hypot(1.0 + found_of.gain[0, 0] / information, found_of.score[0, 0] / np.sqrt(information))
     assert feigned / information == pytest.approx(0.41, abs=0.05)
     assert np.mean(found) == pytest.approx(truth, abs=0.02)
@@ -80,5 +80,5 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
 
 
 def test_what_is_all_noise_is_known_a_hundred_times_less_well() -> None:
-    times = 1.0 + Attenuation.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
+    times = 1.0 + InformationCorrection.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
     assert times == pytest.approx(100.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from drawn_windows import STATE, positive, prepare, variables, window
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.variables import OPEN_LENGTH
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.square_root import advance, update
-from mbaid_ros.core.trajectory.linearised.integrated_twist import IntegratedTwist
-from mbaid_ros.core.trajectory.variables import OPEN_LENGTH
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 
 
@@ -29,7 +29,7 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         several[()] = twist
         covariance = positive(rng) + common
         models.append((replace(model, pose_covariance=covariance, integrated=several), twist, common))
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     for model, _, _ in models:
         white = prepare(model, space)
         belief = advance(update(belief, white), white, space, UNDISTURBED)
@@ -64,6 +64,6 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         whole, constant = step @ whole, step @ constant
         constant[:6] += model.drift
     solved = np.linalg.inv(information)
-    moments = Moments.of(belief, space)
+    moments = MeanAndCovariance.of(belief, space)
     assert space.spread @ belief.least_squares == pytest.approx(whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6)
     assert moments.factor @ moments.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from mbaid_ros.core.trajectory.search.deferred_task import SLICE, DeferredTask
+from mbaid_ros.core.filter.batch import SLICE, BackgroundTask
 
 
 def bits(sizes: list[int], done: list[int]) -> Iterator[int | str]:
@@ -22,7 +22,7 @@ def bits(sizes: list[int], done: list[int]) -> Iterator[int | str]:
 def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, size: int) -> None:
     rng = np.random.default_rng(seed)
     sizes, owed = rng.integers(1, 40, 60).tolist(), 250
-    at_leisure, at_once = DeferredTask[str](size), DeferredTask[str](size)
+    at_leisure, at_once = BackgroundTask[str](size), BackgroundTask[str](size)
     ways: tuple[list[int], list[int]] = ([], [])
     found: dict[str, int] = {}
     for task, done in zip((at_leisure, at_once), ways, strict=True):
@@ -45,13 +45,13 @@ def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, si
 
 def test_a_slice_is_bounded_and_larger_states_take_fewer_steps() -> None:
     done: list[int] = []
-    task = DeferredTask[str](24)
+    task = BackgroundTask[str](24)
     task.begin(bits([1] * 500, done))
     task.owe(400)
     task.work_off()
     assert len(done) == SLICE
     larger: list[int] = []
-    task = DeferredTask[str](140)
+    task = BackgroundTask[str](140)
     task.begin(bits([1] * 500, larger))
     task.owe(400)
     task.work_off()
@@ -64,7 +64,7 @@ def test_what_fails_is_over() -> None:
         yield 1
         raise np.linalg.LinAlgError
 
-    task = DeferredTask[str](24)
+    task = BackgroundTask[str](24)
     task.begin(failing())
     task.owe(10)
     with pytest.raises(np.linalg.LinAlgError):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from floating import make
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.search.multi_start import MultiStart, Search
-from mbaid_ros.core.trajectory.state import Point
-from mbaid_ros.core.trajectory.windows.window import Window
+from mbaid_ros.core.filter.start import MultiStart, Search
+from mbaid_ros.core.filter.state import Point
+from mbaid_ros.core.filter.window import Window
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows
 
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from floating import make
+from mbaid_ros.core.filter.bank import HypothesisFilter
+from mbaid_ros.core.filter.batch import BatchIteration
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.initialisation import LinearityCheck
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.curvature import Curvature
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.filter.bank import Track
-from mbaid_ros.core.trajectory.filter.belief import Moments
-from mbaid_ros.core.trajectory.search.linearity import Linearity
-from mbaid_ros.core.trajectory.search.passes import Passes
-from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.trajectory.windows.window import Window, in_stacks
+from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, kernel, observe, windows
 
 Found = TypeVar('Found')
@@ -51,16 +51,16 @@ class Young:
         run = following._runs.run
         assert run is not None
         self.windows: list[Window] = run._young.windows
-        self.passes: Passes = run._start.passes
+        self.passes: BatchIteration = run._start.passes
         self.point = run.point
 
-    def passed(self, point: Point) -> tuple[Track, Moments]:
+    def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
         """Return what all windows lead to, linearised at a point."""
         passed = returned(self.passes.over(in_stacks(self.windows), point))
         (track,) = returned(self.passes.run(passed, (self.passes.fresh(UNDISTURBED),)))
-        return track, Moments.of(track.belief, self.passes.variables)
+        return track, MeanAndCovariance.of(track.belief, self.passes.variables)
 
-    def at(self, moments: Moments) -> Point:
+    def at(self, moments: MeanAndCovariance) -> Point:
         """Return the point that moments lead to."""
         return self.passes.layout.point(moments.mean, moments.deviation)
 
@@ -103,7 +103,7 @@ def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
     track, moments = young.passed(young.far())
     covariance = moments.covariance(BODY_PLACES)
-    linearity = Linearity(young.passes)
+    linearity = LinearityCheck(young.passes)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
         linearity.begin(None, before, track, anew=True)

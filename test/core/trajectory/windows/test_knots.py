@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.filter.interpolation import midpoints
+from mbaid_ros.core.filter.knots import Knots, averages, bridged
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.windows.interpolation import midpoints
-from mbaid_ros.core.trajectory.windows.knots import Knots, averages, bridged
 
 COUNT = 12
 MIDDLE = 1.3  # s
