@@ -1,7 +1,7 @@
 """What may be wrong with joints or odometry beside their noise, as unknowns that only a run under suspicion is given.
 
 Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what it
-was, and what the data would gain by more of one of them follows from its estimate (`core/results/variance_components.py`).
+was. The likelihood gain of more of one of them follows from its estimate (`core/results/variance_components.py`).
 """
 
 from __future__ import annotations
