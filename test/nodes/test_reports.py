@@ -1,4 +1,4 @@
-"""What the estimator says in its terminal, and how often."""
+"""Reports on an estimate: the terminal of the node and its diagnostics."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graph import Graph
-from made_runs import estimate
+from made_runs import budget, estimate
 from mbaid_ros.core.results.estimate import WITHHELD
+from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.nodes.log import RunLog, headline
+from mbaid_ros.nodes.reports import ERROR, OK, WARN, estimate_report
+from mbaid_ros.nodes.state import State
 from mbaid_ros.session import survey
-from simulated import CONFIG, robot
+from simulated import robot
 
 
 class Log:
@@ -95,14 +97,6 @@ def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: py
     assert log.told == [('warning', 'waiting for /odom (nav_msgs/msg/Odometry)')]
 
 
-def test_the_terminal_of_a_node(graph: Graph) -> None:
-    node = graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG / "table1.urdf"}')
-    graph.wait(lambda: 'waiting for /odom (nav_msgs/msg/Odometry); nothing publishes it' in node.stderr, 'the wait')
-    assert '[INFO]' in node.stderr
-    assert "robot 'table1': 'base_link' floats" in node.stderr
-    assert 'waiting for /joint_states (sensor_msgs/msg/JointState)' in node.stderr
-
-
 def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
     RunLog(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
     (told,) = log.at('warning')
@@ -114,3 +108,57 @@ def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
     for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
         narrator.advice(text)
     assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']
+
+
+# -- What the estimator's diagnostics say of an estimate.
+
+
+def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
+    level, text, values = estimate_report(
+        State(estimate=estimate(method='trajectory', stage='difference', budget=budget()))
+    )
+    told = dict(values)
+    assert (level, text) == (OK, 'converged')
+    assert told['stage'] == 'difference'
+    assert str(told['main causes of the variance']).startswith('link base_link (71 % of mass), zero of joint6 (60 % ')
+    assert told['mass (kg)'] == '162.000 +- 0.059 (95 %)'
+    assert told['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
+
+
+def test_without_a_budget_the_causes_are_empty() -> None:
+    level, _, values = estimate_report(State(estimate=estimate(warnings=('wrong',))))
+    assert level == WARN
+    assert dict(values)['main causes of the variance'] == ''
+
+
+def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
+    causes = tuple((f'cause {number}', 50.0 - number) for number in range(5))
+    level, text, values = estimate_report(
+        State(estimate=estimate(status='inconsistent', warnings=('w',), causes=causes))
+    )
+    assert (level, text) == (ERROR, 'inconsistent: likely cause: cause 0')
+    assert [value for key, value in values if key.startswith('likely cause')] == ['cause 0', 'cause 1', 'cause 2']
+    _, text, values = estimate_report(State(estimate=estimate(warnings=('w',), causes=causes)))
+    assert text == 'converged: w'
+    assert not any(key.startswith('likely cause') for key, _ in values)
+
+
+def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
+    told = dict(estimate_report(State(estimate=estimate(), plan=(False, 'out of reach')))[2])
+    assert (told['plan reaches what is wanted'], told['plan']) == (False, 'out of reach')
+
+
+def test_the_noise_that_counts_is_told_first() -> None:
+    levels = SensorLevels(
+        declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
+        found=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
+        assumed=np.array([np.nan, np.nan, np.nan, 1e-4, np.nan, np.nan]),
+        correlation_time=0.0,
+        used=np.array([False, True, False, False, True, False]),
+    )
+    told = dict(estimate_report(State(estimate=estimate(noise=levels)))[2])
+    assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
+    assert told['noise of joint velocity (rad/s)'] == '0.001 found'
+    assert told['noise of base position (m)'] == '0.001 declared'
+    assert told['noise of base orientation (rad)'] == '0.0001 assumed'
+    assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'

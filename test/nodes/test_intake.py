@@ -1,18 +1,64 @@
-"""On a graph two topics arrive in any interleaving, and work is done at any time: the estimates are the same."""
+"""Messages at the estimator's subscriptions: as packets, and in any interleaving."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
 
+from graph import Graph
+from mbaid_ros.cdr import Packet
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.messages import joint_state_shape
+from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from streams import offline, run, urdf
+
+
+def test_messages_come_as_packets_where_their_layout_is_known(graph: Graph) -> None:
+    sent: dict[str, list[Any]] = {
+        'joint_states': [
+            JointState(name=['a', 'bcd'], position=[0.5, 1.5]),
+            JointState(name=['a', 'bcd'], position=[0.5, 1.5], velocity=[2.0, 3.0]),
+            JointState(name=['a', 'bcd'], position=[0.5, 1.5], effort=[4.0, 5.0]),
+            JointState(name=['e'], position=[0.5], velocity=[2.0], effort=[4.0]),
+            JointState(),
+        ],
+        'odom': [Odometry(child_frame_id='base_link'), Odometry()],
+        'thrust': [WrenchStamped()],
+    }
+    taken: dict[str, list[Any]] = {topic: [] for topic in sent}
+    for topic, messages in sent.items():
+        inlet = Subscriptions(graph.node, type(messages[0]), topic, taken[topic].append)
+        publisher = graph.publisher(topic, type(messages[0]))
+        for message in messages:
+            publisher.publish(message)
+        graph.wait(partial(_are_equally_many, taken[topic], messages), topic)
+        assert inlet.received == len(messages)
+        assert inlet.timed is not None
+    assert all(isinstance(message, Packet) for topic in ('joint_states', 'odom') for message in taken[topic])
+    assert taken['thrust'] == sent['thrust']
+    for packet, message in zip(taken['joint_states'], sent['joint_states'], strict=True):
+        found, expected = (joint_state_shape(x) for x in (packet, message))
+        assert found.names == expected.names
+        for column, other in zip(found.columns([packet]), expected.columns([message]), strict=True):
+            assert column.tobytes() == other.tobytes()
+
+
+def _are_equally_many(some: list[Any], others: list[Any]) -> bool:
+    return len(some) == len(others)
+
+
+# -- On a graph two topics arrive in any interleaving, and work is done at any time: the estimates are the same.
 
 
 def interleaved(messages: Sequence[TimedMessage], seed: int, furthest: int) -> Iterator[TimedMessage]:
