@@ -1,4 +1,4 @@
-"""Robots that are not their URDF in any block: all of it is found within one covariance, and goes on from there."""
+"""Robots that are not their URDF in any block: found within one covariance, and carried to the capture."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import free_model, perturbed
+from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.core.calibration.prior import LinkPrior
 from mbaid_ros.core.calibration.result import Calibration
@@ -17,6 +18,7 @@ from mbaid_ros.core.calibration.structure import planar_basis
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.true_robot import true_robot
@@ -25,8 +27,8 @@ from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
 from mbaid_ros.core.simulation.motion import random_sinusoids
 from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from observed import MID, configured_motion, observe, windows
-from servicing import PRIORS, WEIGHED, all_unknown, standard_parameters
+from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
+from servicing import PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
@@ -165,3 +167,47 @@ def test_what_goes_on_is_what_was_found() -> None:
     assert spread @ covariance[:118, :118] @ spread.T / np.outer(size, size) == pytest.approx(
         wanted / np.outer(size, size), abs=1e-9
     )
+
+
+SEEDS = range(2)
+
+
+@pytest.fixture(scope='module')
+def afterwards() -> Truth:
+    """Return the servicer with its target in hand."""
+    return configured_motion('servicer7', 12.0, 20.0, 0.05)
+
+
+@pytest.fixture(scope='module')
+def servicers() -> list[MomentumKernel]:
+    """Return the servicer as calibrations of as many runs have it, CAD errors and noise of each its own."""
+    made = []
+    for seed in SEEDS:
+        cad = perturbed(free_model(), PRIORS, seed)
+        before = windows(observe(free_motion(1, 60.0), MID, seed))
+        found = calibrate(all_unknown(cad), [before], CalibrationSettings(MID, PRIORS))
+        values = found.theta.reshape(-1, 10)
+        links = tuple(replace(link, parameters=own) for link, own in zip(cad.links, values, strict=True))
+        robot = MomentumKernel(replace(cad, links=links), 'link7')
+        made.append(robot.with_uncertainty(calibrated(links, found.covariance, ['link7'])))
+    return made
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_the_intervals_of_the_target_cover(servicers: list[MomentumKernel], afterwards: Truth, method: str) -> None:
+    true = true_body(kernel('servicer7'))
+    squares = []
+    for seed, servicer in zip(SEEDS, servicers, strict=True):
+        data = windows(observe(afterwards, MID, 1000 + seed))
+        last = estimator(servicer, MID, method=method).update(data, 0)[-1]
+        assert last.identifiable.all()
+        squares.append(nees(last, true))
+    # Twenty chi-squares, neither too large nor too small.
+    assert chi2.ppf(1e-3, 20) < sum(squares) < 1.25 * chi2.isf(1e-3, 20)
+
+
+def test_cad_values_taken_as_exact_make_them_too_narrow(afterwards: Truth) -> None:
+    robot = MomentumKernel(perturbed(free_model(), PRIORS, 0), 'link7')
+    exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
+    last = estimator(robot, MID, method='difference', **exact).update(windows(observe(afterwards, MID, 1000)), 0)[-1]
+    assert nees(last, true_body(kernel('servicer7'))) > 3.0 * chi2.isf(1e-3, 10)

@@ -1,8 +1,9 @@
-"""The one kernel: what it says of a batch is what it says of each sample, to the last bit."""
+"""The one kernel: a batch is its samples, to the last bit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,15 +12,19 @@ from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper.forms import angular_rows, linear_rows
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
+from mbaid_ros.core.robot.model import express, load_model
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import sensitivity
-from random_robots import random_state, random_urdf
+from mbaid_ros.core.samples import Samples
+from random_robots import random_state, random_storage, random_urdf
 from simulated import robot
 
 SEEDS = range(4)
 COUNT = 67
 SIZES = (1, 2, 5, 32)
-
 QUANTITIES: dict[str, Callable[[MomentumKernel, BodyStates], Array]] = {
     'known momentum': lambda _, states: states.known_momentum,
     'regressor': lambda _, states: states.regressor,
@@ -81,3 +86,88 @@ def test_a_correction_of_the_known_bodies_leaves_the_kernel_as_it_was() -> None:
     # Momentum is linear in the parameters; a sum of few terms.
     assert corrected.states_of(*arguments).known_momentum == pytest.approx(1.5 * before, rel=1e-12, abs=1e-10)
     assert np.array_equal(kernel.states_of(*arguments).known_momentum, before)
+
+
+def rows_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]:
+    """Return a tree with two unknown links, and states of it."""
+    rng = np.random.default_rng(seed)
+    model = load_model(random_urdf(rng, joints=int(rng.integers(4, 10))))
+    position, velocity, rotation, twist = random_state(rng, model.joints, count)
+    none = np.zeros((count, 6, 6))
+    place = rng.normal(size=(count, 3))
+    samples = Samples(
+        np.arange(count) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
+    )
+    kernel = MomentumKernel(model, model.last_link, model.links[1].name)
+    if seed % 2:
+        kernel = kernel.storing(random_storage(rng, model))
+        samples = replace(samples, stored=rng.normal(size=(count, kernel.storage.count)))
+    return kernel, samples
+
+
+def arrays(rows: MomentumRows) -> list[Array]:
+    return [rows.known, *rows.regressors]
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_they_are_those_of_the_states(seed: int) -> None:
+    kernel, samples = rows_case(seed)
+    rows, states = momentum_rows(kernel, samples), kernel.states(samples)
+    assert pytest.approx(states.known_momentum, rel=1e-12, abs=1e-11) == rows.known.T
+    for found, link in zip(rows.regressors, kernel.unknown, strict=True):
+        assert np.moveaxis(found, -1, 0) == pytest.approx(states.regressor_of(link), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize('size', [1, 2, 5, 32])
+@pytest.mark.parametrize('seed', SEEDS)
+def test_rows_of_a_batch_are_those_of_its_samples(seed: int, size: int) -> None:
+    kernel, samples = rows_case(seed)
+    together = arrays(momentum_rows(kernel, samples))
+    parts = [arrays(momentum_rows(kernel, samples[k : k + size])) for k in range(0, COUNT, size)]
+    for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
+        assert np.array_equal(np.concatenate(cut, axis=-1), whole)
+
+
+def test_a_long_batch_is_its_parts_to_the_last_bit() -> None:
+    kernel, samples = rows_case(0, 7001)
+    together = arrays(momentum_rows(kernel, samples))
+    parts = [arrays(momentum_rows(kernel, part)) for part in (samples[:7], samples[7:4000], samples[4000:])]
+    for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
+        assert np.array_equal(np.concatenate(cut, axis=-1), whole)
+
+
+INSTANTS = 33
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_whole_is_the_sum_of_the_bodies(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = load_model(random_urdf(rng, joints=int(rng.integers(2, 10))))
+    position, velocity, rotation, twist = random_state(rng, model.joints, INSTANTS)
+    kinematics, parameters = Kinematics(model), model.body_parameters()
+    bodies = kinematics.configure(rotation, position)
+    twists = kinematics.body_twists(bodies, velocity, twist)
+    mobility, total = mobility_and_momentum(parameters, bodies, twists)
+    expressed = express(parameters, bodies.rotation, bodies.position)
+    locked = np.sum(inertia_matrix(expressed), axis=1)
+    assert mobility @ locked == pytest.approx(np.broadcast_to(np.eye(6), locked.shape), abs=1e-11)
+    assert total == pytest.approx(np.sum(momentum(expressed, twists), axis=1), rel=1e-12, abs=1e-10)
+    for size in (1, 2, 7):
+        for begin in range(0, INSTANTS, size):
+            part = slice(begin, begin + size)
+            alone = kinematics.configure(rotation[part], position[part])
+            found = mobility_and_momentum(parameters, alone, kinematics.body_twists(alone, velocity[part], twist[part]))
+            assert np.array_equal(found[0], mobility[part])
+            assert np.array_equal(found[1], total[part])
+
+
+def test_mass_on_a_line_is_told() -> None:
+    rng = np.random.default_rng(0)
+    model = load_model(random_urdf(rng, joints=3))
+    position, velocity, rotation, twist = random_state(rng, model.joints, 2)
+    kinematics = Kinematics(model)
+    bodies = kinematics.configure(rotation, position)
+    point = np.zeros_like(model.body_parameters())
+    point[0, 0] = 1.0  # all of it in the base's origin
+    with pytest.raises(np.linalg.LinAlgError, match='no inertia'):
+        mobility_and_momentum(point, bodies, kinematics.body_twists(bodies, velocity, twist))

@@ -1,25 +1,30 @@
-"""What odometry mount and delay do to the readings of a window, against finite differences on exact data."""
+"""What mount, delay and gyro do to the readings of a window, against finite differences on exact data."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from floating import float_freely
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.trajectory.linearised.chain import WindowModel
 from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.clock_drift import clock_drift
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
 from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
 from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from mbaid_ros.core.unknowns.twist_bias import twist_bias
 from observed import MID, observe
-from windowed import FIRST, LAST, residuals, window_model, window_of
+from windowed import FIRST, JOINT, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong
 
 SPACING = 0.05  # s
@@ -119,3 +124,134 @@ def test_readings_are_off_as_the_rows_say(
     model = window_model(layout, window_of(exact, SPACING), here)
     rows = model.twist_rows if unknown is BIAS else model.pose_rows
     assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
+
+
+SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
+UNKNOWN = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0))
+
+
+@pytest.fixture(scope='module')
+def exact(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Samples:
+    return observe(float_freely(servicer7, joints, start, 6.0), MID)
+
+
+def measured(exact: Samples, value: Array) -> Samples:
+    """Return samples with what a gyro reads that has these errors."""
+    bias, scale, turn, shared, delay = value[:3], value[3:6], value[6:9], value[9:12], value[12]
+    rate = CubicSpline(exact.time, rotate_back(exact.base_rotation, exact.base_angular_velocity))
+    late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
+    turned = late.antiderivative()(exact.time) @ (np.diag(1.0 + scale) + crossed(shared)) + exact.time[:, None] * bias
+    return replace(exact, gyro=turned)
+
+
+def left(servicer7: MomentumKernel, exact: Samples, start: Array, value: Array, known: Array) -> Array:
+    """Return what is left of the readings where some of the errors are known."""
+    layout = Layout.of(servicer7, (UNKNOWN,))
+    momentum = np.concatenate((np.zeros(6), start, servicer7.target.parameters))
+    state = np.concatenate((momentum, known))
+    assert len(momentum) == BODY.stop
+    model = window_model(layout, window_of(measured(exact, value), 0.05), layout.point(state))
+    return residuals(model, state)[1][6:]
+
+
+def test_exact_readings_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
+    assert np.abs(left(servicer7, exact, start, np.zeros(13), np.zeros(13))).max() < 1e-8
+
+
+@pytest.mark.parametrize('component', [6, 7, 8])
+def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(13)
+    value[component] = SIZES[component]
+    layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
+    state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
+    read = measured(exact, value)
+    read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))
+    point = layout.point(np.concatenate((state[: BODY.stop], np.zeros(13))))
+    model = window_model(layout, window_of(read, 0.05), point)
+    # The error of the pose is that of the axes, and stays so.
+    state[:3] = -read.base_rotation[np.searchsorted(read.time, FIRST - 1e-6)] @ value[6:9]
+    pose, rate, after = residuals(model, state)
+    turned = read.base_rotation[np.searchsorted(read.time, LAST - 1e-6)] @ value[6:9]
+    assert np.abs(pose[:3]).max() < 5e-3 * SIZES[component]
+    assert np.abs(rate[6:]).max() < 5e-3 * SIZES[component]
+    assert after[:3] == pytest.approx(-turned, abs=5e-3 * SIZES[component])
+
+
+@pytest.mark.parametrize('component', range(13))
+def test_readings_are_off_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(13)
+    value[component] = SIZES[component]
+    off = left(servicer7, exact, start, value, np.zeros(13))
+    rest = left(servicer7, exact, start, value, value)
+    assert np.abs(off).max() > 1e-6
+    assert np.abs(rest).max() < 5e-3 * np.abs(off).max()
+
+
+LINK = 'link4'
+
+
+def measured_on_link(kernel: MomentumKernel, exact: Samples, value: Array) -> Samples:
+    """Return samples with what a gyro on the link reads that has these errors."""
+    link, kinematics = kernel.model.link(LINK), kernel.kinematics
+    placed = kinematics.configure(exact.base_rotation, exact.joint_position)
+    base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
+    bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
+    rate = CubicSpline(exact.time, rotate_back(placed.link(link)[0], bodies[:, link.body, 3:]))
+    late = CubicSpline(exact.time, rate(exact.time - value[12]) @ exp(value[6:9]))
+    mixed = np.diag(1.0 + value[3:6]) + crossed(value[9:12])
+    turned = late.antiderivative()(exact.time) @ mixed + exact.time[:, None] * value[:3]
+    return replace(exact, gyro=turned)
+
+
+def model_of(kernel: MomentumKernel, samples: Samples, start: Array, known: Array) -> tuple[WindowModel, Array]:
+    """Return a window's model where some of the errors are known, and the state."""
+    errors = GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=kernel.model.link(LINK))
+    layout = replace(Layout.of(kernel, (gyro(errors),)), imu=errors.link)
+    state = np.concatenate((np.zeros(6), start, kernel.target.parameters, known))
+    assert len(state) == BODY.stop + 13
+    return window_model(layout, window_of(samples, 0.05), layout.point(state)), state
+
+
+def left_on_link(kernel: MomentumKernel, exact: Samples, start: Array, value: Array, known: Array) -> Array:
+    """Return what is left_on_link of the readings where some of the errors are known."""
+    return residuals(*model_of(kernel, measured_on_link(kernel, exact, value), start, known))[1][6:]
+
+
+def test_exact_readings_on_a_link_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
+    assert np.abs(left_on_link(servicer7, exact, start, np.zeros(13), np.zeros(13))).max() < 1e-6
+
+
+@pytest.mark.parametrize('component', range(13))
+def test_readings_on_a_link_are_off_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(13)
+    value[component] = SIZES[component]
+    none = left_on_link(servicer7, exact, start, np.zeros(13), np.zeros(13))
+    off = left_on_link(servicer7, exact, start, value, np.zeros(13))
+    rest = left_on_link(servicer7, exact, start, value, value)
+    assert np.abs(off).max() > 1e-6
+    assert np.abs(rest - none).max() < 1e-2 * np.abs(off).max()
+
+
+def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
+    servicer7: MomentumKernel, exact: Samples, start: Array
+) -> None:
+    rng = np.random.default_rng(0)
+    read, errors = measured_on_link(servicer7, exact, np.zeros(13)), []
+    for _ in range(150):
+        noisy = read.joint_position + JOINT * rng.normal(size=read.joint_position.shape)
+        model, state = model_of(servicer7, replace(read, joint_position=noisy), start, np.zeros(13))
+        errors.append(residuals(model, state)[1])
+    # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
+    expected, found = model.twist_covariance, np.cov(np.array(errors).T)
+    for part in (slice(0, 3), slice(6, 9)):
+        assert np.trace(found[part, part]) == pytest.approx(np.trace(expected[part, part]), rel=0.2)
+    size = np.sqrt(np.trace(expected[:3, :3]) * np.trace(expected[6:, 6:]))
+    assert found[:3, 6:] == pytest.approx(expected[:3, 6:], abs=0.1 * size)
+    # That of the joints before it is half as much again.
+    assert np.trace(expected[6:, 6:]) > 1.4 * np.trace(expected[:3, :3])
