@@ -94,7 +94,7 @@ def test_where_nothing_is_told_the_pulse_is(robot: MomentumKernel, floating: Flo
     assert not estimator(robot, MID).update(windows(resting), 0)[-1].contradicted
 
 
-@pytest.mark.parametrize('size', [0.01, 0.2, 0.5])
+@pytest.mark.parametrize('size', [0.01, 0.5])
 def test_pulses_of_any_size(robot: MomentumKernel, floating: Float, size: float) -> None:
     truth = floating(pulse=(PULSED, size * PULSE))
     assert honest(identify(robot, truth, MID, 0), true_body(robot))
@@ -196,21 +196,6 @@ def test_parameters_that_cannot_be(robot: MomentumKernel, parameters: dict[str, 
         estimator(robot, MID, **parameters)
 
 
-def test_it_is_the_same_however_the_windows_come(robot: MomentumKernel, floating: Float) -> None:
-    given = windows(observe(floating(pulse=(PULSED, PULSE)), MID, 3))
-    parameters: dict[str, object] = {'known_links__relative_std': 0.001}
-    together = estimator(robot, MID, **parameters).update(given, 0)
-    alone = estimator(robot, MID, **parameters)
-    one_by_one = [alone.update([window], 0)[0] for window in given]
-    assert any(estimate.events for estimate in together)
-    for one, other in zip(one_by_one, together, strict=True):
-        assert np.array_equal(one.parameters, other.parameters, equal_nan=True)
-        assert np.array_equal(one.covariance, other.covariance, equal_nan=True)
-        assert np.array_equal(one.momentum, other.momentum)
-        assert np.array_equal(one.momentum_covariance, other.momentum_covariance)
-        assert (one.status, one.warnings) == (other.status, other.warnings)
-
-
 MINUTES = 40.0
 LOOKS_LIKE = 'looks like gravity gradient or an orbit-fixed frame'
 PUSH: dict[str, object] = {
@@ -234,6 +219,9 @@ OTHERS: dict[str, dict[str, object]] = {
 }
 
 
+QUICK = ('a pulse', 'a leak', 'wrong links')
+
+
 def last_of(run: SimulatedRun, into: Session) -> Estimate:
     for timed in run.read(MINUTES):
         if timed.topic in {'joint_states', 'odom'}:
@@ -247,7 +235,13 @@ def underlined(parameters: dict[str, object]) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ('method', 'seed'),
-    [('difference', 0), ('difference', 1), ('difference', 2), pytest.param('trajectory', 0, marks=pytest.mark.long)],
+    [
+        ('difference', 0),
+        *(
+            pytest.param(method, seed, marks=pytest.mark.long)
+            for method, seed in (('difference', 1), ('difference', 2), ('trajectory', 0))
+        ),
+    ],
 )
 def test_a_low_orbit_is_named_first(method: str, seed: int) -> None:
     run = simulated(MINUTES, seed=seed, initial__base_position=AWAY, **underlined(declared('lvlh')))
@@ -258,7 +252,9 @@ def test_a_low_orbit_is_named_first(method: str, seed: int) -> None:
     assert told == pytest.approx(MEAN_MOTION, rel=0.3)
 
 
-@pytest.mark.parametrize('what', OTHERS)
+@pytest.mark.parametrize(
+    'what', [*QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in sorted(OTHERS.keys() - QUICK))]
+)
 def test_what_else_acts_is_not_taken_for_an_orbit(what: str) -> None:
     last = last_of(simulated(MINUTES, **underlined(OTHERS[what])), session(method='difference'))
     assert last.status == 'inconsistent'

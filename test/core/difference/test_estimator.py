@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,15 +39,14 @@ def test_a_minute_of_exact_data_gives_every_parameter(spatial_minute: Truth) -> 
     assert last.momentum == pytest.approx(total_momentum(unknown.model, spatial_minute[:1])[0], abs=1e-7)
 
 
-@pytest.mark.parametrize('speed', [0.01, 0.1])
-def test_a_drift_of_the_whole_system_makes_no_difference(spatial: Truth, drift: Array, speed: float) -> None:
+def test_a_drift_of_the_whole_system_makes_no_difference(spatial: Truth, drift: Array) -> None:
     unknown = kernel('servicer7')
-    truth = drifting(spatial, speed * drift)
+    truth = drifting(spatial, 0.1 * drift)
     last = identify(unknown, truth, MID)[-1]
     # After 20 s the worst parameter amplifies the integrator's errors a hundredfold.
     assert errors(last.parameters, true_body(unknown)).max() < 1e-7
     total = total_momentum(unknown.model, truth[:1])[0]
-    assert np.linalg.norm(total[:3]) > 700.0 * speed
+    assert np.linalg.norm(total[:3]) > 70.0
     assert last.momentum == pytest.approx(total, abs=1e-6)
 
 
@@ -62,22 +60,6 @@ def test_far_from_the_origin_of_the_odometry(spatial: Truth, drift: Array) -> No
     assert far.std == pytest.approx(near.std, rel=1e-4)
     total = total_momentum(unknown.model, truth[:1])[0]
     assert far.momentum == pytest.approx(total, rel=1e-8)
-
-
-@pytest.mark.parametrize('noise', [LOW, MID, HIGH], ids=['low', 'mid', 'high'])
-def test_the_papers_case_gives_what_a_plane_can_tell(planar: Truth, noise: SensorNoise) -> None:
-    unknown = kernel('table1')
-    last = identify(unknown, planar[::5], noise)[-1]
-    expected = [0, 1, 2, 9]
-    assert np.flatnonzero(last.identifiable).tolist() == expected
-    if noise is HIGH:
-        # Ten samples a second say so little that windows leave with noise taken off, of which these have none.
-        assert np.all(np.abs(last.parameters - true_body(unknown))[expected] < last.std[expected])
-    else:
-        assert errors(last.parameters, true_body(unknown))[expected].max() < 1e-6
-        assert last.momentum[5] == pytest.approx(4597.634, abs=1e-3)
-    assert np.isnan(np.delete(last.parameters, expected)).all()
-    assert last.warnings[0].startswith('planar motion')
 
 
 def test_the_target_may_be_any_link(spatial: Truth) -> None:
@@ -111,22 +93,6 @@ def test_the_unknowns_have_the_size_of_the_robot() -> None:
     # A robot of nothing but its target has a size still.
     bare = MomentumKernel(load_model('<robot name="r"><link name="base"/></robot>'), 'base')
     assert (unknown_scale(bare) > 0.0).all()
-
-
-def test_a_robot_at_rest_tells_nothing(spatial: Truth) -> None:
-    unknown = kernel('servicer7')
-    still = replace(spatial[np.zeros(100, dtype=int)], time=np.arange(100) * 0.05)
-    still = replace(
-        still,
-        joint_velocity=np.zeros_like(still.joint_velocity),
-        base_linear_velocity=np.zeros((100, 3)),
-        base_angular_velocity=np.zeros((100, 3)),
-    )
-    for seed in (None, 0):
-        estimates = identify(unknown, still, MID, seed)
-        assert {x.status for x in estimates} == {'not_identifiable'}
-        assert all(np.isnan(x.parameters).all() for x in estimates)
-        assert all(np.isfinite(x.momentum).all() for x in estimates)
 
 
 NOISE = {'low': LOW, 'mid': MID, 'high': HIGH}
@@ -247,12 +213,11 @@ def test_the_papers_case_with_noise(planar_runs: dict[str, Runs], name: str) -> 
     assert_chi_square([nees(x[-1], true_body(unknown)) for _, x in planar_runs[name]], 4)
 
 
-@pytest.mark.parametrize('kept', [10, 20])
-def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth, kept: int) -> None:
+def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth) -> None:
     unknown = kernel('servicer7')
     truth = spatial_minute[spatial_minute.time < 30.0 - 1e-9]
     everything = identify(unknown, truth, MID, 5, difference__kept_windows=100)[-1]
-    fewer = identify(unknown, truth, MID, 5, difference__kept_windows=kept)[-1]
+    fewer = identify(unknown, truth, MID, 5, difference__kept_windows=10)[-1]
     # Measured: below 0.1 standard deviations.
     assert (np.abs(fewer.parameters - everything.parameters) < 0.2 * everything.std).all()
     assert fewer.std == pytest.approx(everything.std, rel=0.02)

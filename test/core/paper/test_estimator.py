@@ -89,17 +89,6 @@ def test_each_sample_gives_an_estimate_with_its_own_stamp(case: tuple[Truth, Arr
     assert estimates[0].status == 'not_identifiable'
 
 
-def test_what_is_published_is_close_and_the_rest_is_missing(case: tuple[Truth, Array]) -> None:
-    truth, momentum = case
-    true = physical(kernel('table1').target.parameters)
-    for form in ('main', 'difference'):
-        for estimate in run(truth, settings(form, momentum)):
-            published = estimate.parameters
-            assert np.array_equal(np.isfinite(published), estimate.identifiable)
-            # Known once a fiftieth of the start is left, by the sizes known at that time.
-            assert (np.abs(published / true - 1.0)[estimate.identifiable] < 0.1).all()
-
-
 def test_a_lag_is_a_difference_to_so_many_samples_before(case: tuple[Truth, Array]) -> None:
     truth, momentum = case
     assert np.array_equal(

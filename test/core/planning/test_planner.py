@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -32,9 +33,9 @@ from simulated import state
 
 
 @pytest.fixture(scope='module')
-def executed() -> tuple[Plan, Truth, Estimate, Begun]:
+def executed(servicer: Begun) -> tuple[Plan, Truth, Estimate, Begun]:
     """Return a plan of ten seconds within 1 deg, how the robot truly follows it, and what is known then."""
-    robot = begun()
+    robot = deepcopy(servicer)
     plan = planner(robot, duration=10.0, base=BaseLimits(rotation=np.radians(1.0))).plan()
     return plan, *robot.moved(plan.trajectory), robot
 
@@ -72,8 +73,8 @@ def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(servicer: B
     assert np.median(np.std(close, axis=0) / np.std(plan.may_be / plan.after, axis=0)) < 0.25
 
 
-def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached() -> None:
-    robot = begun()
+def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached(servicer: Begun) -> None:
+    robot = deepcopy(servicer)
     wrong, true = robot.knowledge.mean.copy(), robot.knowledge.mean.copy()
     wrong[BODY], true[BODY] = 1.3 * wrong[BODY], robot.kernel.target.parameters
     planning = planner(robot, replace(robot.knowledge, mean=wrong), duration=10.0)
@@ -145,10 +146,10 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
         asked.append(compared)
         return len(asked) < 3
 
-    first = planner(servicer, duration=6.0, effort=300).plan(impatient)
-    assert first.compared < 150
+    first = planner(servicer, duration=6.0, effort=100).plan(impatient)
+    assert first.compared < 50
     asked.clear()
-    second = planner(servicer, duration=6.0, effort=300).plan(impatient)
+    second = planner(servicer, duration=6.0, effort=100).plan(impatient)
     assert np.array_equal(first.trajectory.position, second.trajectory.position)
 
 
@@ -190,7 +191,12 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
     assert told[-1].startswith('of single joints joint')
 
 
-def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(servicer: Begun) -> None:
+@pytest.mark.parametrize(
+    ('lengths', 'effort'), [((90.0,), 24), pytest.param((20.0, 90.0), 120, marks=pytest.mark.long)]
+)
+def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
+    servicer: Begun, lengths: tuple[float, ...], effort: int
+) -> None:
     """A long motion takes joints far: it is made smaller, never given up, and tells no less than a short one."""
     model = servicer.kernel.model
     start = servicer.knowledge.end.joint_position
@@ -201,10 +207,10 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(servicer: Begun) 
     )
     assert shapes.pairs
     told = {}
-    for seconds in (20.0, 90.0):
-        planning = planner(servicer, duration=seconds, effort=120)
+    for seconds in lengths:
+        planning = planner(servicer, duration=seconds, effort=effort)
         free = planning.plan()
-        planning = planner(servicer, duration=seconds, effort=120)
+        planning = planner(servicer, duration=seconds, effort=effort)
         planning._collisions = shapes
         plan = planning.plan()
         passed = np.linspace(0.0, seconds, 500)
@@ -213,7 +219,7 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(servicer: Begun) 
         told[seconds] = plan.ratio
         # The free motion would have touched: this is no robot that is never in its own way.
         assert seconds < 90.0 or not shapes.clear(planning.motions.along(free.trajectory, passed)[0][:, 0])
-    assert told[90.0] <= told[20.0]
+    assert told[90.0] <= told[lengths[0]]
 
 
 def with_spheres(model: RobotModel, radius: float) -> RobotModel:

@@ -106,7 +106,7 @@ def released(stamps: list[int], cuts: list[int]) -> tuple[list[int], dict[str, i
     return result, dict(reorder.dropped), reorder.hold
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(stamp_lists, st.lists(st.integers(0, 60), max_size=6))
 def test_the_result_is_increasing_and_the_same_however_it_is_cut(stamps: list[int], cuts: list[int]) -> None:
     whole, dropped, hold = released(stamps, [])

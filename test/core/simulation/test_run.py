@@ -57,7 +57,7 @@ def test_the_papers_case_conserves_momentum() -> None:
     assert not truth.joint_effort.any()
 
 
-@pytest.mark.parametrize('name', ['ets7', 'servicer7'])
+@pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
 def test_a_moving_arm_conserves_momentum_and_follows_its_trajectory(name: str) -> None:
     run, motion = moving_arm(name, linear=0.1)
     # Instants off the integrator's steps too.
