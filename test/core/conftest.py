@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from floating import float_freely
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -85,3 +86,9 @@ def servicer7() -> MomentumKernel:
 def start() -> Array:
     """Return the momentum (6,) about the odometry's origin of a servicer that tumbles and drifts."""
     return np.array([4.0, -3.0, 2.0, 30.0, -12.0, 190.0])
+
+
+@pytest.fixture(scope='session')
+def tumbling(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Truth:
+    """Return 6 s of a servicer that is as its URDF says, as it tumbles and drifts."""
+    return float_freely(servicer7, joints, start, 6.0)

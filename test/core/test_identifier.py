@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from checked import same
 from made_runs import estimate
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
 from mbaid_ros.core.results.estimate import Estimate
@@ -45,12 +46,6 @@ def every(milliseconds: float, count: int) -> Stamps:
     return START + np.round(milliseconds * 1e6 * np.arange(count)).astype(np.int64)
 
 
-def same(left: Samples, right: Samples) -> bool:
-    return all(
-        np.array_equal(getattr(left, item.name), getattr(right, item.name), equal_nan=True) for item in fields(Samples)
-    )
-
-
 @given(cuts=st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None, derandomize=True)
 def test_pieces_do_not_matter(cuts: int) -> None:
@@ -69,7 +64,7 @@ def test_pieces_do_not_matter(cuts: int) -> None:
         step = rng.integers(0, 40, 2)
         found += one.push(piece(joints, first, first + step[0]), piece(base, second, second + step[1]))
         first, second = first + int(step[0]), second + int(step[1])
-    assert all(same(left, right) for left, right in zip(pieces.windows, whole.windows, strict=True))
+    assert same(pieces.windows, whole.windows)
     assert [x.warnings for x in found] == [x.warnings for x in expected]
     assert (one.used, one.dropped, one.end_of_window) == (together.used, together.dropped, together.end_of_window)
     assert pieces.origins == {START}

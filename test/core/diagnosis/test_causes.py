@@ -9,6 +9,7 @@ import pytest
 from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
+from checked import some
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.samples import Samples
@@ -48,8 +49,7 @@ def samples(joint: float, orientation: float, position: float, seed: int) -> Sam
     """Return a window in which everything moves, with noise so many times as large as declared."""
     rng = np.random.default_rng(seed)
     stamps = 1_700_000_000_000_000_000 + np.round(1e7 * np.arange(60)).astype(np.int64)
-    found = Synchroniser(1.0).push(joint_stream(stamps), base_stream(stamps))
-    assert found is not None
+    found = some(Synchroniser(1.0).push(joint_stream(stamps), base_stream(stamps)))
     count, time = len(found), found.time[:, None]
     turned = exp(0.05 * time * np.ones(3) + orientation * ANGLE * rng.normal(size=(count, 3)))
     covariance = np.diag(np.repeat([LENGTH**2, ANGLE**2], 3))

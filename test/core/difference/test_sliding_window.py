@@ -83,15 +83,6 @@ def test_marginalised_windows_cost_little_accuracy(length: int) -> None:
     assert deviations(slid(blocks, length).x - best, information) < 0.1
 
 
-def test_the_window_is_bounded() -> None:
-    blocks = noisy_blocks(60, 4)
-    likelihood = SlidingWindow(PRIOR, 7, 1.0, TYPICAL)
-    for k in range(len(blocks)):
-        likelihood.add(blocks[k : k + 1])
-        assert len(likelihood.windows) == min(k + 1, 7)
-        assert likelihood.marginalised == max(k - 6, 0)
-
-
 def test_the_noise_of_all_windows_is_counted() -> None:
     blocks = noisy_blocks(20, 5)
     likelihood = slid(blocks, 50)
@@ -190,18 +181,6 @@ def test_linearised_windows_have_their_cost_and_slope_where_they_were_marginalis
     past.add(linear, NOTHING, x)
     assert past.cost(x) == pytest.approx(linear.cost, rel=1e-9)
     assert past.gradient(x) == pytest.approx(linear.gradient, rel=1e-8)
-
-
-def test_what_is_excited_is_forgotten() -> None:
-    past = marginalised_from(4)
-    information, best, noise = past.information.copy(), minimum(past), past.noise_information.copy()
-    least = past.cost(best)
-    # The recent windows say something of everything, little as it may be beside the past.
-    past.forget(0.9, 0.01 * information, 1e-6 * np.eye(UNKNOWNS))
-    assert past.information == pytest.approx(0.9 * information, rel=1e-9)
-    assert past.noise_information == pytest.approx(0.9 * noise, rel=1e-9)
-    assert minimum(past) == pytest.approx(best, rel=1e-9)
-    assert past.cost(minimum(past)) == pytest.approx(0.9 * least, rel=1e-6)
 
 
 def marginal(information: Array) -> float:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from checked import same
 from mbaid_ros.core.equations import errors_in_variables as eiv
 from mbaid_ros.core.equations.errors_in_variables import Blocks
 from mbaid_ros.core.equations.window_rows import window_rows
@@ -26,10 +27,6 @@ def unknowns(truth: Truth, origin: Array) -> Array:
     total = total_momentum(servicer.model, truth[:1])[0]
     total[3:] -= np.cross(origin, total[:3])
     return np.concatenate((servicer.target.parameters, total))
-
-
-def same(left: Blocks, right: Blocks) -> bool:
-    return all(np.array_equal(getattr(left, item.name), getattr(right, item.name)) for item in fields(Blocks))
 
 
 def test_the_rows_are_the_mean_of_the_samples_equations(spatial: Truth) -> None:

@@ -21,9 +21,8 @@ from mbaid_ros.core.trajectory.windows.knots import BEFORE, Knots
 from mbaid_ros.core.trajectory.windows.window import Stack
 from mbaid_ros.core.unknowns.time_offset import time_offset
 from observed import MID, drifting, kernel, observe
-from windowed import FIRST, JOINT, LAST, LENGTH, residuals, window_model, window_of
+from windowed import JOINT, LENGTH, residuals, window_model, window_of
 
-LATE = 0.005  # s
 SWAP = np.array([3, 4, 5, 0, 1, 2])
 PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the delay, in seconds
 
@@ -66,8 +65,9 @@ def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array, c
     assert np.all(sizes[1] < sizes[0] / 3.0)
 
 
-def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Array) -> None:
-    window = window_of(exact, 0.05)
+@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
+def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Array, correlation_time: float) -> None:
+    window = window_of(exact, 0.05, correlation_time)
     model = window_model(robot, window, at(robot, point))
 
     def constants(change: Array) -> Array:
@@ -108,29 +108,6 @@ def late(samples: Samples, delay: float) -> Samples:
     """Return samples whose joints are those of a moment before."""
     curve = CubicSpline(samples.time, samples.joint_position)
     return replace(samples, joint_position=curve(samples.time - delay))
-
-
-@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
-def test_late_joints_act_as_the_delay_says(
-    robot: Layout, exact: Samples, point: Array, correlation_time: float
-) -> None:
-    moving = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
-    first, last = (moving[np.argmin(np.abs(exact.time - time))] for time in (FIRST, LAST))
-    parts = []
-    for delay in (LATE, -LATE):
-        model = window_model(robot, window_of(late(exact, delay), 0.05, correlation_time), at(robot, point))
-        # A chain that is late lies behind by what the base moves in that time.
-        parts.append(np.concatenate(residuals(model, state(point, -delay * first, delay))) / (2.0 * LATE))
-    pose, twist, after = ((plus - minus) for plus, minus in zip(*(np.split(part, 3) for part in parts), strict=True))
-    # Central differences over 10 ms: the motion's own time is seconds.
-    size = np.abs(moving).max()
-    assert pose == pytest.approx(np.zeros(6), abs=3e-3 * size)
-    assert twist == pytest.approx(np.zeros(6), abs=3e-3 * size)
-    assert after == pytest.approx(-last, abs=3e-3 * size)
-    # And the column is not nothing.
-    model = window_model(robot, window_of(exact, 0.05), at(robot, point))
-    assert np.abs(model.pose_rows[:, DELAY]).max() > 0.3 * size
-    assert np.abs(model.twist_rows[:, DELAY]).max() > 0.01 * size
 
 
 def test_correlated_errors_of_poses_are_independent_from_window_to_window(exact: Samples) -> None:

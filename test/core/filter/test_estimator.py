@@ -12,6 +12,7 @@ from benchmarks.data import kernel as kernel_of
 from benchmarks.model_errors.runs import estimates
 from benchmarks.model_errors.variant import DEFAULT as AS_DECLARED
 from benchmarks.model_errors.variant import Variant
+from checked import same
 from floating import errors, follow, make, normalised, true_momentum, without_velocities
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
@@ -26,7 +27,6 @@ from mbaid_ros.session.methods import make_estimator
 from observed import HIGH, LOW, MID, kernel, observe, windows
 from wrong_robots import DECLARED, LINKS
 
-TURN = np.array([0.01, -0.02, 0.03])  # rad/s
 PLANAR = [True, True, True, False, False, False, False, False, False, True]
 
 
@@ -190,9 +190,7 @@ def test_windows_together_are_windows_one_by_one_with_many_unknowns(robot: Momen
         # What is put off is done in between, all of it or some, or at the next window.
         for _ in range(number % 3 * 2):
             single.work_off()
-        for name in ('parameters', 'covariance', 'momentum', 'momentum_covariance', 'residual', 'time_offset'):
-            assert np.array_equal(getattr(whole, name), getattr(one, name), equal_nan=True), name
-        assert (whole.status, whole.warnings, whole.samples) == (one.status, one.warnings, one.samples)
+        assert same(one, whole)
 
 
 def test_the_origin_of_the_odometry_does_not_count(robot: MomentumKernel, servicer: Truth) -> None:

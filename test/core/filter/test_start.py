@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
+from checked import some
 from floating import make
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.curvature import Curvature
@@ -123,8 +124,7 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     taken = windows(observe(servicer, MID, 1))
     following = make(kernel('servicer7'), MID)
     following.update(taken, 0)
-    run = following._runs.run
-    assert run is not None
+    run = some(following._runs.run)
     run._young.windows, run._young.grown_up = [], True
     lengths = spied(monkeypatch, failing=False)
     following.restart()
@@ -160,8 +160,7 @@ class Young:
     def __init__(self, truth: Truth) -> None:
         following = make(kernel('servicer7'), HIGH)
         following.update(windows(observe(truth, HIGH, 3))[:16], 0)
-        run = following._runs.run
-        assert run is not None
+        run = some(following._runs.run)
         self.windows: list[Window] = run._young.windows
         self.passes: Passes = run._start.passes
         self.point = run.point

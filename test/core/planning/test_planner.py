@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from checked import same
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
@@ -33,9 +33,9 @@ from simulated import state
 
 
 @pytest.fixture(scope='module')
-def executed(servicer: Begun) -> tuple[Plan, Truth, Estimate, Begun]:
+def executed() -> tuple[Plan, Truth, Estimate, Begun]:
     """Return a plan of ten seconds within 1 deg, how the robot truly follows it, and what is known then."""
-    robot = deepcopy(servicer)
+    robot = begun()
     plan = planner(robot, duration=10.0, base=BaseLimits(rotation=np.radians(1.0))).plan()
     return plan, *robot.moved(plan.trajectory), robot
 
@@ -73,8 +73,8 @@ def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(servicer: B
     assert np.median(np.std(close, axis=0) / np.std(plan.may_be / plan.after, axis=0)) < 0.25
 
 
-def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached(servicer: Begun) -> None:
-    robot = deepcopy(servicer)
+def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached() -> None:
+    robot = begun()
     wrong, true = robot.knowledge.mean.copy(), robot.knowledge.mean.copy()
     wrong[BODY], true[BODY] = 1.3 * wrong[BODY], robot.kernel.target.parameters
     planning = planner(robot, replace(robot.knowledge, mean=wrong), duration=10.0)
@@ -144,12 +144,12 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
 
     def impatient(compared: int) -> bool:
         asked.append(compared)
-        return len(asked) < 3
+        return len(asked) < 2
 
-    first = planner(servicer, duration=6.0, effort=100).plan(impatient)
-    assert first.compared < 50
+    first = planner(servicer, duration=6.0, effort=300).plan(impatient)
+    assert first.compared < 150
     asked.clear()
-    second = planner(servicer, duration=6.0, effort=100).plan(impatient)
+    second = planner(servicer, duration=6.0, effort=300).plan(impatient)
     assert np.array_equal(first.trajectory.position, second.trajectory.position)
 
 
@@ -183,9 +183,8 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
     asked, left = (estimator(unknown, MID, method='trajectory') for _ in range(2))
     told = []
     for window in seen:
-        (estimate,), (same,) = asked.update([window], 0), left.update([window], 0)
-        assert np.array_equal(estimate.parameters, same.parameters, equal_nan=True)
-        assert np.array_equal(estimate.covariance, same.covariance, equal_nan=True)
+        (estimate,), (beside,) = asked.update([window], 0), left.update([window], 0)
+        assert same(estimate, beside)
         known = knowledge_of(asked)
         told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
     assert told[-1].startswith('of single joints joint')

@@ -40,31 +40,6 @@ def distance(body: Array, estimate: Array, covariance: Array) -> float:
     return float(np.sqrt((body - estimate) @ np.linalg.solve(covariance, body - estimate)))
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_projection_is_a_real_body(seed: int) -> None:
-    estimate, covariance = random_estimate(seed)
-    body, far = project(estimate, covariance, SCALE)
-    assert is_physical(body)
-    assert np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0.0
-    assert body[0] > 0.0
-    assert far == pytest.approx(distance(body, estimate, covariance), rel=1e-6)
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_no_real_body_is_nearer(seed: int) -> None:
-    estimate, covariance = random_estimate(seed)
-    body, far = project(estimate, covariance, SCALE)
-    rng = np.random.default_rng(100 + seed)
-    nearest = np.inf
-    for size in np.repeat([1e-4, 1e-3, 1e-2, 0.1, 1.0], 40):
-        # Real bodies at random, and around the projection: the cone is convex.
-        other = body + size * (random_body(rng) - body)
-        assert is_physical(other)
-        nearest = min(nearest, distance(other, estimate, covariance))
-    # The search ends within a thousandth of the distance, and the floor of the eigenvalues keeps it off the limit.
-    assert far <= nearest * (1.0 + 1e-3)
-
-
 @pytest.mark.parametrize('size', [1.0, 1e-3])
 @pytest.mark.parametrize('seed', SEEDS)
 def test_the_projection_is_the_nearest_of_all_real_bodies(seed: int, size: float) -> None:
@@ -72,6 +47,8 @@ def test_the_projection_is_the_nearest_of_all_real_bodies(seed: int, size: float
     estimate, covariance = random_estimate(seed)
     covariance = covariance * size**2
     body, far = project(estimate, covariance, SCALE)
+    assert is_physical(body)
+    assert far == pytest.approx(distance(body, estimate, covariance), rel=1e-6)
     slope = np.linalg.solve(covariance, body - estimate)
     units = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
     gram = np.einsum('aij,bij->ab', units, units)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.debris import Frame, debris
 from mbaid_ros.core.results.estimate import Estimate
@@ -32,8 +33,7 @@ def random_covariance(rng: np.random.Generator, size: float) -> Array:
 
 
 def test_parameters_are_exact() -> None:
-    found = debris(estimated(np.eye(10)), LINK, SAME)
-    assert found is not None
+    found = some(debris(estimated(np.eye(10)), LINK, SAME))
     assert found.parameters == pytest.approx(BODY, rel=1e-12)
 
 
@@ -41,16 +41,14 @@ def test_two_point_masses() -> None:
     # A link of 1 kg at x = 0 and a body of 3 kg at x = 1: together 4 kg at 0.75 with m1 m2 / (m1 + m2) = 0.75 kg m^2.
     together = np.array([4.0, 0.75, 0.0, 0.0, *vec(np.diag([0.0, 0.75, 0.75]))])
     link = standard(np.array([1.0, *(0.0,) * 9]))
-    found = debris(replace(estimated(np.eye(10)), parameters=together), link, SAME)
-    assert found is not None
+    found = some(debris(replace(estimated(np.eye(10)), parameters=together), link, SAME))
     assert found.parameters == pytest.approx(np.array([3.0, 1.0, *(0.0,) * 8]), abs=1e-12)
 
 
 def test_a_link_without_mass_leaves_everything_as_it_is() -> None:
     covariance = random_covariance(np.random.default_rng(0), 1e-3)
     estimate = estimated(covariance)
-    found = debris(estimate, np.zeros(10), SAME)
-    assert found is not None
+    found = some(debris(estimate, np.zeros(10), SAME))
     assert found.parameters == pytest.approx(estimate.parameters)
     assert found.covariance == pytest.approx(covariance)
     assert found.std == pytest.approx(estimate.std)
@@ -61,8 +59,7 @@ def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
     rng = np.random.default_rng(1)
     covariance = random_covariance(rng, 1e-4)
     estimate = estimated(covariance)
-    found = debris(estimate, LINK, frame)
-    assert found is not None
+    found = some(debris(estimate, LINK, frame))
     draws = rng.multivariate_normal(estimate.parameters, covariance, size=4000)
     alone = physical(in_frame(standard(draws) - LINK, frame))
     error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
@@ -74,8 +71,7 @@ def test_an_uncertain_link_widens_it() -> None:
     rng = np.random.default_rng(5)
     link_std = 0.01 * np.array([35.0, *(7.0,) * 3, *(4.0,) * 6])
     estimate = estimated(random_covariance(rng, 1e-6))
-    found = debris(estimate, LINK, GRASP, link_covariance=np.diag(link_std**2))
-    assert found is not None
+    found = some(debris(estimate, LINK, GRASP, link_covariance=np.diag(link_std**2)))
     links = LINK + link_std * rng.normal(size=(4000, 10))
     alone = physical(in_frame(standard(estimate.parameters) - links, GRASP))
     error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
@@ -90,16 +86,14 @@ def in_frame(parameters: Array, frame: Frame) -> Array:
 
 
 def test_a_chosen_frame() -> None:
-    found = debris(estimated(np.eye(10)), LINK, GRASP)
-    assert found is not None
+    found = some(debris(estimated(np.eye(10)), LINK, GRASP))
     assert found.frame.name == 'grasp'
     assert found.parameters == pytest.approx(physical(in_frame(standard(BODY[None]), GRASP))[0])
 
 
 def test_its_own_principal_axes() -> None:
     covariance = random_covariance(np.random.default_rng(3), 1e-3)
-    found = debris(estimated(covariance), LINK, replace(SAME, name='own'), in_principal_axes=True)
-    assert found is not None
+    found = some(debris(estimated(covariance), LINK, replace(SAME, name='own'), in_principal_axes=True))
     assert found.frame.name == 'own'
     assert found.frame.position == pytest.approx(BODY[1:4])
     moments = np.linalg.eigvalsh(unvec(BODY[4:]))

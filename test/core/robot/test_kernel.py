@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -118,20 +119,11 @@ def test_they_are_those_of_the_states(seed: int) -> None:
         assert np.moveaxis(found, -1, 0) == pytest.approx(states.regressor_of(link), rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.parametrize('size', [1, 2, 5, 32])
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('seed', 'size'), [*product(SEEDS, (1, 5, 32)), (0, 3500)])
 def test_rows_of_a_batch_are_those_of_its_samples(seed: int, size: int) -> None:
-    kernel, samples = rows_case(seed)
+    kernel, samples = rows_case(seed, max(COUNT, 2 * size + 1))
     together = arrays(momentum_rows(kernel, samples))
-    parts = [arrays(momentum_rows(kernel, samples[k : k + size])) for k in range(0, COUNT, size)]
-    for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
-        assert np.array_equal(np.concatenate(cut, axis=-1), whole)
-
-
-def test_a_long_batch_is_its_parts_to_the_last_bit() -> None:
-    kernel, samples = rows_case(0, 7001)
-    together = arrays(momentum_rows(kernel, samples))
-    parts = [arrays(momentum_rows(kernel, part)) for part in (samples[:7], samples[7:4000], samples[4000:])]
+    parts = [arrays(momentum_rows(kernel, samples[k : k + size])) for k in range(0, len(samples), size)]
     for whole, cut in zip(together, zip(*parts, strict=True), strict=True):
         assert np.array_equal(np.concatenate(cut, axis=-1), whole)
 

@@ -23,14 +23,6 @@ def random_case(seed: int) -> tuple[Kinematics, Motion]:
     return Kinematics(model), Motion(rotation, position, velocity, twist)
 
 
-def test_the_trees_have_all_types_of_joints() -> None:
-    models = [random_case(seed)[0].model for seed in SEEDS]
-    assert any(any(model.prismatic) for model in models)
-    assert any(any(model.continuous) for model in models)
-    assert any(model.joints < len(model.links) - 1 for model in models)  # fixed ones
-    assert any(len(set(model.parents)) < model.joints for model in models)  # branches
-
-
 @pytest.mark.parametrize('seed', SEEDS)
 def test_poses_and_twists_are_those_of_pinocchio(seed: int) -> None:
     kinematics, motion = random_case(seed)

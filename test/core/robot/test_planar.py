@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.equations.subspace import subspace
 from mbaid_ros.core.equations.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
@@ -78,14 +79,12 @@ def test_parallel_in_one_posture_is_not_planar() -> None:
 def test_the_plane_in_the_links_own_frame() -> None:
     model = robot('table1')
     detector = PlaneDetector(model)
-    plane = detector.plane(model.link('link4'))
-    assert plane is not None
+    plane = some(detector.plane(model.link('link4')))
     assert plane.normal == pytest.approx(Z)
     assert plane.across == pytest.approx(np.eye(3)[:2])
     # A link that is mounted askew: the normal is none of its axes.
     model = arm(['0.6 0 0.8', '0.6 0 0.8'], ['continuous', 'continuous'], turn='0.3 0.4 0.5')
-    plane = PlaneDetector(model).plane(model.link('link2'))
-    assert plane is not None
+    plane = some(PlaneDetector(model).plane(model.link('link2')))
     assert plane.normal == pytest.approx([0.6, 0.0, 0.8])
     frame = np.vstack((plane.across, plane.normal))
     assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-12)

@@ -182,11 +182,6 @@ def test_the_rate_of_the_poses_is_no_other_however_noisy(robot: str, declared: f
         assert misread_twist(knot_windows(seen(robot, seed), declared)) == ''
 
 
-@pytest.mark.parametrize('name', ['degrees a second', 'wrong sign', 'is zero while its poses move'])
-def test_a_planar_robot_is_told_the_same(name: str) -> None:
-    assert name in misread_twist(knot_windows(read(seen('table1'), READINGS[name])))
-
-
 def test_poses_alone_are_no_twist() -> None:
     wrong = knot_windows(read(seen(), READINGS['wrong sign']))
     assert misread_twist([without_twist(each) for each in wrong]) == ''

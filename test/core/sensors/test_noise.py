@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from checked import some
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.intake.covariances import usable_covariance
 from mbaid_ros.core.intake.found_noise import FoundNoise
@@ -237,8 +238,7 @@ def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
     base = base_stream(stamps)
     base.position[:] += SIZE * error
     base.pose_covariance[:, :3, :3] = SIZE**2 * np.eye(3)
-    found = Synchroniser(1.0).push(joint_stream(stamps), base[::every])
-    assert found is not None
+    found = some(Synchroniser(1.0).push(joint_stream(stamps), base[::every]))
     noise = replace(MID, base_correlation_time=constant)
     return FoundNoise(noise, found.joint_position.shape[1]).applied(found, 0)[0]
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.intake.joint_merge import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
 from mbaid_ros.core.intake.reorder import LATE, REPEATED, Reorder
@@ -163,8 +164,7 @@ TIME = np.arange(0.0, 2.0, 0.01)
 @pytest.mark.parametrize(('rates', 'error'), [(True, 1e-9), (False, 1e-4)])
 def test_halves_make_a_whole_at_the_stamps_of_the_first(rates: bool, error: float) -> None:
     merger = merge()
-    merged = merger.push(dict([part((2, 3), TIME, rates=rates), part((0, 1), TIME + 0.004, rates=rates)]))
-    assert merged is not None
+    merged = some(merger.push(dict([part((2, 3), TIME, rates=rates), part((0, 1), TIME + 0.004, rates=rates)])))
     position, velocity = motion(merged.stamp / SECOND)
     assert merged.position == pytest.approx(position, abs=error)
     if rates:
@@ -194,8 +194,7 @@ def test_the_result_is_the_same_however_the_streams_are_cut(at_once: int) -> Non
 
 def test_a_slower_partner_sets_the_rate() -> None:
     merger = merge()
-    merged = merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[::5])]))
-    assert merged is not None
+    merged = some(merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[::5])])))
     # Each of the slow messages but the last counts once.
     assert len(merged.stamp) == len(TIME[::5])
     assert merger.dropped[OFTEN] > 100
@@ -204,8 +203,7 @@ def test_a_slower_partner_sets_the_rate() -> None:
 def test_gaps_of_a_partner_are_not_bridged() -> None:
     merger = merge()
     there = (TIME < 0.5) | (TIME > 1.0)
-    merged = merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[there])]))
-    assert merged is not None
+    merged = some(merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[there])])))
     assert not np.any((merged.stamp > 0.5 * SECOND) & (merged.stamp < SECOND))
     assert merger.dropped[PARTNER_GAP] == np.sum(~there)
 
@@ -216,8 +214,7 @@ def test_messages_wait_until_every_joint_has_come() -> None:
     assert list(merger.missing) == [2, 3]
     assert merger.push(dict([part((2,), TIME)])) is None
     assert list(merger.missing) == [3]
-    merged = merger.push(dict([part((3,), TIME)]))
-    assert merged is not None
+    merged = some(merger.push(dict([part((3,), TIME)])))
     assert len(merged.stamp) == len(TIME)
     assert merger.push(dict([part((1, 3), TIME + 5.0)])) is None
     assert merger.dropped == {REDUNDANT: len(TIME)}
@@ -232,16 +229,14 @@ def test_angles_are_unwrapped_the_same_however_they_are_cut(at_once: int) -> Non
     pieces = []
     for begin in range(0, 200, at_once):
         index = slice(begin, begin + at_once)
-        piece = merger.push({(0, 1): JointStream(stamp[index], wrapped[index], wrapped[index])})
-        assert piece is not None
+        piece = some(merger.push({(0, 1): JointStream(stamp[index], wrapped[index], wrapped[index])}))
         pieces.append(piece.position)
     assert np.concatenate(pieces) == pytest.approx(turns, abs=1e-12)
 
 
 def test_sliding_joints_do_not_wrap() -> None:
     position = np.array([[0.0], [10.0], [20.0]])
-    merged = JointMerge(np.array([False]), GAP, 0).push({(0,): JointStream(np.arange(3), position, position)})
-    assert merged is not None
+    merged = some(JointMerge(np.array([False]), GAP, 0).push({(0,): JointStream(np.arange(3), position, position)}))
     assert np.array_equal(merged.position, position)
 
 
@@ -249,8 +244,7 @@ def test_what_is_no_joint_neither_sets_the_stamps_nor_costs_samples() -> None:
     """Its messages come first, and one for five of the joints'."""
     merger = JointMerge(np.ones(4, dtype=bool), GAP, 0, beside=2)
     seldom = part((2, 3), TIME[::5])
-    merged = merger.push(dict([seldom, part((0, 1), TIME)]))
-    assert merged is not None
+    merged = some(merger.push(dict([seldom, part((0, 1), TIME)])))
     last = int(np.flatnonzero(TIME[::5][-1] >= TIME)[-1])
     assert np.array_equal(merged.stamp, np.round(TIME[: last + 1] * SECOND).astype(np.int64))
     assert merged.velocity == pytest.approx(motion(merged.stamp / SECOND)[1], abs=3e-3)

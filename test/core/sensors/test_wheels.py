@@ -62,7 +62,6 @@ def test_wheels_that_nobody_tells_of_are_noticed(run: Truth, method: str) -> Non
 
 SPIN = 0.05  # kg m^2, as the description of the wheels has it
 UNIT = np.array(AXES) / np.sqrt(3.0)
-MOMENTUM = np.array([16.0, -8.0, 24.0, 30.0, -35.0, 60.0])
 NAMES = ('wheel0', 'wheel1', 'wheel2', 'wheel3')
 
 

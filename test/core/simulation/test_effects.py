@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.precapture import free_model
 from captured import LINK, alone, servicer_motion
+from checked import same
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.intake.thrust import Thrust
@@ -89,9 +90,7 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
 def test_batches_make_no_difference(truth: Truth) -> None:
     simulation = make()
     parts = [simulation.advance(part) for part in np.array_split(INSTANTS, 7)]
-    for item in fields(Truth):
-        together = np.concatenate([getattr(part, item.name) for part in parts])
-        assert np.array_equal(together, getattr(truth, item.name))
+    assert same(Truth.concatenate(parts), truth)
     assert len(simulation.advance(np.zeros(0))) == 0
     with pytest.raises(DataError, match='past instant'):
         simulation.advance(np.array([1.0]))
@@ -134,9 +133,7 @@ def test_batches_of_a_thrust_make_no_difference() -> None:
     whole, simulation = thrusting().advance(TIMES), thrusting()
     parts = [simulation.advance(part) for part in np.array_split(TIMES, 9)]
     assert len(simulation.advance(np.zeros(0))) == 0
-    for item in fields(Truth):
-        together = np.concatenate([getattr(part, item.name) for part in parts])
-        assert np.array_equal(together, getattr(whole, item.name))
+    assert same(Truth.concatenate(parts), whole)
 
 
 def test_no_force_is_no_thrust() -> None:

@@ -9,6 +9,7 @@ import pinocchio
 import pytest
 from scipy.stats import chi2
 
+from checked import some
 from floating import float_freely, make, normalised
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
@@ -33,12 +34,6 @@ SPACING, SECONDS, STEP = 0.05, 6.0, 0.01  # s
 JOINT, SIZE, LAG = 3, 0.01, 0.002  # rad, s
 
 
-@pytest.fixture(scope='module')
-def truth(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Truth:
-    """Return a servicer that is as its URDF says, as it tumbles and drifts."""
-    return float_freely(servicer7, joints, start, SECONDS)
-
-
 @dataclass(frozen=True, eq=False)
 class Listening(FlexibleJoints):
     """Flexible joints that keep what they are told."""
@@ -55,35 +50,35 @@ def state(robot: MomentumKernel, start: Array, numbers: Array) -> Array:
     return np.concatenate((np.zeros(6), start, robot.target.parameters, numbers))
 
 
-def test_the_torques_are_those_of_inverse_dynamics(servicer7: MomentumKernel, truth: Truth, start: Array) -> None:
+def test_the_torques_are_those_of_inverse_dynamics(servicer7: MomentumKernel, tumbling: Truth, start: Array) -> None:
     nearly = flexible_joints(servicer7.model.joint_names)
     unknown = Listening(nearly.factor, nearly.labels)
     layout = Layout.of(servicer7, (unknown,))
     here = layout.point(state(servicer7, start, np.zeros(unknown.count)))
-    window_model(layout, window_of(observe(truth, MID), SPACING), here)
+    window_model(layout, window_of(observe(tumbling, MID), SPACING), here)
     (motion,) = unknown.told
     robot = parse(servicer7.model.urdf)
     robot.gravity.setZero()
     data = robot.createData()
-    velocity = np.column_stack((truth.base_linear_velocity, truth.base_angular_velocity, truth.joint_velocity))
+    velocity = np.column_stack((tumbling.base_linear_velocity, tumbling.base_angular_velocity, tumbling.joint_velocity))
     acceleration = np.gradient(velocity, STEP, axis=0)
-    place = np.column_stack((truth.base_position, truth.base_orientation, truth.joint_position))
+    place = np.column_stack((tumbling.base_position, tumbling.base_orientation, tumbling.joint_position))
     torque = np.array(
         [pinocchio.rnea(robot, data, *each)[6:] for each in zip(place, velocity, acceleration, strict=True)]
     )
     # The window's own intervals are inside; one more before and after them.
     first = BEGIN + SPACING / 2.0 + (np.arange(len(motion.torque)) - 0.5) * SPACING
-    expected = np.column_stack([np.interp(first, truth.time, one) for one in torque.T])
+    expected = np.column_stack([np.interp(first, tumbling.time, one) for one in torque.T])
     assert motion.torque[1:-1] == pytest.approx(expected[1:-1], abs=0.01 * np.abs(torque).max())
 
 
 def test_joints_that_lag_and_swing_leave_nothing_in_a_window(
-    servicer7: MomentumKernel, truth: Truth, start: Array
+    servicer7: MomentumKernel, tumbling: Truth, start: Array
 ) -> None:
     own = np.eye(servicer7.model.joints)[JOINT]
-    angle = truth.joint_position[:, JOINT, None]
-    off = SIZE * np.sin(angle) + LAG * truth.joint_velocity[:, JOINT, None]
-    window = window_of(observe(replace(truth, joint_position=truth.joint_position - off * own), MID), SPACING)
+    angle = tumbling.joint_position[:, JOINT, None]
+    off = SIZE * np.sin(angle) + LAG * tumbling.joint_velocity[:, JOINT, None]
+    window = window_of(observe(replace(tumbling, joint_position=tumbling.joint_position - off * own), MID), SPACING)
     unknown = flexible_joints(servicer7.model.joint_names)
     layout = Layout.of(servicer7, (unknown,))
     numbers = np.zeros((servicer7.model.joints, 4))
@@ -121,15 +116,17 @@ def wandering(rng: np.random.Generator, time: Array, joints: int, size: float = 
     return size * error
 
 
-def commanded(truth: Truth, seed: int, size: float = WANDER) -> Truth:
+def commanded(tumbling: Truth, seed: int, size: float = WANDER) -> Truth:
     """Return a motion with joint states that hold the commands, which the joints have followed with errors."""
-    error = wandering(np.random.default_rng([seed, 7]), truth.time, truth.joint_position.shape[1], size)
-    told = truth.joint_position - error
-    return replace(truth, joint_position=told, joint_velocity=np.gradient(told, truth.time, axis=0))
+    error = wandering(np.random.default_rng([seed, 7]), tumbling.time, tumbling.joint_position.shape[1], size)
+    told = tumbling.joint_position - error
+    return replace(tumbling, joint_position=told, joint_velocity=np.gradient(told, tumbling.time, axis=0))
 
 
-def last(robot: MomentumKernel, truth: Truth, seed: int, uncertainty: Uncertainty) -> Estimate:
-    return make(robot, MID, uncertainty=uncertainty).update(windows(observe(commanded(truth, seed), MID, seed)), 0)[-1]
+def last(robot: MomentumKernel, tumbling: Truth, seed: int, uncertainty: Uncertainty) -> Estimate:
+    return make(robot, MID, uncertainty=uncertainty).update(windows(observe(commanded(tumbling, seed), MID, seed)), 0)[
+        -1
+    ]
 
 
 def test_the_momentum_changes_as_by_the_zeros(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
@@ -177,8 +174,7 @@ def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
     space = Variables(scale, np.ones(size), np.eye(6), np.eye(6), np.zeros(size), scale, np.zeros((0, 0)), np.ones(6))
     root = np.triu(rng.normal(size=(size + 3, size + 3)) + 5.0 * np.eye(size + 3))
     both = np.column_stack((root, np.zeros(size + 3), rng.normal(size=size + 3)))
-    left = space.going_on(both, np.ones(size), exchanged=False).left
-    assert left is not None
+    left = some(space.going_on(both, np.ones(size), exchanged=False).left)
     factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
     assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
     assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])
@@ -186,14 +182,14 @@ def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
 
 @pytest.mark.long
 def test_a_servicer_whose_commands_are_logged(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
-    truth = float_freely(servicer7, joints, start, LONG)
+    tumbling = float_freely(servicer7, joints, start, LONG)
     misfits, silent = [], []
     for seed in range(2):
-        followed = last(servicer7, truth, seed, SERVICER)
+        followed = last(servicer7, tumbling, seed, SERVICER)
         assert followed.status in {'estimating', 'converged'}
         assert 0.6 < followed.residual < 1.3
         misfits.append(normalised(followed, servicer7))
-        silent.append(last(servicer7, truth, seed, CERTAIN))
+        silent.append(last(servicer7, tumbling, seed, CERTAIN))
     assert max(misfits) < chi2.isf(1e-3, 10)
     # Ignored, it shows.
     assert all(each.status in {'inconsistent', 'not_identifiable'} for each in silent)

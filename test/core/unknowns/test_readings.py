@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from floating import float_freely
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.trajectory.linearised.chain import WindowModel
 from mbaid_ros.core.trajectory.state import BODY, Layout
@@ -28,17 +26,11 @@ from windowed import FIRST, JOINT, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong
 
 SPACING = 0.05  # s
-SECONDS = 6.0
+LINK = 'link4'  # that an IMU sits on
 
 
-@pytest.fixture(scope='module')
-def truth(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Truth:
-    """Return a servicer that is as its URDF says, as it tumbles and drifts."""
-    return float_freely(servicer7, joints, start, SECONDS)
-
-
-def read(truth: Truth, unknown: Unknown, value: Array, joints: int) -> Samples:
-    return observe(Wrong.by((unknown,), (value,), joints).read(truth), MID)
+def read(tumbling: Truth, unknown: Unknown, value: Array, joints: int) -> Samples:
+    return observe(Wrong.by((unknown,), (value,), joints).read(tumbling), MID)
 
 
 def state(robot: MomentumKernel, momentum: Array, error: Array, value: Array) -> Array:
@@ -95,14 +87,13 @@ ERROR = {MOUNT: of_mount, DELAY: of_delay, DRIFT: of_drift, SCALE: of_scale, BIA
     ('unknown', 'component'), [(unknown, each) for unknown in ERROR for each in range(unknown.count)]
 )
 def test_readings_are_off_as_the_rows_say(
-    servicer7: MomentumKernel, truth: Truth, start: Array, unknown: Unknown, component: int
+    servicer7: MomentumKernel, tumbling: Truth, exact: Samples, start: Array, unknown: Unknown, component: int
 ) -> None:
     # Central differences over 10 ms of a motion whose own time is seconds; mounts and biases are all but linear.
     late = unknown in {DELAY, DRIFT}
     size = 5e-3 if unknown is DELAY else 1e-3
     # A window's mean twist stands for that at each of its instants.
     tolerance = 1e-2 if unknown in {DRIFT, SCALE} else 1e-3 if unknown is DELAY else 1e-5
-    exact = observe(truth, MID)
     layout = Layout.of(servicer7, (unknown,))
     here = layout.point(state(servicer7, start, np.zeros(6), np.zeros(unknown.count)))
     begin, end = (ERROR[unknown](exact, time, component) for time in (FIRST, LAST))
@@ -110,7 +101,7 @@ def test_readings_are_off_as_the_rows_say(
     for step in (size, -size):
         value = np.zeros(unknown.count)
         value[component] = step
-        window = window_of(read(truth, unknown, value, servicer7.model.joints), SPACING)
+        window = window_of(read(tumbling, unknown, value, servicer7.model.joints), SPACING)
         own = (1.0 - step) * start if unknown is DRIFT else start  # in seconds of the joints' clock
         x = state(servicer7, own, step * begin, value)
         parts.append(np.concatenate(residuals(window_model(layout, window, here), x)))
@@ -127,35 +118,54 @@ def test_readings_are_off_as_the_rows_say(
 
 
 SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
-UNKNOWN = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0))
 
 
 @pytest.fixture(scope='module')
-def exact(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Samples:
-    return observe(float_freely(servicer7, joints, start, 6.0), MID)
+def exact(tumbling: Truth) -> Samples:
+    return observe(tumbling, MID)
 
 
-def measured(exact: Samples, value: Array) -> Samples:
-    """Return samples with what a gyro reads that has these errors."""
+def measured(kernel: MomentumKernel, exact: Samples, value: Array, name: str = 'base_link') -> Samples:
+    """Return samples with what a gyro on a link reads that has these errors."""
+    link, kinematics = kernel.model.link(name), kernel.kinematics
     bias, scale, turn, shared, delay = value[:3], value[3:6], value[6:9], value[9:12], value[12]
-    rate = CubicSpline(exact.time, rotate_back(exact.base_rotation, exact.base_angular_velocity))
+    placed = kinematics.configure(exact.base_rotation, exact.joint_position)
+    base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
+    bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
+    rate = CubicSpline(exact.time, rotate_back(placed.link(link)[0], bodies[:, link.body, 3:]))
     late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
     turned = late.antiderivative()(exact.time) @ (np.diag(1.0 + scale) + crossed(shared)) + exact.time[:, None] * bias
     return replace(exact, gyro=turned)
 
 
-def left(servicer7: MomentumKernel, exact: Samples, start: Array, value: Array, known: Array) -> Array:
-    """Return what is left of the readings where some of the errors are known."""
-    layout = Layout.of(servicer7, (UNKNOWN,))
-    momentum = np.concatenate((np.zeros(6), start, servicer7.target.parameters))
-    state = np.concatenate((momentum, known))
-    assert len(momentum) == BODY.stop
-    model = window_model(layout, window_of(measured(exact, value), 0.05), layout.point(state))
-    return residuals(model, state)[1][6:]
+def gyro_window(
+    kernel: MomentumKernel, samples: Samples, start: Array, known: Array, name: str = 'base_link'
+) -> tuple[WindowModel, Array]:
+    """Return a window's model where some of the errors are known, and the state."""
+    link = kernel.model.link(name) if name != 'base_link' else None
+    unknown = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=link))
+    layout = replace(Layout.of(kernel, (unknown,)), imu=link)
+    x = state(kernel, start, np.zeros(6), known)
+    assert len(x) == BODY.stop + 13
+    return window_model(layout, window_of(samples, SPACING), layout.point(x)), x
 
 
-def test_exact_readings_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
-    assert np.abs(left(servicer7, exact, start, np.zeros(13), np.zeros(13))).max() < 1e-8
+@pytest.mark.parametrize(('name', 'exactly', 'part'), [('base_link', 1e-8, 5e-3), (LINK, 1e-6, 1e-2)])
+def test_gyro_readings_are_off_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, name: str, exactly: float, part: float
+) -> None:
+    def left(value: Array, known: Array) -> Array:
+        """Return what is left of the readings where some of the errors are known."""
+        read = measured(servicer7, exact, value, name)
+        return residuals(*gyro_window(servicer7, read, start, known, name))[1][6:]
+
+    nothing = np.zeros(13)
+    none = left(nothing, nothing)
+    assert np.abs(none).max() < exactly
+    for value in np.diag(SIZES):
+        off, rest = left(value, nothing), left(value, value)
+        assert np.abs(off).max() > 1e-6
+        assert np.abs(rest - none).max() < part * np.abs(off).max()
 
 
 @pytest.mark.parametrize('component', [6, 7, 8])
@@ -166,7 +176,7 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
     value[component] = SIZES[component]
     layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
     state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
-    read = measured(exact, value)
+    read = measured(servicer7, exact, value)
     read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))
     point = layout.point(np.concatenate((state[: BODY.stop], np.zeros(13))))
     model = window_model(layout, window_of(read, 0.05), point)
@@ -179,74 +189,15 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
     assert after[:3] == pytest.approx(-turned, abs=5e-3 * SIZES[component])
 
 
-@pytest.mark.parametrize('component', range(13))
-def test_readings_are_off_as_the_columns_say(
-    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
-) -> None:
-    value = np.zeros(13)
-    value[component] = SIZES[component]
-    off = left(servicer7, exact, start, value, np.zeros(13))
-    rest = left(servicer7, exact, start, value, value)
-    assert np.abs(off).max() > 1e-6
-    assert np.abs(rest).max() < 5e-3 * np.abs(off).max()
-
-
-LINK = 'link4'
-
-
-def measured_on_link(kernel: MomentumKernel, exact: Samples, value: Array) -> Samples:
-    """Return samples with what a gyro on the link reads that has these errors."""
-    link, kinematics = kernel.model.link(LINK), kernel.kinematics
-    placed = kinematics.configure(exact.base_rotation, exact.joint_position)
-    base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
-    bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
-    rate = CubicSpline(exact.time, rotate_back(placed.link(link)[0], bodies[:, link.body, 3:]))
-    late = CubicSpline(exact.time, rate(exact.time - value[12]) @ exp(value[6:9]))
-    mixed = np.diag(1.0 + value[3:6]) + crossed(value[9:12])
-    turned = late.antiderivative()(exact.time) @ mixed + exact.time[:, None] * value[:3]
-    return replace(exact, gyro=turned)
-
-
-def model_of(kernel: MomentumKernel, samples: Samples, start: Array, known: Array) -> tuple[WindowModel, Array]:
-    """Return a window's model where some of the errors are known, and the state."""
-    errors = GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=kernel.model.link(LINK))
-    layout = replace(Layout.of(kernel, (gyro(errors),)), imu=errors.link)
-    state = np.concatenate((np.zeros(6), start, kernel.target.parameters, known))
-    assert len(state) == BODY.stop + 13
-    return window_model(layout, window_of(samples, 0.05), layout.point(state)), state
-
-
-def left_on_link(kernel: MomentumKernel, exact: Samples, start: Array, value: Array, known: Array) -> Array:
-    """Return what is left_on_link of the readings where some of the errors are known."""
-    return residuals(*model_of(kernel, measured_on_link(kernel, exact, value), start, known))[1][6:]
-
-
-def test_exact_readings_on_a_link_leave_nothing(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
-    assert np.abs(left_on_link(servicer7, exact, start, np.zeros(13), np.zeros(13))).max() < 1e-6
-
-
-@pytest.mark.parametrize('component', range(13))
-def test_readings_on_a_link_are_off_as_the_columns_say(
-    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
-) -> None:
-    value = np.zeros(13)
-    value[component] = SIZES[component]
-    none = left_on_link(servicer7, exact, start, np.zeros(13), np.zeros(13))
-    off = left_on_link(servicer7, exact, start, value, np.zeros(13))
-    rest = left_on_link(servicer7, exact, start, value, value)
-    assert np.abs(off).max() > 1e-6
-    assert np.abs(rest - none).max() < 1e-2 * np.abs(off).max()
-
-
 def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
     servicer7: MomentumKernel, exact: Samples, start: Array
 ) -> None:
     rng = np.random.default_rng(0)
-    read, errors = measured_on_link(servicer7, exact, np.zeros(13)), []
+    read, errors = measured(servicer7, exact, np.zeros(13), LINK), []
     for _ in range(150):
         noisy = read.joint_position + JOINT * rng.normal(size=read.joint_position.shape)
-        model, state = model_of(servicer7, replace(read, joint_position=noisy), start, np.zeros(13))
-        errors.append(residuals(model, state)[1])
+        model, x = gyro_window(servicer7, replace(read, joint_position=noisy), start, np.zeros(13), LINK)
+        errors.append(residuals(model, x)[1])
     # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
     expected, found = model.twist_covariance, np.cov(np.array(errors).T)
     for part in (slice(0, 3), slice(6, 9)):
