@@ -16,6 +16,7 @@ from mbaid_ros.core.simulation.motion import Sinusoids
 from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.simulated_setup import make_motion
 from observed import configured_motion, kernel
+from planned import Begun, begun
 from simulated import CONFIG, robot
 from wrong_robots import LINKS
 
@@ -92,3 +93,9 @@ def start() -> Array:
 def tumbling(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Truth:
     """Return 6 s of a servicer that is as its URDF says, as it tumbles and drifts."""
     return float_freely(servicer7, joints, start, 6.0)
+
+
+@pytest.fixture(scope='session')
+def identified() -> Begun:
+    """Return the seven-joint servicer after 8.5 s, as motions are planned from. Its method must not go on."""
+    return begun()

@@ -126,8 +126,8 @@ def test_limits_are_those_of_the_urdf() -> None:
     assert not Efforts(weaker(model, np.inf), bodies).limited
 
 
-def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(servicer: Begun) -> None:
-    strong, weak = planner(servicer, duration=6.0), planner(servicer, duration=6.0)
+def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(identified: Begun) -> None:
+    strong, weak = planner(identified, duration=6.0), planner(identified, duration=6.0)
     weak.motions.efforts.limits = np.full(7, 2.0)
     plan, held = strong.plan(), weak.plan()
     assert plan.use[3].max() > 0.05
@@ -138,16 +138,16 @@ def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(service
     assert held.ratio > plan.ratio
 
 
-def test_efforts_hold_beside_limits_of_the_base(servicer: Begun) -> None:
-    weak = planner(servicer, duration=6.0, base=BaseLimits(rotation=np.radians(1.0)))
+def test_efforts_hold_beside_limits_of_the_base(identified: Begun) -> None:
+    weak = planner(identified, duration=6.0, base=BaseLimits(rotation=np.radians(1.0)))
     weak.motions.efforts.limits = np.full(7, 3.0)
     plan = weak.plan()
     assert plan.use[3].max() <= 1.0
     assert plan.bounds.sure[0] <= np.radians(1.0) + 1e-9
 
 
-def test_what_it_takes_to_hold_joints_is_no_motions_to_make_smaller(servicer: Begun) -> None:
-    weak = planner(servicer, duration=6.0)
+def test_what_it_takes_to_hold_joints_is_no_motions_to_make_smaller(identified: Begun) -> None:
+    weak = planner(identified, duration=6.0)
     holding = weak.motions.holding * weak.motions.efforts.limits
     weak.motions.efforts.limits = 2.0 * holding + 0.01
     del weak.motions.__dict__['holding']
@@ -156,10 +156,10 @@ def test_what_it_takes_to_hold_joints_is_no_motions_to_make_smaller(servicer: Be
     assert np.ptp(plan.trajectory.position, axis=0).max() > 1e-4
 
 
-def test_joints_that_cannot_be_held_are_named(servicer: Begun) -> None:
-    weak = planner(servicer, duration=6.0)
+def test_joints_that_cannot_be_held_are_named(identified: Begun) -> None:
+    weak = planner(identified, duration=6.0)
     weak.motions.efforts.limits[2] = 1e-4
     del weak.motions.__dict__['holding']
     with pytest.raises(ParameterError, match="to hold joint 'joint3' while the base tumbles takes"):
         weak.motions.require_hold()
-    assert planner(servicer, duration=6.0, stuck=('joint3',)).motions.holding[2] == 0.0
+    assert planner(identified, duration=6.0, stuck=('joint3',)).motions.holding[2] == 0.0

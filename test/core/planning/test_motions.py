@@ -163,8 +163,8 @@ TURN = np.radians(0.5)
 
 
 @pytest.mark.parametrize('kind', SIMPLE)
-def test_simple_motions_keep_the_limits_and_come_close_to_one(servicer: Begun, kind: str) -> None:
-    motions = planner(servicer, duration=14.0).motions
+def test_simple_motions_keep_the_limits_and_come_close_to_one(identified: Begun, kind: str) -> None:
+    motions = planner(identified, duration=14.0).motions
     free, held = (simple_motion(kind, motions, base, 3) for base in (BaseLimits(), BaseLimits(rotation=TURN)))
     times = np.linspace(0.0, 14.0, 1401)
     for trajectory in (free, held):
@@ -183,15 +183,15 @@ def test_simple_motions_keep_the_limits_and_come_close_to_one(servicer: Begun, k
 
 
 @pytest.mark.parametrize('kind', SIMPLE)
-def test_simple_motions_may_be_short(servicer: Begun, kind: str) -> None:
-    motion = simple_motion(kind, planner(servicer, duration=0.4).motions, BaseLimits(), 0)
+def test_simple_motions_may_be_short(identified: Begun, kind: str) -> None:
+    motion = simple_motion(kind, planner(identified, duration=0.4).motions, BaseLimits(), 0)
     position, rate, _ = motion.at(np.linspace(0.0, 0.4, 101))
     assert np.any(position != position[0])
     assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_seed_decides(servicer: Begun) -> None:
-    motions = planner(servicer, duration=10.0).motions
+def test_the_seed_decides(identified: Begun) -> None:
+    motions = planner(identified, duration=10.0).motions
     drawn = [simple_motion('trapezoids', motions, BaseLimits(), seed).position for seed in (0, 0, 1)]
     assert np.array_equal(drawn[0], drawn[1])
     assert not np.allclose(drawn[0], drawn[2])
