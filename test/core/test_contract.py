@@ -48,7 +48,6 @@ def motion() -> Truth:
 
 
 def seen(method: str, seed: int = 1) -> Samples:
-    """Return what a method is given: noisy samples, but for those that know no noise."""
     return observe(motion(), LOW, None if method in RECURSIVE else seed)
 
 

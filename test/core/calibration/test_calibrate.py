@@ -26,7 +26,6 @@ from simulated import robot, state
 
 
 def calibrated(model: RobotModel, truth: Truth, seed: int, priors: tuple[LinkPrior, ...] = PRIORS) -> Calibration:
-    """Return the calibration of all links of a robot, from a motion as sensors of mid quality see it."""
     return calibrate(all_unknown(model), [windows(observe(truth, MID, seed))], CalibrationSettings(MID, priors))
 
 

@@ -24,23 +24,6 @@ JOINT, ANGLE, LENGTH = 1e-4, 2e-4, 1e-3  # rad, rad, m
 QUIET = Roughness(np.ones(len(CHANNELS)), 0.0)
 
 
-def test_the_gain_by_less_certainty_is_the_ratio_of_the_likelihoods() -> None:
-    rng = np.random.default_rng(0)
-    rows, noise = rng.normal(size=(8, 3)), 0.3
-    data = rows @ np.array([0.0, 25.0, -12.0]) + noise * rng.normal(size=8)
-    covariance = np.linalg.inv(rows.T @ rows / noise**2 + np.eye(3))
-    mean = covariance @ rows.T @ data / noise**2
-
-    def likelihood(deviations: Array) -> float:
-        spread = rows @ np.diag(deviations**2) @ rows.T + noise**2 * np.eye(8)
-        return float(multivariate_normal.logpdf(data, cov=spread))
-
-    own = np.array([1, 2])
-    value, factor = BesidePrior.of(mean[own], covariance[np.ix_(own, own)]).gain(30.0)
-    assert value == pytest.approx(likelihood(np.array([1.0, factor, factor])) - likelihood(np.ones(3)), rel=1e-9)
-    assert factor in {10.0, 30.0}
-
-
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
     assert BesidePrior.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
 

@@ -63,7 +63,6 @@ def pushed(floating: Float) -> dict[str, Truth]:
 
 
 def honest(estimates: list[Estimate], true: Array) -> bool:
-    """Return whether the last estimate calls the data inconsistent, or else whether its intervals hold."""
     return estimates[-1].status == 'inconsistent' or nees(estimates[-1], true) < LIMIT
 
 

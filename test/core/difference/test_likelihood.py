@@ -28,7 +28,6 @@ SEEDS = range(5)
 
 
 def normalised(error: Array, information: Array) -> float:
-    """Return the squared error in standard deviations of the information."""
     return float(error @ information @ error)
 
 
@@ -155,13 +154,6 @@ def test_equations_and_unknowns_can_be_left_out() -> None:
         # One at a time or together: the same bits.
         alone, own = whole.restrict(selection, basis), reduced[k : k + 1]
         assert all(np.array_equal(value, vars(own)[name]) for name, value in vars(alone).items())
-
-
-def test_blocks_are_cut_and_joined() -> None:
-    blocks = noisy_blocks(9, 8)
-    joined = Blocks.concatenate([blocks[:4], blocks[4:5], blocks[5:]])
-    assert len(joined) == 9
-    assert eiv.cost(joined, TRUE) == eiv.cost(blocks, TRUE)
 
 
 def test_a_singular_covariance_is_told() -> None:

@@ -220,6 +220,7 @@ def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given
     assert last(0.0, target_prior__mass=MASS, target_prior__mass_std=MASS_STD).identifiable.all()
 
 
+@pytest.mark.long
 def test_a_wheel_out_of_balance_tells_the_mass_of_its_base_as_far_as_it_is_out() -> None:
     estimate = last(0.01)
     assert estimate.identifiable.all()

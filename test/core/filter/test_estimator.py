@@ -24,10 +24,8 @@ from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.session.known import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from observed import HIGH, LOW, MID, kernel, observe, windows
+from observed import HIGH, MID, kernel, observe, windows
 from wrong_robots import DECLARED, LINKS
-
-PLANAR = [True, True, True, False, False, False, False, False, False, True]
 
 
 def until(samples: Samples, seconds: float) -> Samples:
@@ -92,18 +90,6 @@ def test_exact_data_give_the_exact_body(robot: MomentumKernel, servicer: Truth) 
     assert not last.events
 
 
-@pytest.mark.parametrize('seed', [None, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_a_planar_robot_shows_four_parameters(plane: Truth, seed: int | None) -> None:
-    robot = kernel('table1')
-    last = follow(robot, observe(plane, LOW, seed), LOW)[-1]
-    assert last.identifiable.tolist() == PLANAR
-    assert np.all(np.isnan(last.parameters[~last.identifiable]))
-    known = last.std[last.identifiable]
-    assert np.all(np.abs(errors(last, robot)) < (0.01 if seed is None else 4.0) * known)
-    assert normalised(last, robot) < chi2.isf(1e-3, 4)
-    assert 'planar motion' in last.warnings[0]
-
-
 @pytest.mark.long
 def test_rows_full_of_noise(plane: Truth) -> None:
     """Where joints move little more in a window than their noise, least squares prefers bodies that noise moves less.
@@ -122,6 +108,7 @@ def test_rows_full_of_noise(plane: Truth) -> None:
     assert covered(surprises, 4)
 
 
+@pytest.mark.long
 def test_a_mass_that_turns_negative_does_not_halt_the_start(plane: Truth) -> None:
     # At this noise five seconds tell so little that the first estimates lie anywhere.
     out = follow(kernel('table1'), until(observe(plane, MID, 1), 12.0), MID, adapt=True)

@@ -144,7 +144,6 @@ def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorSizes:
 
 
 def off(place: int, far: float) -> Array:
-    """Return numbers of which one is as far off."""
     return np.where(np.arange(len(CAUSES)) == place, far, 0.0)
 
 

@@ -89,41 +89,36 @@ def test_the_directions_of_ccsds() -> None:
     assert inertial.normal == pytest.approx(NORMAL, abs=1e-15)
 
 
+def truth_of(time: Array, position: Array, orientation: Array, linear: Array, angular: Array) -> Truth:
+    nothing = np.zeros((len(time), 1))
+    return Truth(time, nothing, nothing, nothing, position, orientation, linear, angular)
+
+
 def moving(seed: int, time: Array) -> Truth:
     """Return a smooth motion in the falling frame with its exact derivatives."""
     rng = np.random.default_rng(seed)
     centre, size, rate = rng.normal(size=(3, 3))
     axis = rng.normal(size=3)
-    angle = 0.7 * np.sin(0.3 * time)
     spin = (0.21 * np.cos(0.3 * time))[:, None] * axis
-    orientation = quaternions.exp(angle[:, None] * axis)
+    orientation = quaternions.exp(0.7 * np.sin(0.3 * time)[:, None] * axis)
     back = quaternions.conjugate(orientation)
-    nothing = np.zeros((len(time), 1))
-    return Truth(
-        time=time,
-        joint_position=nothing,
-        joint_velocity=nothing,
-        joint_effort=nothing,
-        base_position=20.0 * centre + size * np.sin(rate * time[:, None]),
-        base_orientation=orientation,
-        base_linear_velocity=quaternions.rotate(back, size * rate * np.cos(rate * time[:, None])),
-        base_angular_velocity=quaternions.rotate(back, spin),
-    )
+    velocity = size * rate * np.cos(rate * time[:, None])
+    place = 20.0 * centre + size * np.sin(rate * time[:, None])
+    twist = (quaternions.rotate(back, each) for each in (velocity, spin))
+    return truth_of(time, place, orientation, *twist)
 
 
-def odometry(truth: Truth) -> BaseStream:
+def odometry(truth: Truth, epoch: int = EPOCH) -> BaseStream:
     """Return a motion as the reader of Odometry gives it."""
-    rng = np.random.default_rng(5)
-    factor = rng.normal(size=(len(truth), 6, 6))
+    factor = np.random.default_rng(5).normal(size=(len(truth), 6, 6))
     covariance = factor @ np.swapaxes(factor, 1, 2)
     return BaseStream(
-        EPOCH + np.round(truth.time * SECOND).astype(np.int64),
+        epoch + np.round(truth.time * SECOND).astype(np.int64),
         truth.base_position,
         rotation_from_quaternion(truth.base_orientation),
         quaternions.rotate(truth.base_orientation, truth.base_linear_velocity),
         quaternions.rotate(truth.base_orientation, truth.base_angular_velocity),
-        covariance,
-        covariance,
+        *(covariance, covariance),
     )
 
 
@@ -197,23 +192,6 @@ def motions(draw: st.DrawFn) -> Truth:
     return truth_of(time, 30.0 * values[0], quaternions.normalised(orientation), *values[1:])
 
 
-def truth_of(time: Array, position: Array, orientation: Array, linear: Array, angular: Array) -> Truth:
-    nothing = np.zeros((len(time), 1))
-    return Truth(time, nothing, nothing, nothing, position, orientation, linear, angular)
-
-
-def measured(truth: Truth) -> BaseStream:
-    """Return a motion as the reader of Odometry gives it, the epoch at 0."""
-    return BaseStream(
-        np.round(truth.time * SECOND).astype(np.int64),
-        truth.base_position,
-        rotation_from_quaternion(truth.base_orientation),
-        quaternions.rotate(truth.base_orientation, truth.base_linear_velocity),
-        quaternions.rotate(truth.base_orientation, truth.base_angular_velocity),
-        *np.zeros((2, len(truth), 6, 6)),
-    )
-
-
 def as_truth(stream: BaseStream) -> Truth:
     """Return what a stream says as a motion, its twist in the axes of the base."""
     orientation = quaternion_from_rotation(stream.rotation)
@@ -226,10 +204,10 @@ def as_truth(stream: BaseStream) -> Truth:
 @given(orbits(), motions(), st.booleans())
 def test_there_and_back_and_back_and_there(around: Orbit, motion: Truth, relative: bool) -> None:
     falling = FallingFrame(around, robot('ets7'), relative_twist=relative, epoch=0).falling
-    once = falling(measured(seen_from_orbit(around, motion, relative_twist=relative)))
-    other = measured(seen_from_orbit(around, as_truth(falling(measured(motion))), relative_twist=relative))
+    once = falling(odometry(seen_from_orbit(around, motion, relative_twist=relative), 0))
+    other = odometry(seen_from_orbit(around, as_truth(falling(odometry(motion, 0))), relative_twist=relative), 0)
     for name in POSE:
-        expected = getattr(measured(motion), name)
+        expected = getattr(odometry(motion, 0), name)
         assert getattr(once, name) == pytest.approx(expected, abs=1e-9), name
         assert getattr(other, name) == pytest.approx(expected, abs=1e-9), name
 
@@ -259,7 +237,7 @@ def test_what_falls_freely_moves_as_clohessy_and_wiltshire_say(rate: float, begi
     still = np.tile([0.0, 0.0, 0.0, 1.0], (9, 1))
     there = clohessy_wiltshire(rate, time, start)
     seen = truth_of(time, there[:, :3], still, there[:, 3:], np.zeros((9, 3)))
-    found = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=0).falling(measured(seen))
+    found = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=0).falling(odometry(seen, 0))
 
     def pull(now: float, state: Array) -> Array:
         return np.concatenate((state[3:], around.gradient(np.array([now]))[0] @ state[:3]))

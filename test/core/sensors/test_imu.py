@@ -19,7 +19,6 @@ GAP = 100 * MILLISECOND
 
 
 def stream(times: Array, rate: Array) -> ImuStream:
-    """Return measurements at times, ms."""
     return ImuStream(np.round(times * MILLISECOND).astype(np.int64), rate)
 
 

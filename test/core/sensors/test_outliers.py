@@ -115,14 +115,6 @@ def test_a_motion_without_noise_that_begins_and_ends_has_none() -> None:
     assert passed(moving)[1] == 0
 
 
-def test_slow_poses_have_outliers_too() -> None:
-    hit = hits(0.02, 600, 5)
-    slow = noisy(600, 5)
-    slow = replace(slow, stamp=slow.stamp[0] + 10 * (slow.stamp - slow.stamp[0]))
-    base = thrown(slow, hit, 5)
-    np.testing.assert_array_equal(passed(base)[0], base.stamp[~hit])
-
-
 @given(
     seed=st.integers(0, 30), share=st.sampled_from([0.02, 0.1, 0.5]), cuts=st.lists(st.integers(0, 300), max_size=12)
 )

@@ -66,14 +66,12 @@ def test_equal_stamps_pass_through_bit_by_bit() -> None:
     stamps = every(10.0, 50)
     joints, base = joint_stream(stamps), base_stream(stamps)
     samples = synchronise(joints, base)
-    assert np.array_equal(samples.base_position, base.position)
-    assert np.array_equal(samples.base_rotation, base.rotation)
-    assert np.array_equal(samples.base_linear_velocity, base.linear_velocity)
-    assert np.array_equal(samples.base_angular_velocity, base.angular_velocity)
-    assert np.array_equal(samples.pose_covariance, base.pose_covariance)
-    assert np.array_equal(samples.twist_covariance, base.twist_covariance)
-    assert np.array_equal(samples.joint_position, joints.position)
-    assert np.array_equal(samples.joint_velocity, joints.velocity)
+    for name in ('position', 'rotation', 'linear_velocity', 'angular_velocity'):
+        assert np.array_equal(getattr(samples, f'base_{name}'), getattr(base, name)), name
+    for name in ('pose_covariance', 'twist_covariance'):
+        assert np.array_equal(getattr(samples, name), getattr(base, name)), name
+    for name in ('position', 'velocity'):
+        assert np.array_equal(getattr(samples, f'joint_{name}'), getattr(joints, name)), name
     assert np.array_equal(samples.time, (stamps - START) * 1e-9)
 
 

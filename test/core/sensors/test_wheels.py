@@ -67,7 +67,6 @@ NAMES = ('wheel0', 'wheel1', 'wheel2', 'wheel3')
 
 @cache
 def bare() -> MomentumKernel:
-    """Return the robot whose description has the wheels locked."""
     return MomentumKernel(load_model(unaware()), 'link7')
 
 

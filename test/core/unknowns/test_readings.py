@@ -56,12 +56,10 @@ def of_mount(exact: Samples, time: float, component: int) -> Array:
 
 
 def of_delay(exact: Samples, time: float, _component: int) -> Array:
-    """Return the pose error of a chain that lies behind by what the base moves in that time."""
     return -base(exact, time)[1]
 
 
 def of_drift(exact: Samples, time: float, _component: int) -> Array:
-    """Return the pose error of a delay that has grown until then."""
     return -time * base(exact, time)[1]
 
 
@@ -73,7 +71,6 @@ def of_scale(exact: Samples, time: float, _component: int) -> Array:
 
 
 def of_twist(_exact: Samples, _time: float, _component: int) -> Array:
-    """Return none: a bias of the twist is not in the pose."""
     return np.zeros(6)
 
 
