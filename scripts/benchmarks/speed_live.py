@@ -1,4 +1,4 @@
-"""The live node beside a bare one with the same subscriptions: processor time, latency, messages lost."""
+"""Live runs of the estimator, each after one of a bare node with the same subscriptions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
@@ -22,126 +21,95 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
-from benchmarks.endurance import processor_time
-from benchmarks.speed_bag import ROBOT, make_bag
-from benchmarks.speed_replay import VARIANTS, assigned
+from benchmarks.frame import processor_time
 from mbaid_ros.nodes.qos import qos
 
-HERE = Path(__file__).parent
-# A graph of its own: of the domains whose ports Linux does not hand out, those that hardly anyone uses.
+NODES = Path(__file__).with_name('speed_nodes.py')
+# A graph of its own, on a domain that hardly anyone uses and whose ports Linux does not assign.
 DOMAIN = 215 + os.getpid() % 18
 ENVIRONMENT = {
     **os.environ,
     'ROS_DOMAIN_ID': str(DOMAIN),
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    'FASTRTPS_DEFAULT_PROFILES_FILE': str(HERE.parent / 'quick_discovery.xml'),
-}
-# A run that contradicts its model: it is searched again, and asked what may be wrong, again and again.
-_CONTRADICTED = {'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
-_LIVE: dict[str, tuple[str, Mapping[str, object]]] = {
-    **VARIANTS,
-    'trajectory, contradicted: searches and inquiries': ('trajectory', _CONTRADICTED),
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(NODES.parents[1] / 'quick_discovery.xml'),
 }
 _PATIENCE = 20.0  # s
-_PUBLISHED = (': joint_states', ': odom')  # what the node tells of its inputs; on the others nothing comes
+_INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
 
 
 @dataclass(frozen=True)
 class Live:
-    """What a live run showed.
+    """A live run."""
 
-    Attributes
-    ----------
-    cpu : s, processor time of the node
-    floor : s, that of the bare node right before
-    latencies : s, from the stamp of the last sample of each window to the arrival of its estimate
-    lost : messages that were published and not received by the node
-    """
-
-    cpu: float
-    floor: float
-    latencies: tuple[float, ...]
-    lost: int
+    cpu: float  # s, processor time of the node
+    floor: float  # s, that of the bare node before
+    latencies: tuple[float, ...]  # s, from the stamp of a window's last sample to the arrival of its estimate
+    lost: int  # messages published and not received by the node
 
 
-def runs(folder: Path, rate: float, seconds: float, repeats: int) -> dict[str, list[Live]]:
-    """Return, by variant, what runs showed, each after one of the bare node.
-
-    Parameters
-    ----------
-    folder : where the bag is made
-    rate : Hz, of each of the two topics
-    seconds : length of a run
-    repeats : number of pairs
-    """
+def live_runs(
+    variants: Mapping[str, Mapping[str, object]], folder: Path, rate: float, seconds: float, repeats: int
+) -> dict[str, list[Live]]:
+    """Return runs by variant, whose parameters are given; rate in Hz, of each topic."""
     bag = folder / 'live'
     make_bag(bag, seconds / 60.0, rate)
-    publisher = [sys.executable, str(HERE / 'speed_publisher.py'), str(bag), str(rate)]
-    found: dict[str, list[Live]] = {name: [] for name in _LIVE}
+    publisher = [sys.executable, str(NODES), str(bag), str(rate)]
+    found: dict[str, list[Live]] = {name: [] for name in variants}
     for _ in range(repeats):
-        floor = _run([sys.executable, str(HERE / 'speed_bare_node.py')], publisher, seconds).cpu
-        for name, variant in _LIVE.items():
-            live = _run(_estimator(*variant), publisher, seconds)
+        floor = _run([sys.executable, str(NODES), 'bare'], publisher, seconds).cpu
+        for name, parameters in variants.items():
+            live = _run(_estimator(parameters), publisher, seconds)
             found[name].append(Live(live.cpu, floor, live.latencies, live.lost))
     return found
 
 
-def executable(name: str) -> str:
-    """Return the path of an executable, where `ros2 run mbaid_ros` finds it."""
-    return str(Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / name)
+def assigned(values: Mapping[str, object]) -> list[str]:
+    """Return the words of a command line that set parameters."""
+    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
-def _estimator(method: str, others: Mapping[str, object]) -> list[str]:
-    options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', 'method': method, **others})
-    return [executable('estimator'), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
+def _estimator(parameters: Mapping[str, object]) -> list[str]:
+    path = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / 'estimator'
+    options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', **parameters})
+    return [str(path), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
 
 
 def _run(command: Sequence[str], publisher: Sequence[str], seconds: float) -> Live:
-    """Return what one run of a node showed; a node that tells nothing counts as one that has lost nothing."""
+    """Return one run of a node; a node without diagnostics counts as one that has lost nothing."""
     with _process(command) as node, _process(publisher) as source, _listener() as listener:
         _line(source)
         gc.freeze()  # as in the publisher
         before = processor_time(node.pid)
-        _say(source)
+        _continue(source)
         listener.spin(seconds)
         published = int(_line(source))
         if listener.received:
-            listener.until(lambda: min(listener.received.values()) >= published)
+            listener.spin(_PATIENCE, lambda: min(listener.received.values()) >= published)
         cpu = processor_time(node.pid) - before
-        _say(source)
+        _continue(source)
         lost = sum(published - count for count in listener.received.values())
         return Live(cpu, 0.0, tuple(listener.latencies), lost)
 
 
 class _Listener:
-    """Notes when estimates arrive, and how many messages the node says it has received."""
+    """A node that records arrivals of estimates, and the number of messages that the estimator has received."""
 
     def __init__(self, context: Context) -> None:
-        self._node = Node('listener', context=context, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self._node)
+        self.node = Node('listener', context=context, start_parameter_services=False)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
         self.latencies: list[float] = []
         self.received: dict[str, int] = {}
-        self._node.create_subscription(InertiaEstimate, '/estimator/estimate', self._on_estimate, qos(1000))
-        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos(1000))
+        self.node.create_subscription(InertiaEstimate, '/estimator/estimate', self._on_estimate, qos(1000))
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos(1000))
 
-    def spin(self, seconds: float) -> None:
-        """Listen for a time."""
+    def spin(self, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
+        """Listen for a time, or until a condition holds."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.1)
-
-    def until(self, condition: Callable[[], bool]) -> None:
-        """Listen until a condition holds, but not for ever."""
-        end = time.monotonic() + _PATIENCE
-        while not condition() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.1)
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()  # type: ignore[no-untyped-call]
+        while not done() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.1)
 
     def _on_estimate(self, message: InertiaEstimate) -> None:
         if message.samples and message.status != 'waiting':
@@ -150,9 +118,7 @@ class _Listener:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if not status.name.endswith(_PUBLISHED):
-                continue
-            for item in status.values:
+            for item in status.values if status.name.endswith(_INPUTS) else ():
                 if item.key == 'received':
                     self.received[status.name] = int(item.value)
 
@@ -166,38 +132,33 @@ def _listener() -> Iterator[_Listener]:
     try:
         yield listener
     finally:
-        listener.close()
+        listener.executor.shutdown()
+        listener.node.destroy_node()  # type: ignore[no-untyped-call]
         rclpy.shutdown(context=context)
 
 
 @contextmanager
 def _process(command: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
-    """Run a process on the graph; interrupt it in the end."""
-    process = subprocess.Popen(
-        command, env=ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
+    """Run a process on the graph; interrupt it at the end, as Ctrl-C does."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, env=ENVIRONMENT, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:
-        interrupted(process)
-
-
-def interrupted(process: subprocess.Popen[Any]) -> None:
-    """Ask a process to end, as Ctrl-C does, and wait for it."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    process.communicate(timeout=_PATIENCE)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=_PATIENCE)
 
 
 def _line(process: subprocess.Popen[str]) -> str:
-    """Return the next line that a process writes."""
+    """Return the next line of a process."""
     line = process.stdout.readline() if process.stdout else ''
     if not line:
         raise RuntimeError(f'{process.args!r} has ended')
     return line
 
 
-def _say(process: subprocess.Popen[str]) -> None:
+def _continue(process: subprocess.Popen[str]) -> None:
     """Give a process the line that it waits for."""
     if process.stdin:
         process.stdin.write('\n')

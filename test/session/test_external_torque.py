@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.thrown import INERTIA, calibrated, record
 from mbaid_ros.core.geometry import Array
+from thrown import INERTIA, calibrated, record
 
 BELIEVED = [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5]  # kg m^2
 DECLARED = 'disturbance: {torque_std: 5.0e-4}\n    window: 0.005'

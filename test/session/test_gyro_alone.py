@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.thrown import AT_REST, INERTIA, calibrated, record
 from gyros import KNOWN, messages, normalised, taken
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -20,6 +19,7 @@ from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
 from simulated import CONFIG
 from streams import urdf
+from thrown import AT_REST, INERTIA, calibrated, record
 
 
 def test_a_robot_is_identified_by_how_it_turns() -> None:

@@ -1,4 +1,4 @@
-"""By how much a robot differs from its URDF, and what the estimator is told of it."""
+"""The errors of a robot's URDF, and the priors that the estimator has of them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import LEVELS, drawn, kernel
+from benchmarks.data import NOISE, drawn, kernel
+from benchmarks.frame import declared
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.known_errors import body_sizes, relative_factor
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.simulation.drawn import ErrorSizes
 
-LEVEL = 'mid'
-NOISE = LEVELS[LEVEL]
 # The defaults of the estimator's parameters.
 DEFAULT = ErrorSizes(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 _PARAMETERS = {
@@ -44,7 +43,7 @@ DEFECTS = {
 }
 STEPS = (0.1, 0.3, 1.0, 3.0)
 PLANAR = ('table1',)
-# The ways in which a body is off: as `relative_factor` has it, by one factor, or each of its numbers by itself.
+# Distributions of a body's errors: that of `relative_factor`, one common factor, or each number by itself.
 AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
 # Of a robot whose joints turn about z: m, h_x, h_y, I_zz.
 _IN_PLANE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -52,27 +51,17 @@ _IN_PLANE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Variant:
-    """One row of a table.
+    """One row of a table."""
 
-    Attributes
-    ----------
-    robot : name of a URDF of config/
-    name : what is off and what is told, in words
-    sizes : that robots are drawn with
-    told : that the estimator takes them to be drawn with
-    spatial : whether a planar robot's errors may lead out of its plane
-    links : in which way they are off: AS_DECLARED, WHOLE or APART
-    """
-
-    robot: str
-    name: str
-    sizes: ErrorSizes
-    told: ErrorSizes
-    spatial: bool = False
-    links: str = AS_DECLARED
+    robot: str  # name of a URDF of config/
+    name: str  # errors and priors, in words
+    sizes: ErrorSizes  # that robots are drawn with
+    believed: ErrorSizes  # the priors
+    spatial: bool = False  # whether a planar robot's errors may lead out of its plane
+    links: str = AS_DECLARED  # distribution of their errors
 
     def errors(self, seed: int) -> ModelErrors:
-        """Return those of the robot of a seed: those of a planar one leave it planar, as a table does that it is on."""
+        """Return the errors of a seed; those of a planar robot keep it in its plane, as the table under it does."""
         errors = drawn(self.robot, self.sizes, seed)
         errors = replace(errors, bodies=self._bodies(errors.bodies))
         if self.robot not in PLANAR or self.spatial:
@@ -86,7 +75,7 @@ class Variant:
         )
 
     def _bodies(self, drawn_ones: Array) -> Array:
-        """Return (n + 1, 10) errors of the bodies that are as declared, in the way that is wanted."""
+        """Return (n + 1, 10) errors of the bodies with another distribution."""
         if self.links == AS_DECLARED:
             return drawn_ones
         changed = np.zeros_like(drawn_ones)
@@ -97,16 +86,10 @@ class Variant:
                 changed[body] = std * (numbers[0] * known if self.links == WHOLE else numbers * body_sizes(known))
         return changed
 
-    @property
-    def file_name(self) -> str:
-        """Name of a file with its runs."""
-        return f'{self.robot}-{self.name}.npz'.replace(' ', '_').replace(',', '')
-
 
 def settings(sizes: ErrorSizes) -> dict[str, object]:
     """Return the estimator's parameters that declare such robots, with the sensors' noise."""
-    declared: dict[str, object] = {_PARAMETERS[name]: value for name, value in vars(sizes).items()}
-    return declared | {f'noise.{name}': value for name, value in vars(NOISE).items()}
+    return {**{_PARAMETERS[name]: value for name, value in vars(sizes).items()}, **declared(NOISE)}
 
 
 def scaled(sizes: ErrorSizes, factor: float) -> ErrorSizes:
@@ -120,7 +103,7 @@ def block(name: str) -> ErrorSizes:
 
 
 def monte_carlo(robot: str) -> Iterator[Variant]:
-    """Yield what is drawn of a robot: all blocks, one at a time, and with priors that are wrong."""
+    """Yield the variants of a robot: all blocks, one at a time, and with wrong priors."""
     yield Variant(robot, 'all', DEFAULT, DEFAULT)
     for name in BLOCKS:
         yield Variant(robot, name, block(name), block(name))
@@ -133,7 +116,7 @@ def monte_carlo(robot: str) -> Iterator[Variant]:
 
 
 def ladder(robot: str) -> Iterator[tuple[str, float, Variant]]:
-    """Yield defects one at a time, with the step each is drawn with; the estimator knows nothing of that."""
+    """Yield one error at a time with the size that it is drawn with; the priors are the defaults."""
     for name, (field, unit) in DEFECTS.items():
         for step in STEPS:
             sizes = ErrorSizes(**{field: 1e-3 * step})

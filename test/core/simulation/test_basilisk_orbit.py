@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
+from benchmarks.data import history
 from benchmarks.honesty.readings import Readings
-from benchmarks.honesty.runs import history, messages
+from benchmarks.honesty.runs import messages
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.honesty.runs import PUBLISHED, Told, run
+from benchmarks.honesty.runs import PUBLISHED, Outcome, run
 from captured import capture
 from mbaid_ros.core.results.causes import PULSE
 from mbaid_ros.core.results.estimate import Estimate
@@ -51,7 +51,7 @@ def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
     assert max(told.worst, told.young) < 5.0
 
 
-def gone_on(name: str, seed: int, cause: str) -> Told:
+def gone_on(name: str, seed: int, cause: str) -> Outcome:
     """Return what a run says that has told of a change and goes on with the target of afterwards."""
     told = run((name, 'trajectory', seed))
     assert told.status in PUBLISHED
