@@ -48,11 +48,9 @@ def main() -> None:
         for case, by_method in outcomes.items()
     }
     report = accuracy_page.Report(plan, results, _still(outcomes, bounds), bounds, linked)
-    for line in accuracy_page.lines(report):
-        print(line)
-    if frame.path:
-        frame.write(accuracy_page.page(report))
-        accuracy_page.draw(report, frame.path.with_name(accuracy_page.FIGURE))
+    texts = accuracy_page.tables(report)
+    print(*texts.values(), sep='\n\n')
+    frame.write(**texts)
 
 
 def _cases() -> Iterator[Case]:

@@ -101,7 +101,7 @@ def main() -> None:
     rows = [row(BENCHES[number], outcome) for number, outcome in frame.outcomes(Outcome, run, work)]
     text = table(HEADER, rows, words=True)
     print(text)
-    frame.write_marked('twins', text)
+    frame.write(twins=text)
 
 
 if __name__ == '__main__':

@@ -62,7 +62,7 @@ def main() -> None:
     (_, found), *_ = frame.outcomes(Outcome, run, {'': ('calibration', frame.seeds)})
     text = figures(found, attainable())
     print(text)
-    frame.write_marked('figures', text)
+    frame.write(figures=text)
 
 
 def run(seed: int) -> Outcome:

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.data import DURATION, NOISE, endless_motion, kernel, momentum_of, sensed, target
 from benchmarks.frame import Frame, number, provenance, resident, table
-from benchmarks.methods import METHODS, Identification
+from benchmarks.methods import Identification
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.simulation.sensors import Sensors
@@ -53,7 +53,6 @@ def main() -> int:
     columns = zip(PARAMETERS, target(ROBOT), errors, last.estimate.std, strict=True)
     rows = [[name, f'{value:.6g}', f'{error:.1e}', f'{std:.1e}'] for name, value, error, std in columns]
     section = _SECTION.format(
-        method=method,
         hours=len(hours),
         updates=sum(hour.updates for hour in hours),
         provenance=provenance(),
@@ -65,7 +64,7 @@ def main() -> int:
         final=table(['parameter', 'true value, SI', 'error', 'reported std'], rows),
     )
     print(section)
-    frame.write_section(_HEAD, section, [f'Method `{name}`' for name in METHODS])
+    frame.write(**{method: section})
     return int(ratio > _LARGEST_RATIO)
 
 
@@ -109,16 +108,7 @@ def _row(hour: Hour) -> list[str]:
     ]
 
 
-_HEAD = """\
-# A day without a break
-
-24 hours of data at 100 Hz, joints and odometry, half a second at a time, as the node takes them. Time is processor time
-of one core, reading and synchronising included. `make benchmark-day` measures it anew, for `trajectory` with
-`ARGS="--method trajectory"`.
-"""
 _SECTION = """\
-## Method `{method}`
-
 {hours} hours of `servicer7`, *mid* noise: {updates} updates. {provenance}
 
 An update took {ratio:.2f} times as long in the last hour as in the first one; resident memory changed by {growth:.1f}
@@ -128,8 +118,7 @@ MB after the first hour. {alarms} disturbances were reported, although there is 
 
 At the end, error and reported standard deviation; the largest error is {worst:.1f} standard deviations:
 
-{final}
-"""
+{final}"""
 
 
 if __name__ == '__main__':

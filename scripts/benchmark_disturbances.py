@@ -257,7 +257,7 @@ def main() -> None:
     for (row, method), outcome in frame.outcomes(Outcome, run, work):
         lines.append(_line(row, method, outcome, plain.setdefault(method, outcome)))
         print(' | '.join(lines[-1]), flush=True)
-    frame.write(_PAGE.format(table=table(_HEADER, lines), provenance=provenance()))
+    frame.write(table=f'{table(_HEADER, lines)}\n\n{provenance()}')
 
 
 def _line(row: Row, method: str, outcome: Outcome, plain: Outcome) -> list[str]:
@@ -290,28 +290,6 @@ _HEADER = (
     *('case', 'method', 'in the model', 'RMSE over undisturbed', 'worst', 'std', 'covered', 'least', 'largest error'),
     *('events', 'inconsistent', 'by'),
 )
-_PAGE = """\
-# Disturbances
-
-The price of a disturbance, and whether the estimator reports it: `servicer7`, *mid* noise, 60 s at 100 Hz, simulated as
-by `simulate` and processed by the same session as in `replay` and the node. [How it works](method.md).
-
-- *RMSE over undisturbed*: of the ten parameters, over those of the same method undisturbed: median and worst.
-- *std*: the median widening of the reported standard deviations, the price of more unknowns.
-- *covered*: the share of the 95 % intervals that hold the truth; *least*: that of the worst parameter.
-- *largest error* of any parameter in any run, in reported standard deviations, `inconsistent` runs included.
-- *events*: their mean number, and the share of runs with any; *inconsistent*: the share of runs with that status at the
-  end; *by*: when the last run reported its first event.
-
-The robot is declared as exactly its URDF, except where the option differs. Wrong known links are drawn anew in each run
-from the prior of `known_links.relative_std`. Where that prior is declared, everything is published, however wide its
-interval. After the capture, errors are those of the captured body alone (ten parameters) and of the momentum that it
-had before (six).
-
-{table}
-
-{provenance}
-"""
 
 
 if __name__ == '__main__':

@@ -30,13 +30,13 @@ def main() -> None:
     summary = _summary(verdicts, method)
     print(summary)
     sections = [
-        f'## {group.capitalize()}\n\n'
+        f'### {group.capitalize()}\n\n'
         + table(_HEADER, [_line(one, verdict) for one, verdict in verdicts.items() if one.group == group], words=True)
         for group in dict.fromkeys(condition.group for condition in chosen)
     ]
+    frame.write(summary=summary, conditions='\n\n'.join([*sections, provenance()]))
     if set(WRONG_FILES) <= set(work):
-        sections.append(_wrong_files({condition.name: verdict for condition, verdict in verdicts.items()}))
-    frame.write(_PAGE.format(summary=summary, sections='\n\n'.join(sections), provenance=provenance()))
+        frame.write(files=_wrong_files({condition.name: verdict for condition, verdict in verdicts.items()}))
 
 
 def _statuses(verdict: Verdict) -> str:
@@ -93,50 +93,13 @@ def _wrong_files(verdicts: Mapping[str, Verdict]) -> str:
         outcome = '**silently wrong**' if verdict.silently_wrong else outcome
         rows.append([name, outcome, ', '.join(verdict.statuses).replace('_', ' '), _named(verdict)])
     header = ('error in the URDF', 'outcome', 'last status', 'named first')
-    return f'{_WRONG_FILES}{table(header, rows, words=True)}'
+    return table(header, rows, words=True)
 
 
 _HEADER = (
     *('condition', 'seeds', 'last status', 'covered', 'largest error', 'jointly', 'at first', 'later', 'named first'),
     *('true cause', 'silently wrong'),
 )
-_PAGE = """\
-# Never silently wrong
-
-{summary}
-
-A short motion cannot reveal a model far from the robot. Estimates of the first 6 s with numbers therefore carry a
-warning.
-
-`servicer7` with *mid* noise, 60 s at 100 Hz unless the condition differs, simulated in memory and processed by the same
-session as in `replay` and the node, with default parameters. Only the noise is declared, at its true standard
-deviations unless the condition differs.
-
-- *last status*: with the number of runs; `refused`: the robot or a parameter is not accepted.
-- *covered*: share of the 95 % intervals that hold the truth. *largest error*: of any parameter, in reported standard
-  deviations. *jointly*: of all parameters of a run together, as deviations of a single one that is as unlikely. All of
-  the runs that end `converged` or `estimating`; a dash if none does.
-- *at first*, *later*: the largest error of any parameter in any estimate during any run, with its time: of estimates
-  with the warning that they are first ones, and of all others.
-- *named first*: the first cause or, without any, the first event or warning of the last estimate, in most of the runs.
-  [trajectory.md](trajectory.md#verdict-coreverdict) explains how causes are found.
-- *true cause*: its place among the named causes of each run, a dash if it is missing. Runs that are right and name
-  nothing are left out.
-- *silently wrong*: a run ends `converged` or `estimating`, and a parameter, or all jointly, is beyond 5 standard
-  deviations, or fewer than 60 % are covered.
-
-{sections}
-
-{provenance}
-"""
-_WRONG_FILES = """\
-## Twelve wrong URDFs of one robot
-
-The conditions above with an error in the file. *detected*: every run ends `inconsistent` or `not_identifiable`;
-*inside*: runs that publish hold the truth as above; *refused*: the file is not accepted. No motion reveals a file whose
-masses are all wrong by one factor. `replay` and the node therefore report the total mass first.
-
-"""
 
 
 if __name__ == '__main__':

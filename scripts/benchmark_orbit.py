@@ -270,7 +270,7 @@ def main() -> None:
         found = dict(frame.outcomes(Outcome, run, work))
         text = f'{_table(part, found)}\n\n{provenance(f"{len(seeds)} seeds")}'
         print(f'{text}\n', flush=True)
-        frame.write_marked(part, text)
+        frame.write(**{part: text})
 
 
 def _table(part: str, found: Mapping[Row, Outcome]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.data import NOISE, RATE, kernel, sampled
 from benchmarks.frame import Frame, Runs, declared, number, provenance, table
-from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS, best_of_sinusoids
+from benchmarks.random_sinusoids import SINUSOIDS, best_of_sinusoids
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT
 from mbaid_ros.config.parameters import build
@@ -221,7 +221,7 @@ def main() -> None:
     for case, outcome in frame.outcomes(Outcome, run, work):
         rows.append(_row(case, outcome))
         print(' | '.join(rows[-1]), flush=True)
-    frame.write(_PAGE.format(table=table(_HEADER, rows), provenance=provenance(), usual=PlanSettings.effort))
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
 
 
 def _row(case: Case, found: Outcome) -> list[str]:
@@ -268,33 +268,6 @@ _HEADER = (
     *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best', f'{LONGER} compared'),
     *('reached / predicted', 'of the true body', 'in 95 %', 'turned, most', 'turned, drawn', 'search'),
 )
-_PAGE = f"""\
-# Planned motions, measured
-
-A state is drawn: a pose of the arm, a slow tumble (2 mrad/s about each axis, one standard deviation), six seconds of a
-drawn motion at 2 deg/s at most, half a second of rest. Sensors read it at 100 Hz (encoders 0.1 mrad, base 1 mm and 0.1
-mrad, twist 1 mm/s and 0.1 mrad/s), and method `trajectory` identifies it. From there a motion is planned that brings
-every parameter to {100.0 * WANTED:g} %, with the default {{usual}} motions compared.
-The simulated robot then makes it, with noise.
-
-- **planned**: its length, median.
-- **best of {SINUSOIDS}**: shortest time in which one of {SINUSOIDS} random sinusoids is predicted to reach the same,
-  a dash if in half of the states none does so in {LENGTHS[-1]:g} s. They have two terms a joint, periods of 8 to 40 s,
-  the same limits of joints and base, and need not end at rest.
-- **planned / best**: median of the ratios, and their range; 0 if no sinusoid reaches it.
-- **{LONGER} compared**: the median of a search that compares so many motions, from the first {LONGER_SEEDS} states of
-  two robots; in brackets that of the usual search for the same states.
-- **reached / predicted**: standard deviations after the motion, median and range over parameters and states, and the
-  share within 0.8 to 1.2. **of the true body**: the same over the prediction for the true body.
-- **in 95 %**: errors within the estimator's intervals.
-- **turned, most**: the largest turn of the base from its orientation with the joints at rest, and the number beyond the
-  limit. **turned, drawn**: the same of {DRAWS} robots for each state, drawn from the posterior where the motion begins.
-- **search**: median time of one core.
-
-{{table}}
-
-{{provenance}}
-"""
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Write docs/speed.md: processor time as ratios to the work that no such program can avoid; sections by --parts.
+"""Write the tables of docs/speed.md: processor time over that of the work which no such program can avoid.
 
 Measured pairs alternate on the same machine under the same load; medians are given.
 """
@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks import speed_core
 from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
 from benchmarks.frame import Frame, number, provenance, table
@@ -28,8 +27,7 @@ from mbaid_ros.config.parameters import build, values_of
 
 HERE = Path(__file__).parent / 'benchmarks'
 METHODS = ('difference', 'trajectory')
-LENGTHS = (1, 2, 10, 60)  # min
-_ROWS, _RATE, _SHORT = 3_000, 1000.0, 10.0  # samples; Hz, of each topic of the live runs; s
+_RATE, _SHORT = 1000.0, 10.0  # Hz, of each topic of the live runs; s
 # Parameters beside those of servicer7_estimator.yaml, which declares a robot that is exactly its URDF.
 _DEFAULTS = values_of(build(EstimatorConfig, {}))
 VARIANTS: dict[str, Mapping[str, object]] = {
@@ -56,22 +54,20 @@ class Cost:
 
 def main() -> None:
     """Measure the chosen parts."""
-    frame = Frame(__doc__, 'speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='Replay, Live node, Core, Start')
+    frame = Frame(__doc__, 'speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
     arguments = frame.arguments
     parts: dict[str, Callable[[Path], str]] = {
-        'Replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),
-        'Live node': lambda folder: _live(folder, arguments.seconds, arguments.repeats),
-        'Core': lambda _: _core(arguments.repeats, max(1, round(arguments.minutes))),
-        'Start': lambda folder: _starts(folder, arguments.repeats),
+        'replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),
+        'live': lambda folder: _live(folder, arguments.seconds, arguments.repeats),
+        'start': lambda folder: _starts(folder, arguments.repeats),
     }
     for name, part in parts.items():
         if name in arguments.parts:
             with TemporaryDirectory() as folder:
                 text = part(Path(folder))
             note = f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} at the end'
-            section = f'## {name}\n\n{text}\n\n{provenance(note)}\n'
-            print(section, flush=True)
-            frame.write_section(_HEAD, section, list(parts))
+            print(text, flush=True)
+            frame.write(**{name: f'{text}\n\n{provenance(note)}'})
 
 
 def _replays(folder: Path, minutes: float, repeats: int) -> str:
@@ -88,12 +84,8 @@ def _replays(folder: Path, minutes: float, repeats: int) -> str:
         cost, least = _median(each), _median(floor)
         seconds = (number(cost.cpu, 1), number(least.cpu, 1))
         rows.append([name, ratio, *seconds, number(cost.memory), number(least.memory)])
-    return (
-        f'Processor time of `replay` on a bag of {minutes:g} min at 100 Hz, as many JointState as Odometry, over that '
-        'of a process that reads and deserialises the same bag with rosbags. Wanted: at most 1.3 for a robot that is '
-        'its URDF, 3 for another, and below 400 MB.\n\n'
-        + table(['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB'], rows)
-    )
+    header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
+    return f'A bag of {minutes:g} min at 100 Hz:\n\n{table(header, rows)}'
 
 
 def _live(folder: Path, seconds: float, repeats: int) -> str:
@@ -103,28 +95,8 @@ def _live(folder: Path, seconds: float, repeats: int) -> str:
         shares = [[1e3 * float(np.percentile(run.latencies, share)) for run in runs] for share in (50.0, 99.0, 100.0)]
         ratio = _middle([run.cpu / run.floor for run in runs])
         rows.append([name, ratio, *(_middle(each, '.1f') for each in shares), str(sum(run.lost for run in runs))])
-    return (
-        f'Processor time of `estimator` with two topics at 1 kHz each for {seconds:g} s, over that of a bare node with '
-        'the same two subscriptions; time from the last sample of a window to the arrival of its estimate, percentiles '
-        'of each run; lost messages. Wanted: at most 1, p99 below 15 ms, none lost.\n\n'
-        + table(['method', 'ratio', 'p50, ms', 'p99, ms', 'longest, ms', 'lost'], rows)
-    )
-
-
-def _core(repeats: int, longest: int) -> str:
-    ours, peer = speed_core.rows(_ROWS, repeats)
-    ratio = _middle([one / other for one, other in zip(ours, peer, strict=True)])
-    kilo = [number(1e-3 * float(np.median(values)), 1) for values in (ours, peer)]
-    joints = {'difference': speed_core.identification_by_joints('difference', _SHORT, repeats)}
-    minutes = [length for length in LENGTHS if length <= longest]
-    lengths = {name: speed_core.identification_by_length(name, minutes) for name in METHODS}
-    return (
-        f'Regressor and known momentum of a sample, by the kernel for {_ROWS} samples at once, and one by one in a '
-        f'loop over pinocchio: {kilo[0]} and {kilo[1]} thousand samples a second, a ratio of {ratio}. '
-        'Wanted: 400 thousand, and 10.\n\nThousand samples a second of one core, by number of joints:\n\n'
-        f'{_growth(joints, "joints")}\n\nand in the last minutes (at most five) of runs of some length; the first '
-        f'column holds the search for a start:\n\n{_growth(lengths, "run, min")}'
-    )
+    header = ['method', 'ratio', 'p50, ms', 'p99, ms', 'longest, ms', 'lost']
+    return f'Two topics at {_RATE:g} Hz each for {seconds:g} s:\n\n{table(header, rows)}'
 
 
 def _starts(folder: Path, repeats: int) -> str:
@@ -136,9 +108,7 @@ def _starts(folder: Path, repeats: int) -> str:
     for name, command in commands.items():
         cost = _median([_measured(command) for _ in range(repeats)])
         rows.append([name, number(cost.wall), number(cost.cpu), number(cost.memory)])
-    return 'The whole process. Wanted: the help within 0.3 s.\n\n' + table(
-        ['', 'wall, s', 'processor, s', 'peak, MB'], rows
-    )
+    return table(['', 'wall, s', 'processor, s', 'peak, MB'], rows)
 
 
 def _replay(bag: Path, parameters: Mapping[str, object]) -> list[str]:
@@ -158,24 +128,9 @@ def _median(costs: Sequence[Cost]) -> Cost:
     return Cost(*(float(np.median([getattr(cost, name) for cost in costs])) for name in ('wall', 'cpu', 'memory')))
 
 
-def _growth(rates: Mapping[str, Mapping[int, float]], name: str) -> str:
-    """Return a table of thousand samples a second, a column for each size."""
-    rows = [[what, *(number(1e-3 * rate) for rate in found.values())] for what, found in rates.items()]
-    return table([name, *(f'{size}' for size in next(iter(rates.values())))], rows)
-
-
 def _middle(values: Sequence[float], form: str = '.2f') -> str:
     """Return median and range of values, one a pair."""
     return f'{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})'
-
-
-_HEAD = """\
-# Speed
-
-Costs over those that no such program can avoid: reading a bag, receiving a message. Ratios of times measured in turn in
-one run, the median first and the range behind it; robot `servicer7` with seven joints, *mid* noise.
-`make benchmark-speed` measures all of it anew, one part with `ARGS="--parts Replay"`.
-"""
 
 
 if __name__ == '__main__':

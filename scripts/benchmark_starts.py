@@ -19,7 +19,7 @@ def main() -> None:
     for name, outcome in frame.outcomes(Outcome, run, work):
         rows.append(_row(name, outcome))
         print(' | '.join(rows[-1]), flush=True)
-    frame.write(_PAGE.format(method=method, table=table(_HEADER, rows), provenance=provenance()))
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
 
 
 def _row(name: str, outcome: Outcome) -> list[str]:
@@ -47,18 +47,6 @@ _HEADER = (
     *('motion', 'runs', 'estimate by the end', 'last status', 'first, s: median, latest', 'largest error ever'),
     *('beyond 5 ever', 'at the end', 'seeds beyond 5'),
 )
-_PAGE = """\
-# Starts
-
-Motions that are hard to start with, method `{method}` with default parameters, `servicer7` with *mid* noise at 100 Hz
-unless another robot is named; every run has a motion of its own. The base tumbles slowly, or has no momentum (*from
-rest*). Errors are in reported standard deviations, of any parameter in any estimate that is published as `estimating`
-or `converged`: *ever* during a run, or *at the end* of it.
-
-{table}
-
-{provenance}
-"""
 
 
 if __name__ == '__main__':

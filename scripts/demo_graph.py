@@ -1,4 +1,4 @@
-"""A ROS 2 graph of one's own: the package's executables as processes, and a node that sees what they say."""
+"""A ROS 2 graph for the demos: the package's executables as processes, and a node that listens."""
 
 from __future__ import annotations
 
@@ -6,23 +6,25 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-# A graph of its own: no other ROS 2 system on this machine or network takes part. Of the domains whose ports Linux does
-# not hand out, those that hardly anyone uses.
+# A graph of its own, on a domain that hardly anyone uses and whose ports Linux does not assign.
 os.environ['ROS_DOMAIN_ID'] = str(215 + os.getpid() % 18)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('quick_discovery.xml'))
 
+import rclpy
 from ament_index_python.packages import get_package_prefix
 from geometry_msgs.msg import InertiaStamped
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.core.errors import DataError
@@ -33,25 +35,29 @@ CONFIG = ROOT / 'config'
 PATIENCE = 20.0  # s, for a process to appear on the graph or to end
 
 
-class Processes:
-    """The executables of the package as processes, each with its output in a file.
+def assigned(values: Mapping[str, object]) -> list[str]:
+    """Return the words of a command line that set parameters."""
+    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
-    Parameters
-    ----------
-    folder : where the outputs go
-    """
+
+class Processes:
+    """The executables of the package as processes, each with its output in a file of a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, *arguments: object) -> subprocess.Popen[bytes]:
-        """Start an executable, found where `ros2 run mbaid_ros` finds it."""
+        """Start an executable, where `ros2 run mbaid_ros` finds it."""
         path = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / name
         with self._log(name).open('wb') as log:
             process = subprocess.Popen([path, *map(str, arguments)], stdout=log, stderr=subprocess.STDOUT)
         self._running[name] = process
         return process
+
+    def node(self, name: str, *arguments: object) -> subprocess.Popen[bytes]:
+        """Start a node with ROS arguments."""
+        return self.start(name, '--ros-args', *arguments)
 
     def check(self) -> None:
         """Raise a DataError if one has failed."""
@@ -61,7 +67,7 @@ class Processes:
                 raise DataError(f'{name} ended with exit code {process.returncode}: {" | ".join(lines[-3:])}')
 
     def stop(self, name: str) -> None:
-        """Ask one to end, as Ctrl-C does, and wait for it."""
+        """Interrupt one, as Ctrl-C does, and wait for its end."""
         if self._running[name].poll() is None:
             self._running[name].send_signal(signal.SIGINT)
         self.wait(name, PATIENCE)
@@ -75,14 +81,14 @@ class Processes:
         self.check()
 
     def close(self) -> None:
-        """End whatever still runs."""
+        """End all that still run."""
         for process in self._running.values():
             if process.poll() is None:
                 process.terminate()
         for process in self._running.values():
             with suppress(subprocess.TimeoutExpired):
                 process.wait(3.0)
-            process.kill()  # nothing to one that has ended
+            process.kill()
             process.wait()
 
     def _log(self, name: str) -> Path:
@@ -90,12 +96,7 @@ class Processes:
 
 
 class Spectator:
-    """A node of the demo itself: it sees the estimates and the truth.
-
-    Parameters
-    ----------
-    processes : whose failure ends any waiting
-    """
+    """A node that collects estimates and truths; a failure of the processes ends its waiting."""
 
     def __init__(self, processes: Processes) -> None:
         self._processes = processes
@@ -118,13 +119,13 @@ class Spectator:
             self._executor.spin_once(timeout_sec=0.1)
 
     def recorded(self, topic: str) -> bool:
-        """Tell whether the recorder listens to a topic."""
+        """Return whether the recorder listens to a topic."""
         return any(info.node_name == 'recorder' for info in self._node.get_subscriptions_info_by_topic(topic))
 
 
 @contextmanager
 def running(folder: Path) -> Iterator[Processes]:
-    """Give processes that end with the block, however it is left."""
+    """Give processes, with ROS initialised in this one; both end with the block."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -132,6 +133,8 @@ def running(folder: Path) -> Iterator[Processes]:
     signal.signal(signal.SIGTERM, interrupt)
     processes = Processes(folder)
     try:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         yield processes
+        try_shutdown()
     finally:
         processes.close()

@@ -232,7 +232,7 @@ def main() -> int:
     faults = f'{len(wrong)} faults.' + ''.join(f'\n- {text[:300]}' for text in wrong)
     print('\n'.join([faults, *wrong]))
     load = f'the load of the machine {os.getloadavg()[2]:.1f}'
-    frame.write_marked('attacks', '\n\n'.join([provenance(load), *parts, faults]))
+    frame.write(attacks='\n\n'.join([provenance(load), *parts, faults]))
     return int(bool(wrong))
 
 

@@ -129,21 +129,17 @@ def main() -> int:
         ]
         for form, rate in settings
     ]
-    page = _PAGE.format(
-        claims=table(['claim', 'measured', 'by which setting'], _claims(settling, begins, difference), words=True),
-        settling=table(['form, samples', 'm / x_c / y_c / Izz, s', 'independent implementation'], rows),
-        exact=table(
-            ['robot, form', 'largest relative error'], [[k, f'{v:.0e}'] for k, v in (exact | difference).items()]
-        ),
-        longest=longest,
-        provenance=provenance(),
-    )
-    print(page)
+    claims = table(['claim', 'measured', 'by which setting'], _claims(settling, begins, difference), words=True)
+    times = table(['form, samples', 'm / x_c / y_c / Izz, s', 'independent implementation'], rows)
+    times += f'\n\nWith every unknown scaled to order one, all forms at all rates settle within {longest:.1f} s.'
+    errors = [[name, f'{error:.0e}'] for name, error in (exact | difference).items()]
+    largest = table(['robot, form', 'largest relative error'], errors)
+    print(claims, times, largest, sep='\n\n')
     problems = list(_problems(settling, exact, difference))
     for problem in problems:
         print(f'paper_table.py: {problem}', file=sys.stderr)
     if not problems:
-        frame.write(page)
+        frame.write(claims=f'{claims}\n\n{provenance()}', settling=times, exact=largest)
     return int(bool(problems))
 
 
@@ -211,33 +207,6 @@ def _claims(
             'combinations of them can; no body of a chain by itself',
         ],
     ]
-
-
-_PAGE = """\
-# The paper's claims
-
-The case of the paper: Table 1, passive joints, no noise, total linear momentum zero; its recursive least squares with
-P0 = 1e6 I, a forgetting factor of 0.99 and one step a sample, on the equations 22 and 25 as corrected. {provenance}
-
-{claims}
-
-## Time to settle
-
-Seconds until the mass, the CoM's coordinates and the inertia stay within 1 %, beside those of an implementation that
-shares no code with this one. They are the recursion's; `replay` publishes a value once the initial covariance makes
-less than a fiftieth of it, at most 3 % later.
-
-{settling}
-
-These seconds are mostly the prior: a variance of 1e6 is large for 1/m, of size 1e-3, and small for Izz, of size 3e3.
-With every unknown scaled to order one, all forms at all rates settle within {longest:.1f} s.
-
-## Without noise in space
-
-Sixty seconds at 100 Hz; the largest error of the ten parameters (of the four in the plane for Table 1).
-
-{exact}
-"""
 
 
 if __name__ == '__main__':

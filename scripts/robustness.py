@@ -119,7 +119,7 @@ def main() -> None:
             cells += [errors(last), largest, last.status.replace('_', ' ')]
         rows.append([*cells, '; '.join(f'"{text}"' for text in dict.fromkeys(warnings)) or '-'])
         print(' | '.join(rows[-1]), flush=True)
-    frame.write_marked('defects', table([*header, 'warnings'], rows, words=True))
+    frame.write(defects=table([*header, 'warnings'], rows, words=True))
 
 
 if __name__ == '__main__':

@@ -10,7 +10,6 @@ from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed, 
 from benchmarks.frame import Frame, Runs
 from benchmarks.methods import METHODS, Identification
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.sensor_levels import CHANNELS
 from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees, nees_band, rmse
 
@@ -99,11 +98,6 @@ class Summary:
     def worst(self) -> float:
         """Largest RMSE over bound."""
         return float(np.nanmax(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
-
-    @property
-    def worst_name(self) -> str:
-        """Parameter with the largest RMSE over bound."""
-        return PARAMETERS[int(np.nanargmax(self.ratio))] if np.any(np.isfinite(self.ratio)) else ''
 
     @property
     def reports_std(self) -> bool:

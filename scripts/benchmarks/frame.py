@@ -89,7 +89,7 @@ class Frame:
     Parameters
     ----------
     documentation : of the script, whose first line is its help
-    page : name of the file in docs/ that it writes
+    page : name of the file in docs/ whose tables it writes
     seeds : default number of runs of each row; None for a benchmark without seeds
     options : defaults of further arguments, by name
     """
@@ -104,7 +104,7 @@ class Frame:
             add('--store', type=Path, metavar='FOLDER', help='save finished runs there, and continue from them')
         for name, value in options.items():
             add(f'--{name}', type=type(value), default=value, help='default: %(default)s')
-        add('--output', type=Path, metavar='FOLDER', help=f'write {page} there')
+        add('--output', type=Path, metavar='FOLDER', help=f'write the tables of {page} there')
         self.arguments = self._parser.parse_args()
         self._page = page
 
@@ -141,47 +141,22 @@ class Frame:
                 file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
                 yield row, completed(kind, file, each, run, pool, bar)
 
-    def write(self, text: str) -> None:
-        """Write the whole page, if --output is given."""
-        if path := self.path:
-            path.write_text(text.rstrip('\n') + '\n', encoding='utf-8')
-
-    def write_marked(self, name: str, text: str) -> None:
-        """Replace the text between the marks that the page has for a name, if --output is given."""
-        if path := self.path:
-            replace_marked(path, name, f'scripts/{Path(sys.argv[0]).name}', text)
-
-    def write_section(self, head: str, section: str, order: Sequence[str]) -> None:
-        """Replace one section of a page, if --output is given.
-
-        Parameters
-        ----------
-        head : text before the sections
-        section : Markdown that begins with its heading, ##
-        order : of the headings; a section with another one is dropped
-        """
-        if path := self.path:
-            sections = path.read_text(encoding='utf-8').split('\n## ')[1:] if path.is_file() else []
-            known = {text.partition('\n')[0]: text.strip('\n') for text in (*sections, section.removeprefix('## '))}
-            self.write('\n'.join([head, *(f'## {known[heading]}\n' for heading in order if heading in known)]))
-
-    @property
-    def path(self) -> Path | None:
-        """The page; None without --output."""
-        if self.arguments.output is None:
-            return None
-        self.arguments.output.mkdir(parents=True, exist_ok=True)
-        return Path(self.arguments.output / self._page)
+    def write(self, **texts: str) -> None:
+        """Replace the texts between the marks that the page has for their names, if --output is given."""
+        if self.arguments.output is not None:
+            for name, text in texts.items():
+                replace_marked(self.arguments.output / self._page, name, text)
 
 
-def replace_marked(page: Path, name: str, writer: str, text: str) -> None:
-    """Replace the text between the marks of a page, `<!-- name: written by writer -->` and `<!-- end of name -->`.
+def replace_marked(page: Path, name: str, text: str) -> None:
+    """Replace the text between the marks of a page for a name, which also has the name of this script.
 
     Raises
     ------
     ValueError
         The page has no such marks.
     """
+    writer = f'scripts/{Path(sys.argv[0]).name}'
     head, tail = f'<!-- {name}: written by {writer} -->\n', f'\n<!-- end of {name} -->'
     before, there, rest = page.read_text(encoding='utf-8').partition(head)
     _, closed, after = rest.partition(tail)
