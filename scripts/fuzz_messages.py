@@ -1,11 +1,9 @@
 """Send damaged messages into the node `estimator`: CDR bytes as they come from the middleware, and what they may mean.
 
-usage: fuzz_messages.py [--inputs N] [--seed N]    (with `install/setup.bash` sourced)
-
-An input is a stretch of messages of a robot, of which some are damaged: bits flipped, cut, lengths overwritten, parts
-in other places, names, stamps, numbers and covariances that are none; with wrenches and stored momenta among them.
-Nothing may come out of a callback, and estimates stay numbers. After each hundred inputs the node is reset and sent a
-clean stream: what it then publishes has to be, to the last bit, what it published of that before all this.
+An input is a stretch of messages of a robot, some of them damaged: flipped bits, cuts, overwritten lengths, moved parts,
+invalid names, stamps, numbers and covariances; with wrenches and stored momenta among them. No callback may raise, and
+estimates stay numbers. After each hundred inputs the node is reset and receives a clean stream: its estimates have to
+be those of the same stream before all inputs, to the last bit.
 """
 
 from __future__ import annotations
