@@ -19,7 +19,6 @@ from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.information import Grid
 from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.core.planning.motions import Motions
 from mbaid_ros.core.planning.plan import Plan
@@ -37,7 +36,6 @@ from mbaid_ros.core.simulation.dynamics import State
 from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.core.simulation.steered import made_to_follow
-from mbaid_ros.core.trajectory.state import BODY
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.methods import make_reporting
 
@@ -48,7 +46,6 @@ TURN = np.radians(2.0)  # rad, limit of the base's turn
 WINDOW, KNOTS = 0.5, 10  # s, of the estimator
 FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
 SPIN = 0.002  # rad/s, standard deviation of the base's rates
-LONGER, LONGER_SEEDS = 5000, 4  # motions that a longer search compares, and the first states that it starts from
 DRAWS = 5  # robots of the posterior for each planned motion
 CLOSE = 0.2  # relative difference of reached and predicted deviations that counts as close
 
@@ -73,12 +70,10 @@ class Outcome(Runs):
 
     planned: Array  # s, of the motion; NaN if the wanted accuracy was out of reach
     sinusoids: Array  # s, of the best of the sinusoids; infinite if none reached it in the longest of LENGTHS
-    longer: Array  # s, of the motion of a search of LONGER; NaN for none
     searched: Array  # s, processor time of the search
     turned: Array  # rad, of the base
     strayed: Array  # (..., DRAWS) rad, of the bases of drawn robots; NaN for one that is not physical
     reached: Array  # (..., 10) relative standard deviations after the motion over the predicted ones; NaN for none
-    true_body: Array  # (..., 10) the same over those predicted for the true body
     normalised: Array  # (..., 10) errors in the estimator's standard deviations; NaN for none
 
 
@@ -105,23 +100,14 @@ def run(work: tuple[Case, int]) -> Outcome:
     plan = planner.plan()
     searched = time.process_time() - begin
     best = best_of_sinusoids(planner.motions, Wanted(settings.relative, planner.information.asked), base, generator)
-    longer = np.nan
-    if case.robot != 'servicer7' and seed < LONGER_SEEDS:
-        longer = _length(Planner(knowledge, reporting, replace(settings, effort=LONGER)).plan())
     moved = _follow(model, _last(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
     turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
-    lengths = [np.asarray(each) for each in (_length(plan), best, longer, searched, turned)]
-    others = [_strayed(planner.motions, _last(truth), plan, seed), reached]
-    others.append(reached * plan.after / _of_the_true_body(planner.motions, plan, own))
-    return Outcome(*lengths, *others, normalised)
-
-
-def _length(plan: Plan) -> float:
-    """Return the length of a planned motion, s; NaN if the wanted accuracy was out of reach."""
-    return plan.trajectory.duration if plan.reached else np.nan
+    length = plan.trajectory.duration if plan.reached else np.nan
+    lengths = [np.asarray(each) for each in (length, best, searched, turned)]
+    return Outcome(*lengths, _strayed(planner.motions, _last(truth), plan, seed), reached, normalised)
 
 
 def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
@@ -196,15 +182,6 @@ def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
     return turned
 
 
-def _of_the_true_body(motions: Motions, plan: Plan, kernel: MomentumKernel) -> Array:
-    """Return the (10,) relative standard deviations that a plan would have predicted for the true body."""
-    known = motions.knowledge
-    mean = known.mean.copy()
-    mean[BODY] = kernel.target.parameters
-    grid = Grid.over(plan.trajectory.duration, WINDOW, KNOTS)
-    return motions.relative_along(plan.trajectory, grid, replace(known, mean=mean).point)
-
-
 def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
     """Return reached over predicted standard deviations, and normalised errors, (10,) each; NaN for none."""
     determined = plan.asked & final.identifiable
@@ -238,9 +215,7 @@ def _row(case: Case, found: Outcome) -> list[str]:
         f'{number(float(np.nanmedian(found.planned)), 1)} s' + (f' ({missing} out of reach)' if missing else ''),
         f'{number(float(np.median(found.sinusoids)), 1)} s',
         f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
-        _longer(found),
         _predicted(found.reached),
-        _predicted(found.true_body),
         f'{np.sum(np.abs(errors) < BAND)} of {errors.size}',
         f'{np.degrees(found.turned.max()):.2f} deg{beyond[0]}',
         f'{np.degrees(strayed.max()):.2f} deg{beyond[1]}',
@@ -255,18 +230,9 @@ def _predicted(ratio: Array) -> str:
     return f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f}), {within:.0f} %'
 
 
-def _longer(found: Outcome) -> str:
-    """Return the median of a longer search, and of the usual one for the same states."""
-    made = np.isfinite(found.longer) & np.isfinite(found.planned) & np.isfinite(found.sinusoids)
-    if not made.any():
-        return '-'
-    longer, usual = (float(np.median((each / found.sinusoids)[made])) for each in (found.longer, found.planned))
-    return f'{longer:.2f} ({usual:.2f})'
-
-
 _HEADER = (
-    *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best', f'{LONGER} compared'),
-    *('reached / predicted', 'of the true body', 'in 95 %', 'turned, most', 'turned, drawn', 'search'),
+    *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best'),
+    *('reached / predicted', 'in 95 %', 'turned, most', 'turned, drawn', 'search'),
 )
 
 

@@ -91,10 +91,12 @@ def _replays(folder: Path, minutes: float, repeats: int) -> str:
 def _live(folder: Path, seconds: float, repeats: int) -> str:
     variants = {**VARIANTS, 'trajectory, contradicted: searches for start and causes': _CONTRADICTED}
     rows = []
-    for name, runs in live_runs(variants, folder, _RATE, seconds, repeats).items():
-        shares = [[1e3 * float(np.percentile(run.latencies, share)) for run in runs] for share in (50.0, 99.0, 100.0)]
-        ratio = _middle([run.cpu / run.floor for run in runs])
-        rows.append([name, ratio, *(_middle(each, '.1f') for each in shares), str(sum(run.lost for run in runs))])
+    for name, pairs in live_runs(variants, folder, _RATE, seconds, repeats).items():
+        shares = [
+            [1e3 * float(np.percentile(run.latencies, share)) for run, _ in pairs] for share in (50.0, 99.0, 100.0)
+        ]
+        ratio = _middle([run.cpu / bare.cpu for run, bare in pairs])
+        rows.append([name, ratio, *(_middle(each, '.1f') for each in shares), str(sum(run.lost for run, _ in pairs))])
     header = ['method', 'ratio', 'p50, ms', 'p99, ms', 'longest, ms', 'lost']
     return f'Two topics at {_RATE:g} Hz each for {seconds:g} s:\n\n{table(header, rows)}'
 

@@ -1,9 +1,8 @@
 """The loop on a live ROS 2 graph: identify, plan the next motion, move, identify, until everything is known to 1 %.
 
 `make demo-plan` runs it with everything set up. Simulator and estimator run as processes of their own. Joints move at
-1 deg/s, the base may turn by 2 deg. At the end the demo prints the time that random sinusoids within the same limits
-would take from the end of the first motion. Exit code 0: every standard deviation comes below 1 % and every error is
-within four of them, else 1.
+1 deg/s, the base may turn by 2 deg. Exit code 0: every standard deviation comes below 1 % and every error is within
+four of them, else 1.
 """
 
 from __future__ import annotations
@@ -20,28 +19,18 @@ from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks.data import LEVELS, model
 from benchmarks.frame import declared
-from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS, best_of_sinusoids
 from demo import seconds
 from demo_graph import CONFIG, ROOT, Processes, Spectator, assigned, running
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory as Trajectory
 from mbaid_ros.core.planning.limits import joint_limits
-from mbaid_ros.core.planning.search import Wanted
 from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.messages import stamp_of, trajectory_of
 from mbaid_ros.nodes.qos import qos
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.session import Session
-from mbaid_ros.session.planning import make_planner, plan_settings
-from mbaid_ros.simulated_run import SimulatedRun
 
 WANTED = 0.01
 SPEED = float(np.radians(1.0))  # rad/s
@@ -130,26 +119,6 @@ def simulated(folder: Path) -> dict[str, object]:
     return {**motion, **{name: value for name, value in declared(LEVELS['mid']).items() if value}}
 
 
-def time_of_sinusoids(folder: Path) -> float:
-    """Return the shortest time, s, of a random sinusoid from the end of the first motion; infinite for none.
-
-    Simulator and estimator are the same, without a graph.
-    """
-    robot = SimulatedRun(build(SimulatorConfig, simulated(folder)), model(ROBOT).urdf, BAG_TYPES)
-    given = load_parameter_file(CONFIG / f'{ROBOT}_estimator.yaml', 'estimator')
-    session = Session(build(EstimatorConfig, {**given, **PLAN, 'robot_description_file': ''}), model(ROBOT).urdf)
-    take = {'joint_states': session.add_joint_state, 'odom': session.add_odometry}
-    for timed in robot.read(FIRST + 0.5):
-        take[timed.topic](timed.message)
-    session.process()
-    known = session.knowledge()
-    if known is None:
-        raise DataError('there is no solution after the first motion')
-    planner, settings = make_planner(session.config, known), plan_settings(session.config)
-    wanted = Wanted(settings.relative, planner.information.asked)
-    return best_of_sinusoids(planner.motions, wanted, settings.base, np.random.default_rng(0))
-
-
 def loop(processes: Processes, folder: Path, speed: float) -> tuple[Any, Any, float]:
     """Identify, plan, move, and return the last estimate, the truth, and the time of planned motions, s."""
     (folder / 'first.yaml').write_text(as_yaml(first_motion()), encoding='utf-8')
@@ -218,10 +187,7 @@ def main(argv: list[str]) -> int:
         print(f'demo failed: {one_line(wrong)}', file=sys.stderr)
         return 1
     print(f'\nEvery parameter is known to {100.0 * WANTED:g} % ({time.monotonic() - begin:.0f} s in all).')
-    best = time_of_sinusoids(arguments.output)
-    one, none = f'the best of {SINUSOIDS} would take {best:.0f} s', f'none of {SINUSOIDS} would in {LENGTHS[-1]:g} s'
-    outcome = one if np.isfinite(best) else none
-    print(f'Planned motions took {moved:.0f} s; of random sinusoids within the same limits {outcome}.')
+    print(f'Planned motions took {moved:.0f} s.')
     return 0
 
 

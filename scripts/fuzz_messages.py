@@ -1,9 +1,8 @@
 """Send damaged messages into the node `estimator`: CDR bytes as they come from the middleware, and what they may mean.
 
-An input is a stretch of messages of a robot, some of them damaged: flipped bits, cuts, overwritten lengths, moved parts,
-invalid names, stamps, numbers and covariances; with wrenches and stored momenta among them. No callback may raise, and
-estimates stay numbers. After each hundred inputs the node is reset and receives a clean stream: its estimates have to
-be those of the same stream before all inputs, to the last bit.
+An input is a stretch of messages of a robot, some with damaged bytes or invalid names, stamps, numbers and covariances;
+with wrenches and stored momenta among them. No callback may raise, and estimates stay numbers. After each hundred
+inputs the node is reset and receives a clean stream: its estimates have to be those before all inputs, to the last bit.
 """
 
 from __future__ import annotations
@@ -185,13 +184,8 @@ def silenced(log: Path) -> Iterator[None]:
 def on_a_graph(count: int, seed: int, every: int = EVERY) -> Found:
     """Return what came of so many inputs of a node on a graph of its own, without anybody else."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
-    parameters = [
-        '-p',
-        f'robot_description_file:={CONFIG / "table1.urdf"}',
-        '-p',
-        f'method:={METHODS[seed % len(METHODS)]}',
-    ]
-    rclpy.init(args=['', '--ros-args', *parameters, '--log-level', 'error'])
+    model, method = f'robot_description_file:={CONFIG / "table1.urdf"}', f'method:={METHODS[seed % len(METHODS)]}'
+    rclpy.init(args=['', '--ros-args', '-p', model, '-p', method, '--log-level', 'error'])
     try:
         with tempfile.TemporaryDirectory() as folder, silenced(Path(folder) / 'log'):
             return fuzz(count, seed, every)

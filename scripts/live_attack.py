@@ -1,4 +1,4 @@
-"""Attack the nodes on a graph: kill them, send garbage, call services in a loop; writes into docs/robustness.md.
+"""Attack the nodes on a graph: kill them, call services in a loop; writes into docs/robustness.md.
 
 After ~/reset, the estimates of a clean recording have to be those of an untouched node, to the last bit. Exit code 1: a
 traceback, another exit code than a signal's, a hang, 1 GB, or another bit. Needs `install/setup.bash` sourced.
@@ -29,7 +29,6 @@ from std_srvs.srv import SetBool, Trigger
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
 
-from attack.garbage import garbage  # noqa: E402
 from attack.victim import Victim  # noqa: E402
 from benchmarks.bags import ROBOT, make_bag  # noqa: E402
 from benchmarks.data import CONFIG  # noqa: E402
@@ -218,7 +217,6 @@ def main() -> int:
     arguments, wrong, parts = frame.arguments, list[str](), list[str]()
     stages: list[Callable[[], str]] = [
         lambda: kills(arguments.kills, arguments.seed, wrong),
-        lambda: attacked(lambda victim, _: garbage(victim, arguments.seed, wrong), wrong),
         lambda: attacked(
             lambda victim, folder: calls(victim, folder, arguments.calls, arguments.seed), wrong, 'capture.time:=5.0'
         ),

@@ -1,1 +1,1 @@
-"""Attacks on the nodes on a graph of their own: kills, garbage on every topic, services in a loop."""
+"""The attacked node."""

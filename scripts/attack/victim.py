@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
@@ -25,8 +24,6 @@ from mbaid_ros.nodes.qos import qos
 from streams import every_bit, urdf
 
 KINDS: dict[str, Any] = {'joint_states': JointState, 'odom': Odometry}
-BEFORE = 1200  # messages of the recording before an attack
-_PARTS = ('estimator: samples', 'estimator: robot description')  # of /diagnostics
 _OPEN = 1_000_000_000  # ns, from the end of the recording: its last window may stay open
 _ACKNOWLEDGED = Duration(seconds=60.0)
 
@@ -60,16 +57,6 @@ class Victim:
     def describe(self, text: str) -> None:
         """Publish a robot description."""
         self.send('robot_description', String(data=text))
-
-    def begin(self) -> None:
-        """Start anew: the right robot, ~/reset, and the beginning of the recording."""
-        self.describe(urdf(ROBOT))
-        self.drained()
-        self.reset()
-        for topic, data in self.recording[:BEFORE]:
-            self.send(topic, data)
-        self.drained()
-        del self._diagnostics[:-1]
 
     def drained(self) -> None:
         """Wait until all messages are processed: two reports with the same number of received ones."""
@@ -111,17 +98,6 @@ class Victim:
         """Return the estimates since the last one that waits, without repeated ones."""
         begin = max(number for number, each in enumerate(self._estimates) if not each.samples)
         return [each for each in self._estimates[begin + 1 :] if not each.stale]
-
-    def complaints(self) -> list[str]:
-        """Return the warnings and errors about inputs in /diagnostics, each text once."""
-        statuses = [status for array in self._diagnostics for status in array.status if status.name in _PARTS]
-        levels = {DiagnosticStatus.WARN, DiagnosticStatus.ERROR}
-        return list(dict.fromkeys(status.message for status in statuses if status.level in levels))
-
-    def silence(self) -> float:
-        """Return the longest time between two reports in /diagnostics, s by the node's clock."""
-        stamps = [stamp_of(array) for array in self._diagnostics]
-        return 1e-9 * max(after - before for before, after in itertools.pairwise(stamps))
 
     def memory(self) -> float:
         """Return its resident memory, MB."""

@@ -3,39 +3,28 @@
 from __future__ import annotations
 
 import gc
-import os
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import rclpy
-from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
 from benchmarks.frame import processor_time
 from mbaid_ros.nodes.qos import qos
 
+sys.path.insert(0, str(CONFIG.parent / 'test'))
+
+from graph import Graph, graph  # from the tests, which are no package
+
 NODES = Path(__file__).with_name('speed_nodes.py')
-# A graph of its own, on a domain that hardly anyone uses and whose ports Linux does not assign.
-DOMAIN = 215 + os.getpid() % 18
-ENVIRONMENT = {
-    **os.environ,
-    'ROS_DOMAIN_ID': str(DOMAIN),
-    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    'FASTRTPS_DEFAULT_PROFILES_FILE': str(NODES.parents[1] / 'quick_discovery.xml'),
-}
-_PATIENCE = 20.0  # s
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
 
 
@@ -44,24 +33,22 @@ class Live:
     """A live run."""
 
     cpu: float  # s, processor time of the node
-    floor: float  # s, that of the bare node before
-    latencies: tuple[float, ...]  # s, from the stamp of a window's last sample to the arrival of its estimate
+    latencies: list[float]  # s, from the stamp of a window's last sample to the arrival of its estimate
     lost: int  # messages published and not received by the node
 
 
 def live_runs(
     variants: Mapping[str, Mapping[str, object]], folder: Path, rate: float, seconds: float, repeats: int
-) -> dict[str, list[Live]]:
-    """Return runs by variant, whose parameters are given; rate in Hz, of each topic."""
+) -> dict[str, list[tuple[Live, Live]]]:
+    """Return runs by variant, whose parameters are given, each with that of the bare node; rate in Hz, of a topic."""
     bag = folder / 'live'
     make_bag(bag, seconds / 60.0, rate)
-    publisher = [sys.executable, str(NODES), str(bag), str(rate)]
-    found: dict[str, list[Live]] = {name: [] for name in variants}
-    for _ in range(repeats):
-        floor = _run([sys.executable, str(NODES), 'bare'], publisher, seconds).cpu
-        for name, parameters in variants.items():
-            live = _run(_estimator(parameters), publisher, seconds)
-            found[name].append(Live(live.cpu, floor, live.latencies, live.lost))
+    found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
+    for number in range(repeats):
+        bare = _run(None, folder / f'bare{number}', (str(bag), str(rate)), seconds)
+        for place, (name, parameters) in enumerate(variants.items()):
+            live = _run(parameters, folder / f'{number}-{place}', (str(bag), str(rate)), seconds)
+            found[name].append((live, bare))
     return found
 
 
@@ -70,96 +57,60 @@ def assigned(values: Mapping[str, object]) -> list[str]:
     return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
-def _estimator(parameters: Mapping[str, object]) -> list[str]:
-    path = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / 'estimator'
-    options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', **parameters})
-    return [str(path), '--ros-args', '--params-file', str(CONFIG / f'{ROBOT}_estimator.yaml'), *options]
+def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple[str, str], seconds: float) -> Live:
+    """Return a run of the estimator, or of the bare node without parameters, with a bag published at a rate."""
+    folder.mkdir()
+    with graph(folder) as made, ExitStack() as stack:
+        if parameters is None:
+            pid = stack.enter_context(_python(made, 'bare')).pid
+        else:
+            options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', **parameters})
+            file = CONFIG / f'{ROBOT}_estimator.yaml'
+            pid = made.start('estimator', '--ros-args', '--params-file', file, *options).pid
+        latencies: list[float] = []
 
+        def arrived(message: InertiaEstimate) -> None:
+            if message.samples and message.status != 'waiting':
+                stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+                latencies.append(1e-9 * (time.time_ns() - stamp))
 
-def _run(command: Sequence[str], publisher: Sequence[str], seconds: float) -> Live:
-    """Return one run of a node; a node without diagnostics counts as one that has lost nothing."""
-    with _process(command) as node, _process(publisher) as source, _listener() as listener:
-        _line(source)
+        made.node.create_subscription(InertiaEstimate, '/estimator/estimate', arrived, qos(1000))
+        reports = made.collect('/diagnostics', DiagnosticArray, qos(1000))
+        source = stack.enter_context(_python(made, *published))
+        assert source.stdin is not None, 'it is a pipe'
+        assert source.stdout is not None, 'it is a pipe'
+        assert source.stdout.readline() == 'ready\n', 'the publisher has ended'
         gc.freeze()  # as in the publisher
-        before = processor_time(node.pid)
-        _continue(source)
-        listener.spin(seconds)
-        published = int(_line(source))
-        if listener.received:
-            listener.spin(_PATIENCE, lambda: min(listener.received.values()) >= published)
-        cpu = processor_time(node.pid) - before
-        _continue(source)
-        lost = sum(published - count for count in listener.received.values())
-        return Live(cpu, 0.0, tuple(listener.latencies), lost)
+        before, end = processor_time(pid), time.monotonic() + seconds
+        print(file=source.stdin, flush=True)
+        made.wait(lambda: time.monotonic() > end, 'the end', seconds + 1.0)
+        count = int(source.stdout.readline())
+        if parameters is not None:
+            made.wait(lambda: min(_received(reports), default=0) >= count, 'all messages')
+        cpu = processor_time(pid) - before
+        print(file=source.stdin, flush=True)
+        return Live(cpu, latencies, sum(count - each for each in _received(reports)))
 
 
-class _Listener:
-    """A node that records arrivals of estimates, and the number of messages that the estimator has received."""
-
-    def __init__(self, context: Context) -> None:
-        self.node = Node('listener', context=context, start_parameter_services=False)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.latencies: list[float] = []
-        self.received: dict[str, int] = {}
-        self.node.create_subscription(InertiaEstimate, '/estimator/estimate', self._on_estimate, qos(1000))
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos(1000))
-
-    def spin(self, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
-        """Listen for a time, or until a condition holds."""
-        end = time.monotonic() + seconds
-        while not done() and time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.1)
-
-    def _on_estimate(self, message: InertiaEstimate) -> None:
-        if message.samples and message.status != 'waiting':
-            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-            self.latencies.append(1e-9 * (time.time_ns() - stamp))
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            for item in status.values if status.name.endswith(_INPUTS) else ():
-                if item.key == 'received':
-                    self.received[status.name] = int(item.value)
+def _received(reports: list[Any]) -> list[int]:
+    """Return the numbers of received messages in the latest diagnostics."""
+    counts = {
+        status.name: int(item.value)
+        for report in reports
+        for status in report.status
+        if status.name.endswith(_INPUTS)
+        for item in status.values
+        if item.key == 'received'
+    }
+    return list(counts.values())
 
 
 @contextmanager
-def _listener() -> Iterator[_Listener]:
-    os.environ.update(ENVIRONMENT)  # read by the middleware of this process, too
-    context = Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    listener = _Listener(context)
-    try:
-        yield listener
-    finally:
-        listener.executor.shutdown()
-        listener.node.destroy_node()  # type: ignore[no-untyped-call]
-        rclpy.shutdown(context=context)
-
-
-@contextmanager
-def _process(command: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
-    """Run a process on the graph; interrupt it at the end, as Ctrl-C does."""
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(command, env=ENVIRONMENT, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.communicate(timeout=_PATIENCE)
-
-
-def _line(process: subprocess.Popen[str]) -> str:
-    """Return the next line of a process."""
-    line = process.stdout.readline() if process.stdout else ''
-    if not line:
-        raise RuntimeError(f'{process.args!r} has ended')
-    return line
-
-
-def _continue(process: subprocess.Popen[str]) -> None:
-    """Give a process the line that it waits for."""
-    if process.stdin:
-        process.stdin.write('\n')
-        process.stdin.flush()
+def _python(made: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run one of the nodes beside the estimator; it ends with the block."""
+    command, pipe = [sys.executable, str(NODES), *arguments], subprocess.PIPE
+    with subprocess.Popen(command, env=made.environment, stdin=pipe, stdout=pipe, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()

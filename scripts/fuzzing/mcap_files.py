@@ -55,9 +55,7 @@ def recorded() -> tuple[Message, ...]:
 
 
 def written(
-    messages: Sequence[Message],
-    compression: CompressionType = CompressionType.NONE,
-    lie: Callable[[str], str] = str,
+    messages: Sequence[Message], compression: CompressionType = CompressionType.NONE, lie: Callable[[str], str] = str
 ) -> bytes:
     """Return a bag of messages; `lie` changes the text of its schemas."""
     stream = io.BytesIO()

@@ -1,4 +1,4 @@
-"""One input through an executable, in this process: exit code, stderr of Python and C++, processor time, peak memory."""
+"""One input through an executable in this process: exit code, stderr of Python and C++, processor time, memory."""
 
 from __future__ import annotations
 
