@@ -8,43 +8,29 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.frame import Frame, number, percent, provenance, statuses, table
-from benchmarks.model_errors.runs import Outcome, estimates, run
-from benchmarks.model_errors.variant import STEPS, Variant, ladder, monte_carlo
+from benchmarks.model_errors.runs import Outcome, run
+from benchmarks.model_errors.variant import Variant, monte_carlo
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.parameters import PARAMETERS
 
-ROBOTS, EXAMPLE = ('servicer7', 'ets7', 'table1'), 'servicer7'
+ROBOTS = ('servicer7', 'ets7', 'table1')
 _OTHERS = 0.4  # of the seeds, for rows without all errors
-_LEAST = 0.01  # share of a variance that is worth a column
 
 
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'model-errors.md', seeds=50)
-    variants = [variant for robot in ROBOTS for variant in monte_carlo(robot)]
-    variants = [*sorted(variants, key=lambda one: one.name != 'all'), *(variant for _, _, variant in ladder(EXAMPLE))]
+    variants = sorted(
+        (variant for robot in ROBOTS for variant in monte_carlo(robot)), key=lambda variant: variant.name != 'all'
+    )
     work = {}
     for variant in frame.chosen(variants, lambda variant: f'{variant.robot}, {variant.name}'):
         seeds = frame.seeds if variant.name == 'all' else range(round(_OTHERS * len(frame.seeds)) or 1)
-        # On the ladder the robots are not drawn from the priors: there is no bound.
-        bounded = not variant.name.startswith('ladder')
-        work[variant] = (f'{variant.robot}-{variant.name}', [(variant, seed, bounded) for seed in seeds])
-    found: dict[Variant, Outcome] = {}
+        work[variant] = (f'{variant.robot}-{variant.name}', [(variant, seed) for seed in seeds])
+    rows = []
     for variant, outcome in frame.outcomes(Outcome, run, work):
-        found[variant] = outcome
-        print(' | '.join(_row(variant, outcome)), flush=True)
-    drawn = [_row(variant, outcome) for variant, outcome in found.items() if not variant.name.startswith('ladder')]
-    steps: dict[str, list[str]] = {}
-    for name, _, variant in ladder(EXAMPLE):
-        steps.setdefault(name, [name]).append(_step(found[variant]) if variant in found else '-')
-    budget = estimates(next(monte_carlo(EXAMPLE)), 0)[-1].budget
-    assert budget is not None, 'a run with all errors has a budget'
-    frame.write(
-        robots=f'{table(_HEADER, drawn)}\n\n{provenance()}',
-        ladder=table(['drawn with', *(f'{step:g}' for step in STEPS)], steps.values()),
-        budget=_budget(budget),
-    )
+        rows.append(_row(variant, outcome))
+        print(' | '.join(rows[-1]), flush=True)
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
 
 
 def _row(variant: Variant, outcome: Outcome) -> list[str]:
@@ -69,18 +55,6 @@ def _ratio(values: Array) -> str:
     if not np.any(np.isfinite(values)):
         return '-'
     return f'{number(float(np.nanmedian(values)))} ({number(float(np.nanmax(values)))})'
-
-
-def _step(outcome: Outcome) -> str:
-    covered = percent(float(np.nanmean(outcome.coverage))) if np.any(np.isfinite(outcome.coverage)) else '-'
-    size, name, seed = outcome.largest
-    return f'{number(size, 1)} ({name}, seed {seed}), {covered}, {statuses(outcome.status)}'
-
-
-def _budget(budget: ErrorBudget) -> str:
-    worth = [cause for cause, shares in zip(budget.causes, budget.shares.T, strict=True) if np.nanmax(shares) > _LEAST]
-    rows = [[name, *(percent(budget.of(name, 0.0).get(cause, np.nan)) for cause in worth)] for name in PARAMETERS]
-    return table(['', *worth], rows)
 
 
 _HEADER = (

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from demo_graph import CONFIG, PATIENCE, ROOT, Processes, Spectator, assigned, running  # chooses the graph for rclpy
+from demo_graph import CONFIG, PATIENCE, ROOT, Demo, assigned, running
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
 from mbaid_ros.core.errors import DataError
 
@@ -66,32 +66,32 @@ def seconds(estimate: Any) -> float:
     return float(estimate.span.sec + 1e-9 * estimate.span.nanosec)
 
 
-def watch(processes: Processes, bag: Path, duration: float, speed: float) -> tuple[Any, Any]:
+def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, Any]:
     """Run the graph, print the estimate as it converges, and return the last estimate and the truth."""
-    processes.node('estimator', '--params-file', CONFIG / 'table1_estimator.yaml')
-    processes.node('recorder', '-p', f'output:={bag}')
-    spectator = Spectator(processes)
-    spectator.wait(lambda: spectator.estimates, 'the estimator')
-    spectator.wait(lambda: spectator.recorded('/estimator/estimate'), 'the recorder')
+    nodes = [demo.start('estimator', '--params-file', CONFIG / 'table1_estimator.yaml')]
+    nodes.append(demo.start('recorder', '-p', f'output:={bag}'))
+    demo.wait(lambda: demo.estimates, 'the estimator')
+    demo.wait(lambda: demo.recorded('/estimator/estimate'), 'the recorder')
     given = {'robot_description_file': CONFIG / 'table1.urdf', 'duration': duration, 'real_time_factor': speed, **NOISE}
-    simulator = processes.node('simulator', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned(given))
-    spectator.wait(lambda: spectator.truths, 'the simulator')
-    truth = spectator.truths[0].inertia
+    simulator = demo.start('simulator', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned(given))
+    demo.wait(lambda: demo.truths, 'the simulator')
+    truth = demo.truths[0].inertia
     print(heading(truth), flush=True)
     due, last, printed = ROW_PERIOD, None, None
-    while simulator.poll() is None or spectator.estimates:
-        spectator.wait(lambda: spectator.estimates or simulator.poll() is not None, 'an estimate')
-        for estimate in [each for each in spectator.estimates if each.status != 'waiting']:
+    while simulator.running or demo.estimates:
+        demo.wait(lambda: demo.estimates or not simulator.running, 'an estimate')
+        for estimate in [each for each in demo.estimates if each.status != 'waiting']:
             last = estimate
             if seconds(estimate) >= due - 0.1:
                 due, printed = due + ROW_PERIOD, estimate
                 print(row(estimate, truth), flush=True)
-        spectator.estimates.clear()
+        demo.estimates.clear()
     if last is None:
         raise DataError(f'no estimate in {duration:g} s')
     if last is not printed:
         print(row(last, truth))
-    return last, spectator.truths[0]
+    demo.stop(*nodes)
+    return last, demo.truths[0]
 
 
 def judge(estimate: Any, truth: Any) -> str:
@@ -105,7 +105,7 @@ def judge(estimate: Any, truth: Any) -> str:
     return ', '.join(wrong)
 
 
-def replay(processes: Processes, bag: Path, truth: Any, report: Path) -> None:
+def replay(demo: Demo, bag: Path, truth: Any, report: Path) -> None:
     """Make the report from the recorded bag and the published truth."""
     file, inertia = report.with_name('truth.json'), truth.inertia
     content = {
@@ -117,8 +117,7 @@ def replay(processes: Processes, bag: Path, truth: Any, report: Path) -> None:
     file.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
     outputs = ('--truth', file, '--report', report, '--json', report.with_suffix('.json'))
     model = ('--model', CONFIG / 'table1.urdf', '--params', CONFIG / 'table1_estimator.yaml')
-    processes.start('replay', bag, *model, *outputs)
-    processes.wait('replay', 3 * PATIENCE)
+    demo.ended(demo.graph.start('replay', bag, *model, *outputs), 3 * PATIENCE)
 
 
 def main(argv: list[str]) -> int:
@@ -137,11 +136,10 @@ def main(argv: list[str]) -> int:
         f'Simulator, estimator and recorder run as ROS 2 nodes, {arguments.speed:g} times as fast as real time.\n'
     )
     try:
-        with running(folder) as processes:
-            estimate, truth = watch(processes, bag, arguments.duration, arguments.speed)
-            processes.stop('estimator')
-            processes.stop('recorder')
-            replay(processes, bag, truth, report)
+        with running() as made:
+            demo = Demo(made)
+            estimate, truth = watch(demo, bag, arguments.duration, arguments.speed)
+            replay(demo, bag, truth, report)
         print(f'\nrecorded  {bag}\nreport    {report}')
         wrong = judge(estimate, truth.inertia)
     except DataError as error:

@@ -1,38 +1,28 @@
-"""A ROS 2 graph for the demos: the package's executables as processes, and a node that listens."""
+"""The graph of the demos: simulator, estimator and recorder as processes, and a node that listens."""
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import time
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Any
 
-# A graph of its own, on a domain that hardly anyone uses and whose ports Linux does not assign.
-os.environ['ROS_DOMAIN_ID'] = str(215 + os.getpid() % 18)
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('quick_discovery.xml'))
-
-import rclpy
-from ament_index_python.packages import get_package_prefix
 from geometry_msgs.msg import InertiaStamped
 from mbaid_msgs.msg import InertiaEstimate
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.nodes.qos import qos
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-PATIENCE = 20.0  # s, for a process to appear on the graph or to end
+PATIENCE = 60.0  # s, for a process to appear on the graph or to end
+sys.path.insert(0, str(ROOT / 'test'))
+
+from graph import Graph, Process, graph  # noqa: E402 - from the tests, which are no package
 
 
 def assigned(values: Mapping[str, object]) -> list[str]:
@@ -40,101 +30,60 @@ def assigned(values: Mapping[str, object]) -> list[str]:
     return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
-class Processes:
-    """The executables of the package as processes, each with its output in a file of a folder."""
+class Demo:
+    """A graph whose node collects estimates and truths; a failure of a process ends its waiting."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
+    def __init__(self, made: Graph) -> None:
+        self.graph = made
+        self.estimates: list[Any] = made.collect('/estimator/estimate', InertiaEstimate)
+        self.truths: list[Any] = made.collect('/simulator/truth', InertiaStamped)
 
-    def start(self, name: str, *arguments: object) -> subprocess.Popen[bytes]:
-        """Start an executable, where `ros2 run mbaid_ros` finds it."""
-        path = Path(get_package_prefix('mbaid_ros')) / 'lib' / 'mbaid_ros' / name
-        with self._log(name).open('wb') as log:
-            process = subprocess.Popen([path, *map(str, arguments)], stdout=log, stderr=subprocess.STDOUT)
-        self._running[name] = process
-        return process
-
-    def node(self, name: str, *arguments: object) -> subprocess.Popen[bytes]:
-        """Start a node with ROS arguments."""
-        return self.start(name, '--ros-args', *arguments)
-
-    def check(self) -> None:
-        """Raise a DataError if one has failed."""
-        for name, process in self._running.items():
-            if process.poll() not in (None, 0, EXIT_NOT_DETERMINED):
-                lines = self._log(name).read_text(errors='replace').splitlines()
-                raise DataError(f'{name} ended with exit code {process.returncode}: {" | ".join(lines[-3:])}')
-
-    def stop(self, name: str) -> None:
-        """Interrupt one, as Ctrl-C does, and wait for its end."""
-        if self._running[name].poll() is None:
-            self._running[name].send_signal(signal.SIGINT)
-        self.wait(name, PATIENCE)
-
-    def wait(self, name: str, patience: float) -> None:
-        """Wait for the end of one; a DataError if it takes too long or has failed."""
-        try:
-            self._running[name].wait(patience)
-        except subprocess.TimeoutExpired as error:
-            raise DataError(f'{name} has not ended after {patience:g} s') from error
-        self.check()
-
-    def close(self) -> None:
-        """End all that still run."""
-        for process in self._running.values():
-            if process.poll() is None:
-                process.terminate()
-        for process in self._running.values():
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(3.0)
-            process.kill()
-            process.wait()
-
-    def _log(self, name: str) -> Path:
-        return self._folder / f'{name}.log'
-
-
-class Spectator:
-    """A node that collects estimates and truths; a failure of the processes ends its waiting."""
-
-    def __init__(self, processes: Processes) -> None:
-        self._processes = processes
-        self._node = Node('demo', start_parameter_services=False)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self.estimates: list[Any] = []
-        self.truths: list[Any] = []
-        everything = qos(1000, latched=True)
-        self._node.create_subscription(InertiaEstimate, '/estimator/estimate', self.estimates.append, everything)
-        self._node.create_subscription(InertiaStamped, '/simulator/truth', self.truths.append, everything)
+    def start(self, name: str, *arguments: object) -> Process:
+        """Start a node of the package with ROS arguments."""
+        return self.graph.start(name, '--ros-args', *arguments)
 
     def wait(self, condition: Callable[[], object], what: str, patience: float = PATIENCE) -> None:
         """Take messages until a condition holds; a DataError if that takes too long or a process fails."""
-        end = time.monotonic() + patience
-        while not condition():
-            self._processes.check()
-            if time.monotonic() > end:
-                raise DataError(f'waited {patience:g} s in vain for {what}')
-            self._executor.spin_once(timeout_sec=0.1)
+
+        def holds() -> object:
+            self._check()
+            return condition()
+
+        try:
+            self.graph.wait(holds, what, patience)
+        except AssertionError as error:
+            raise DataError(f'waited {patience:g} s in vain for {what}') from error
+
+    def ended(self, process: Process, patience: float = PATIENCE) -> None:
+        """Wait for the end of a process."""
+        self.wait(lambda: not process.running, f'the end of {process.name}', patience)
+        self._check()
+
+    def stop(self, *processes: Process) -> None:
+        """Interrupt processes, as Ctrl-C does."""
+        for process in processes:
+            if process.running:
+                process.stop(timeout=PATIENCE)
+        self._check()
 
     def recorded(self, topic: str) -> bool:
         """Return whether the recorder listens to a topic."""
-        return any(info.node_name == 'recorder' for info in self._node.get_subscriptions_info_by_topic(topic))
+        return any(info.node_name == 'recorder' for info in self.graph.node.get_subscriptions_info_by_topic(topic))
+
+    def _check(self) -> None:
+        for process in self.graph.processes:
+            if not process.running and process.wait() not in (0, EXIT_NOT_DETERMINED):
+                lines = process.stderr.splitlines()[-3:]
+                raise DataError(f'{process.name} ended with exit code {process.wait()}: {" | ".join(lines)}')
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[Processes]:
-    """Give processes, with ROS initialised in this one; both end with the block."""
+def running() -> Iterator[Graph]:
+    """Give a graph; it ends with the block, also on SIGTERM."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
-    processes = Processes(folder)
-    try:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        yield processes
-        try_shutdown()
-    finally:
-        processes.close()
+    with TemporaryDirectory() as folder, graph(Path(folder)) as made:
+        yield made

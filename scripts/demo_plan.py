@@ -20,7 +20,8 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.data import LEVELS, model
 from benchmarks.frame import declared
 from demo import seconds
-from demo_graph import CONFIG, ROOT, Processes, Spectator, assigned, running
+from demo_graph import CONFIG, ROOT, Demo, assigned, running
+from graph import Graph
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError
@@ -70,18 +71,14 @@ def relative(estimate: Any) -> Array:
     return np.asarray(np.array(estimate.standard_deviation) / sizes)
 
 
-class Loop(Spectator):
+class Loop(Demo):
     """The demo's node: it requests plans, and passes their motions on."""
 
-    def __init__(self, processes: Processes) -> None:
-        super().__init__(processes)
-        self.motions: list[JointTrajectory] = []
-        self.states: list[JointState] = []
-        latched = qos(10, latched=True)
-        self._node.create_subscription(JointTrajectory, '/estimator/motion', self.motions.append, latched)
-        self._node.create_subscription(JointState, '/joint_states', self.states.append, qos(1000))
-        self._robot = self._node.create_publisher(JointTrajectory, '/joint_trajectory', qos(1))
-        self._plan = self._node.create_client(Trigger, '/estimator/plan')
+    def __init__(self, made: Graph) -> None:
+        super().__init__(made)
+        self.motions: list[JointTrajectory] = made.collect('/estimator/motion', JointTrajectory)
+        self.states: list[JointState] = made.collect('/joint_states', JointState, qos(1000))
+        self._robot = made.node.create_publisher(JointTrajectory, '/joint_trajectory', qos(1))
 
     @property
     def time(self) -> float:
@@ -90,11 +87,8 @@ class Loop(Spectator):
 
     def planned(self) -> Trajectory:
         """Return the motion that the estimator plans now."""
-        self.wait(self._plan.service_is_ready, 'the service ~/plan')
         self.motions.clear()
-        answer = self._plan.call_async(Trigger.Request())
-        self.wait(answer.done, 'an answer of ~/plan')
-        response = answer.result()  # type: ignore[no-untyped-call]
+        response = self.graph.call('/estimator/plan', Trigger, Trigger.Request())
         if not response.success:
             raise DataError(response.message)
         self.wait(lambda: self.motions, 'a motion on ~/motion', PATIENCE)
@@ -119,29 +113,29 @@ def simulated(folder: Path) -> dict[str, object]:
     return {**motion, **{name: value for name, value in declared(LEVELS['mid']).items() if value}}
 
 
-def loop(processes: Processes, folder: Path, speed: float) -> tuple[Any, Any, float]:
+def loop(demo: Loop, folder: Path, speed: float) -> tuple[Any, Any, float]:
     """Identify, plan, move, and return the last estimate, the truth, and the time of planned motions, s."""
     (folder / 'first.yaml').write_text(as_yaml(first_motion()), encoding='utf-8')
-    processes.node('estimator', '--params-file', CONFIG / f'{ROBOT}_estimator.yaml', *assigned(PLAN))
-    spectator = Loop(processes)
+    nodes = [demo.start('estimator', '--params-file', CONFIG / f'{ROBOT}_estimator.yaml', *assigned(PLAN))]
     file = CONFIG / f'{ROBOT}.urdf'
     given = {'robot_description_file': file, 'real_time_factor': speed, 'wait_for_subscribers': 1, **simulated(folder)}
-    processes.node('simulator', *assigned(given))
-    spectator.wait(lambda: spectator.time >= FIRST + 0.5, 'an estimate after the first motion', PATIENCE)
+    nodes.append(demo.start('simulator', *assigned(given)))
+    demo.wait(lambda: demo.time >= FIRST + 0.5, 'an estimate after the first motion', PATIENCE)
     moved = FIRST
     print(f'{"after":>8}  {"moved for":>9}  {"mass":>22}  {"least known":>18}')
     for _ in range(ROUNDS):
-        latest = spectator.estimates[-1]
-        _print_estimate(spectator.time, moved, latest)
+        latest = demo.estimates[-1]
+        _print_estimate(demo.time, moved, latest)
         if np.all(relative(latest) < WANTED):
             break
-        motion = spectator.planned()
+        motion = demo.planned()
         reach = np.degrees(np.ptp(motion.position, axis=0))
         most = ', '.join(f'{motion.joints[place]} {reach[place]:.0f} deg' for place in np.argsort(-reach)[:3])
         print(f'{"":10}planned: {motion.duration:.1f} s, most of it {most}', flush=True)
-        spectator.move(motion)
+        demo.move(motion)
         moved += motion.duration
-    return spectator.estimates[-1], spectator.truths[-1].inertia, moved - FIRST
+    demo.stop(*reversed(nodes))
+    return demo.estimates[-1], demo.truths[-1].inertia, moved - FIRST
 
 
 def _print_estimate(now: float, moved: float, estimate: Any) -> None:
@@ -176,10 +170,8 @@ def main(argv: list[str]) -> int:
         f'Simulator and estimator run as ROS 2 nodes, {arguments.speed:g} times as fast as real time.\n'
     )
     try:
-        with running(arguments.output) as processes:
-            estimate, truth, moved = loop(processes, arguments.output, arguments.speed)
-            processes.stop('simulator')
-            processes.stop('estimator')
+        with running() as made:
+            estimate, truth, moved = loop(Loop(made), arguments.output, arguments.speed)
         wrong = judge(estimate, truth)
     except DataError as error:
         wrong = str(error)

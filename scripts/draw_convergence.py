@@ -31,8 +31,8 @@ OUTPUT = ROOT / 'docs' / 'convergence.svg'
 COLOURS = {'difference': '#e69f00', 'trajectory': '#0072b2'}
 # Panel by panel: index among the ten parameters, name, unit.
 PANELS = (
-    (0, 'mass', 'kg'), (1, 'com x', 'm'), (2, 'com y', 'm'), (3, 'com z', 'm'), (4, 'Ixx', 'kg m²'), (7, 'Iyy', 'kg m²'),
-    (9, 'Izz', 'kg m²'), (5, 'Ixy', 'kg m²'), (6, 'Ixz', 'kg m²'), (8, 'Iyz', 'kg m²'),
+    (0, 'mass', 'kg'), (1, 'com x', 'm'), (2, 'com y', 'm'), (3, 'com z', 'm'), (4, 'Ixx', 'kg m²'),
+    (7, 'Iyy', 'kg m²'), (9, 'Izz', 'kg m²'), (5, 'Ixy', 'kg m²'), (6, 'Ixz', 'kg m²'), (8, 'Iyz', 'kg m²'),
 )  # fmt: skip
 FITS_FROM = 15.0  # s, after which all bands fit into the panels
 

@@ -1,7 +1,6 @@
 """Attack the nodes on a graph: kill them, call services in a loop; writes into docs/robustness.md.
 
-After ~/reset, the estimates of a clean recording have to be those of an untouched node, to the last bit. Exit code 1: a
-traceback, another exit code than a signal's, a hang, 1 GB, or another bit. Needs `install/setup.bash` sourced.
+Exit code 1: a traceback, another exit code than a signal's, a hang, lost messages, or 1 GB.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -29,12 +29,12 @@ from std_srvs.srv import SetBool, Trigger
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
 
-from attack.victim import Victim  # noqa: E402
 from benchmarks.bags import ROBOT, make_bag  # noqa: E402
 from benchmarks.data import CONFIG  # noqa: E402
-from benchmarks.frame import Frame, provenance, table  # noqa: E402
+from benchmarks.frame import Frame, provenance, resident, table  # noqa: E402
+from benchmarks.speed_live import node_beside, received  # noqa: E402
 from graph import Graph, executable, graph  # noqa: E402 - from the tests, which are no package
-from streams import urdf  # noqa: E402
+from mbaid_ros.nodes.qos import qos  # noqa: E402
 
 MEMORY = 1000.0  # MB
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
@@ -43,7 +43,6 @@ EARLY, LATEST, HANG = 1.0, 4.0, 10.0  # s: half of the kills before the first, t
 RATE, SECONDS, SPREAD = 1000.0, 120.0, 0.9  # Hz of each topic and s of the flow; part of it with calls
 _PACKAGE = re.compile(r'/mbaid_ros/\w+(/\w+)*\.py"')  # in a traceback
 _FILES = CONFIG / 'table1'
-_PUBLISHER = ROOT / 'scripts' / 'benchmarks' / 'speed_nodes.py'
 
 
 @contextmanager
@@ -53,28 +52,6 @@ def _alone() -> Iterator[tuple[Graph, Path]]:
         (Path(folder) / 'processes').mkdir()
         with graph(Path(folder) / 'processes') as made:
             yield made, Path(folder)
-
-
-def attacked(attack: Callable[[Victim, Path], str], wrong: list[str], *parameters: str) -> str:
-    """Return the text of an attack, and the state of the node after it; faults are added to a list."""
-    with _alone() as (made, _):
-        untouched = Victim(made, *parameters).of_clean()
-    with _alone() as (made, folder):
-        victim = Victim(made, *parameters)
-        text = attack(victim, folder)
-        estimates = victim.of_clean()
-        memory, code = victim.most_memory(), victim.process.stop()
-    equal = sum(one == other for one, other in zip(estimates, untouched, strict=False))
-    if not untouched or estimates != untouched:
-        wrong.append(f'only {equal} of {len(untouched)} estimates are those of an untouched node')
-    if memory > MEMORY:
-        wrong.append(f'{memory:.0f} MB')
-    if code or 'Traceback' in victim.process.stderr:
-        wrong.append(f'exit code {code}, {victim.process.stderr[-1000:]!r}')
-    return (
-        f'{text}\n\nAfter that and `~/reset`, {equal} of {len(untouched)} estimates of a clean recording are those of '
-        f'an untouched node, to the last bit. Peak memory was {memory:.0f} MB; the exit code was {code}.'
-    )
 
 
 def kills(count: int, seed: int, wrong: list[str]) -> str:
@@ -155,57 +132,48 @@ _CALLS: dict[str, tuple[Any, Callable[[int], Any], float]] = {
 }
 
 
-def calls(victim: Victim, folder: Path, count: int, seed: int) -> str:
-    """Return the table of calls of services while messages come at 1 kHz."""
-    make_bag(folder / 'flow', SECONDS / 60.0, RATE)
-    victim.describe(urdf(ROBOT))
-    for name in _CALLS:
-        _ask(victim, name, 1)  # finds the service
-    victim.drained()
-    victim.reset()
-    before, received = victim.memory(), victim.received()
+def calls(count: int, seed: int, wrong: list[str]) -> str:
+    """Return the table of calls of services while messages come at 1 kHz; faults are added to a list."""
     shares = [share for _, _, share in _CALLS.values()]
     names = np.random.default_rng([seed, 2]).choice(list(_CALLS), count, p=shares).tolist()
     taken: dict[str, list[float]] = {name: [] for name in _CALLS}
     granted: Counter[str] = Counter()
-    with ExitStack() as stack:
-        pipe, command = subprocess.PIPE, [sys.executable, str(_PUBLISHER), str(folder / 'flow'), f'{RATE:g}']
-        source = stack.enter_context(
-            subprocess.Popen(command, env=victim.graph.environment, stdin=pipe, stdout=pipe, text=True)
-        )
-        stack.callback(source.kill)  # before its graph ends
-        assert source.stdin is not None, 'it is a pipe'
-        assert source.stdout is not None, 'it is a pipe'
-        assert source.stdout.readline() == 'ready\n', 'the publisher has ended'
+    with _alone() as (made, folder), ExitStack() as stack:
+        make_bag(folder / 'flow', SECONDS / 60.0, RATE)
+        described = ['-p', f'robot_description_file:={CONFIG / ROBOT}.urdf', '-p', 'capture.time:=5.0']
+        estimator = made.start('estimator', '--ros-args', *described)
+        for name in _CALLS:
+            _ask(made, name, 1)  # finds the service
+        source = stack.enter_context(node_beside(made, str(folder / 'flow'), f'{RATE:g}'))
+        reports = made.collect('/diagnostics', DiagnosticArray, qos(1000))
+        before, begin = resident(estimator.pid), time.monotonic()
         print(file=source.stdin, flush=True)
-        begin = time.monotonic()
         for number, name in enumerate(names):
             time.sleep(max(0.0, begin + number * SPREAD * SECONDS / count - time.monotonic()))
             at = time.monotonic()
-            granted[name] += _ask(victim, name, number)
+            granted[name] += _ask(made, name, number)
             taken[name].append(time.monotonic() - at)
-        messages = 2 * int(source.stdout.readline() or 0)
-        for name in ('pause', 'set_parameters'):
-            _ask(victim, name, 1)  # as before
-        victim.drained()
-        print(file=source.stdin, flush=True)
+        assert source.stdout is not None, 'it is a pipe'
+        messages = int(source.stdout.readline())
+        made.wait(lambda: min(received(reports), default=0) >= messages, 'all messages')
+        memory, code = resident(estimator.pid), estimator.stop()
+    if memory > MEMORY or code or 'Traceback' in estimator.stderr:
+        wrong.append(f'calls: {memory:.0f} MB, exit code {code}, {estimator.stderr[-1000:]!r}')
     rows = []
     for name, each in taken.items():
         times = (np.median(each), np.quantile(each, 0.99), np.max(each)) if each else (np.nan,) * 3
         rows.append([f'`~/{name}`', str(len(each)), str(granted[name]), *(f'{1e3 * time:.1f}' for time in times)])
-    lost = messages - (victim.received() - received)
     return (
         f'{count} calls while both topics come at {RATE:g} Hz for {SECONDS:g} s:\n\n'
         + table(['service', 'calls', 'granted', 'median, ms', 'p99, ms', 'slowest, ms'], rows)
-        + f'\n\nOf {messages} messages {lost} were lost; resident memory was {before:.0f} MB before, '
-        f'{victim.memory():.0f} MB after.'
+        + f'\n\nNone of {2 * messages} messages was lost; resident memory was {before:.0f}, then {memory:.0f} MB.'
     )
 
 
-def _ask(victim: Victim, name: str, number: int) -> bool:
+def _ask(made: Graph, name: str, number: int) -> bool:
     """Make a call, and return whether it was granted."""
     kind, request, _ = _CALLS[name]
-    answer = victim.graph.call(f'/estimator/{name}', kind, request(number))
+    answer = made.call(f'/estimator/{name}', kind, request(number))
     if kind is GetParameters:
         return len(answer.values) == 1
     return bool(answer.results[0].successful if kind is SetParameters else answer.success)
@@ -217,9 +185,7 @@ def main() -> int:
     arguments, wrong, parts = frame.arguments, list[str](), list[str]()
     stages: list[Callable[[], str]] = [
         lambda: kills(arguments.kills, arguments.seed, wrong),
-        lambda: attacked(
-            lambda victim, folder: calls(victim, folder, arguments.calls, arguments.seed), wrong, 'capture.time:=5.0'
-        ),
+        lambda: calls(arguments.calls, arguments.seed, wrong),
     ]
     for stage in stages:
         try:

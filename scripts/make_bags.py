@@ -123,7 +123,7 @@ def record(recipe: Recipe, bag: Path) -> None:
             shutil.rmtree(bag, ignore_errors=True)
             work = Path(folder) / str(attempt)
             work.mkdir()
-            run_graph(recipe, bag, work)
+            run_graph(recipe, bag)
             files = ('--model', recipe.file('.urdf'), '--params', recipe.file('_estimator.yaml'))
             _succeed(replay_executable.main([str(bag), *files, '--output', str(work / 'replayed')]), bag)
             if estimates(bag) == estimates(work / 'replayed'):
@@ -132,35 +132,32 @@ def record(recipe: Recipe, bag: Path) -> None:
     raise DataError(f'{bag}: in {ATTEMPTS} recordings the recorder missed messages that the estimator had')
 
 
-def run_graph(recipe: Recipe, bag: Path, work: Path) -> None:
+def run_graph(recipe: Recipe, bag: Path) -> None:
     """Run estimator, recorder and simulator as processes, in real time, until the run is over."""
-    import rclpy  # noqa: PLC0415 - needed for a live recording only
-    from nav_msgs.msg import Odometry  # noqa: PLC0415
+    from nav_msgs.msg import Odometry  # noqa: PLC0415 - needed for a live recording only
     from sensor_msgs.msg import JointState  # noqa: PLC0415
 
-    from demo_graph import Spectator, running  # noqa: PLC0415
+    from demo_graph import Demo, running  # noqa: PLC0415
 
     described = ('-p', f'robot_description_file:={recipe.file(".urdf")}')
-    with running(work) as processes:
+    with running() as made:
         # Announced before there is data, both topics have their subscribers from the first message on.
-        herald = rclpy.create_node('herald', start_parameter_services=False)
-        herald.create_publisher(JointState, 'joint_states', 1)
-        herald.create_publisher(Odometry, 'odom', 1)
-        spectator = Spectator(processes)
+        made.node.create_publisher(JointState, 'joint_states', 1)
+        made.node.create_publisher(Odometry, 'odom', 1)
+        demo = Demo(made)
         # With the robot description from the start: earlier messages would not be used.
-        processes.node('estimator', '--params-file', recipe.file('_estimator.yaml'), *described)
-        processes.node('recorder', '-p', f'output:={bag}')
+        estimator = demo.start('estimator', '--params-file', recipe.file('_estimator.yaml'), *described)
+        recorder = demo.start('recorder', '-p', f'output:={bag}')
         recorded = ('/joint_states', '/odom', ESTIMATE)
-        spectator.wait(lambda: all(map(spectator.recorded, recorded)), 'the recorder')
+        demo.wait(lambda: all(map(demo.recorded, recorded)), 'the recorder')
         words = (*described, *recipe.parameters, '-p', 'wait_for_subscribers:=2')
-        simulator = processes.node('simulator', '--params-file', recipe.file('_simulator.yaml'), *words)
-        spectator.wait(lambda: simulator.poll() is not None, 'the end of the run', recipe.duration + 30.0)
+        simulator = demo.start('simulator', '--params-file', recipe.file('_simulator.yaml'), *words)
+        demo.ended(simulator, recipe.duration + 30.0)
         # On a busy machine the estimator is behind.
         window = EstimatorConfig().window
         samples = round(recipe.duration // window * window * recipe.rate)
-        spectator.wait(lambda: spectator.estimates[-1].samples >= samples, 'the last window')
-        processes.stop('estimator')
-        processes.stop('recorder')
+        demo.wait(lambda: demo.estimates[-1].samples >= samples, 'the last window')
+        demo.stop(estimator, recorder)
 
 
 def estimates(bag: Path) -> list[tuple[int, bytes, bytes]]:

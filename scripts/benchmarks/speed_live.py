@@ -62,7 +62,7 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
     folder.mkdir()
     with graph(folder) as made, ExitStack() as stack:
         if parameters is None:
-            pid = stack.enter_context(_python(made, 'bare')).pid
+            pid = stack.enter_context(node_beside(made, 'bare')).pid
         else:
             options = assigned({'robot_description_file': f'{CONFIG / ROBOT}.urdf', **parameters})
             file = CONFIG / f'{ROBOT}_estimator.yaml'
@@ -76,23 +76,20 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
 
         made.node.create_subscription(InertiaEstimate, '/estimator/estimate', arrived, qos(1000))
         reports = made.collect('/diagnostics', DiagnosticArray, qos(1000))
-        source = stack.enter_context(_python(made, *published))
-        assert source.stdin is not None, 'it is a pipe'
-        assert source.stdout is not None, 'it is a pipe'
-        assert source.stdout.readline() == 'ready\n', 'the publisher has ended'
+        source = stack.enter_context(node_beside(made, *published))
         gc.freeze()  # as in the publisher
         before, end = processor_time(pid), time.monotonic() + seconds
         print(file=source.stdin, flush=True)
         made.wait(lambda: time.monotonic() > end, 'the end', seconds + 1.0)
-        count = int(source.stdout.readline())
+        count = int(source.stdout.readline() if source.stdout else 0)
         if parameters is not None:
-            made.wait(lambda: min(_received(reports), default=0) >= count, 'all messages')
+            made.wait(lambda: min(received(reports), default=0) >= count, 'all messages')
         cpu = processor_time(pid) - before
         print(file=source.stdin, flush=True)
-        return Live(cpu, latencies, sum(count - each for each in _received(reports)))
+        return Live(cpu, latencies, sum(count - each for each in received(reports)))
 
 
-def _received(reports: list[Any]) -> list[int]:
+def received(reports: list[Any]) -> list[int]:
     """Return the numbers of received messages in the latest diagnostics."""
     counts = {
         status.name: int(item.value)
@@ -106,11 +103,13 @@ def _received(reports: list[Any]) -> list[int]:
 
 
 @contextmanager
-def _python(made: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run one of the nodes beside the estimator; it ends with the block."""
+def node_beside(made: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run one of the nodes beside the estimator, the publisher until it is ready; it ends with the block."""
     command, pipe = [sys.executable, str(NODES), *arguments], subprocess.PIPE
     with subprocess.Popen(command, env=made.environment, stdin=pipe, stdout=pipe, text=True) as process:
         try:
+            assert process.stdout is not None, 'it is a pipe'
+            assert arguments == ('bare',) or process.stdout.readline() == 'ready\n', 'the publisher has ended'
             yield process
         finally:
             process.terminate()

@@ -67,7 +67,7 @@ class Outcome(Runs):
     status: Array
     error: Array  # (..., 10) NaN where not published
     std: Array  # (..., 10)
-    bound: Array  # (..., 10) attainable standard deviations; NaN without a bound
+    bound: Array  # (..., 10) attainable standard deviations
     robots_own: Array  # (..., 10) errors of the best estimate without noise
     error_norm: Array  # NEES, a parameter
     nis: Array  # mean normalised innovation squared
@@ -107,13 +107,13 @@ class Outcome(Runs):
         return float(size[seed, place]), PARAMETERS[int(place)], int(seed)
 
 
-def run(work: tuple[Variant, int, bool]) -> Outcome:
-    """Draw a robot, move it, and identify its target: variant, seed, whether its bound is wanted."""
-    variant, seed, bounded = work
+def run(work: tuple[Variant, int]) -> Outcome:
+    """Draw a robot, move it, and identify its target: variant, seed."""
+    variant, seed = work
     errors = variant.errors(seed)
     moved = motion(variant.robot, RATE, errors)
     last = _estimates(variant, seed, errors, moved)[-1]
-    best = attainable(variant.robot, moved, errors, variant.sizes) if bounded else np.full((2, 10), np.nan)
+    best = attainable(variant.robot, moved, errors, variant.sizes)
     truth = target(variant.robot)
     norms = nees(last, truth), last.residual**2
     return Outcome(np.array(last.status), last.parameters - truth, last.std, *best, *map(np.asarray, norms))

@@ -32,16 +32,6 @@ BLOCKS = {
     'axes': ('axis_std',),
     'mount': ('mount_position_std', 'mount_orientation_std'),
 }
-# Of the ladder: a field, and the unit of its steps.
-DEFECTS = {
-    'links': ('links_relative_std', 'per mille'),
-    'zeros': ('zero_std', 'mrad'),
-    'origins': ('origin_std', 'mm'),
-    'axes': ('axis_std', 'mrad'),
-    'mount, position': ('mount_position_std', 'mm'),
-    'mount, orientation': ('mount_orientation_std', 'mrad'),
-}
-STEPS = (0.1, 0.3, 1.0, 3.0)
 PLANAR = ('table1',)
 # Distributions of a body's errors: that of `relative_factor`, one common factor, or each number by itself.
 AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
@@ -113,11 +103,3 @@ def monte_carlo(robot: str) -> Iterator[Variant]:
         yield Variant(robot, f'all, links off {way}', DEFAULT, DEFAULT, links=way)
     if robot in PLANAR:
         yield Variant(robot, 'all, out of the plane too', DEFAULT, DEFAULT, spatial=True)
-
-
-def ladder(robot: str) -> Iterator[tuple[str, float, Variant]]:
-    """Yield one error at a time with the size that it is drawn with; the priors are the defaults."""
-    for name, (field, unit) in DEFECTS.items():
-        for step in STEPS:
-            sizes = ErrorSizes(**{field: 1e-3 * step})
-            yield f'{name}, {unit}', step, Variant(robot, f'ladder {name} {step:g}', sizes, DEFAULT)
