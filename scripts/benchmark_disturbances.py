@@ -185,26 +185,16 @@ class Outcome(Runs):
     inconsistent: Array
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A true motion."""
-
-    truth: Truth
-    pulse: Pulse | None
-    sought: Array  # true values, as in Outcome
-    robot: RobotModel
-
-
 @cache
-def motion(case: str) -> Motion:
-    """Return the true motion of a case."""
+def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
+    """Return a robot, its true motion, the true values as in Outcome, and the pulse of thrust."""
     robot = load_model(CASES[case].robot())
     simulation = make_simulation(simulator_config(ROBOT, CASES[case].simulator()), robot)
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
         sought = np.concatenate((physical(captured.alone()), simulation.brought))
-    return Motion(truth, simulation.pulse if isinstance(simulation, ThrustSimulation) else None, sought, robot)
+    return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 
 def run(work: tuple[Row, str, int]) -> Outcome:
@@ -223,20 +213,20 @@ def run(work: tuple[Row, str, int]) -> Outcome:
         std = np.concatenate((body[1], np.sqrt(np.diag(capture.covariance))))
     noticed = next((estimate.time for estimate in estimates if estimate.events), np.nan)
     ends = noticed, len(last.events), last.status == 'inconsistent'
-    return Outcome(parameters - motion(row.case).sought, std, *map(np.asarray, ends))
+    return Outcome(parameters - motion(row.case)[2], std, *map(np.asarray, ends))
 
 
 def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[[Any], Any], Any]]:
-    moved, sensors = motion(row.case), Sensors(NOISE, seed)
-    joints, base = sensors.joints(moved.truth), sensors.base(moved.truth)
-    messages = SensorMessages(BAG_TYPES, moved.robot, 'odom')
-    thrust = commands(moved.pulse) if row.commanded and moved.pulse is not None else []
+    (robot, truth, _, pulse), sensors = motion(row.case), Sensors(NOISE, seed)
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    messages = SensorMessages(BAG_TYPES, robot, 'odom')
+    thrust = commands(pulse) if row.commanded and pulse is not None else []
     late = round(CASES[row.case].late * 1e9)
-    for index, time in enumerate(moved.truth.time):
+    for index, time in enumerate(truth.time):
         stamp = START + round(time * 1e9)
         while thrust and thrust[0][0] <= time:
             begin, wrench = thrust.pop(0)
-            yield session.add_thrust, messages.wrench(wrench, moved.robot.base_link, START + round(begin * 1e9))
+            yield session.add_thrust, messages.wrench(wrench, robot.base_link, START + round(begin * 1e9))
         yield session.add_odometry, messages.odometry(base, index, stamp)
         yield session.add_joint_state, messages.joint_state(joints, index, stamp + late)
 

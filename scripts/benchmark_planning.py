@@ -106,8 +106,9 @@ def run(work: tuple[Case, int]) -> Outcome:
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
     turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
     length = plan.trajectory.duration if plan.reached else np.nan
-    lengths = [np.asarray(each) for each in (length, best, searched, turned)]
-    return Outcome(*lengths, _strayed(planner.motions, _last(truth), plan, seed), reached, normalised)
+    strayed = _strayed(planner.motions, _last(truth), plan, seed)
+    numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
+    return Outcome(*numbers, strayed, reached, normalised)
 
 
 def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:

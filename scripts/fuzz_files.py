@@ -60,7 +60,7 @@ if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--inputs', type=int, default=400, metavar='N', help='of each format (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=0, metavar='N')
-    parser.add_argument('--formats', nargs='+', metavar='F', help="such as URDF or 'MCAP records' (default: all)")
+    parser.add_argument('--formats', nargs='+', metavar='F', help="such as URDF or 'MCAP bytes' (default: all)")
     asked = parser.parse_args()
     results = fuzz(asked.inputs, asked.seed, asked.formats)
     for each, of_it in results.items():

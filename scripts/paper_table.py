@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,8 +56,7 @@ def equations(form: str, states: BodyStates, total_angular_momentum: Array) -> t
     )
 
 
-@dataclass(frozen=True)
-class History:
+class History(NamedTuple):
     """Errors of the recursion after each sample."""
 
     time: Array  # (N,) s
@@ -68,7 +67,7 @@ class History:
         outside = ~(np.abs(self.error) <= tolerance)
         last = len(outside) - np.argmax(outside[::-1], axis=0)  # index after the last one outside
         index = np.where(np.any(outside, axis=0), last, 0)
-        return np.where(index < len(self.time), self.time[np.minimum(index, len(self.time) - 1)], np.nan)
+        return np.append(self.time, np.nan)[index]
 
 
 def recursion(robot: str, form: str, rate: float, *, scaled: bool = False) -> History:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
@@ -22,10 +22,8 @@ from mbaid_ros.core.simulation.run import Simulation, Truth
 from mbaid_ros.recordings import spot_2023 as bench_2023
 from mbaid_ros.recordings.planar_arm import BASE, LINKS, planar_urdf
 from mbaid_ros.recordings.spot_2021 import CHASER, COMMANDS_FILE
-from mbaid_ros.recordings.throws import OBJECTS, Thrown, throw_urdf
 
 _STEP = 0.02  # s, of the integrator
-_THROWN_RATE, _RESTING = 4030.0, 2100  # Hz; samples before the flywheel starts
 _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
@@ -78,35 +76,6 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     states[3:6] -= tracking * _wandering(np.random.default_rng([seed, 1]), commanded)
     savemat(folder / COMMANDS_FILE, {'primal': {'time': commanded, 'states': states}})
     return Twin(folder / 'run__stitched.mat', base, lag, float(np.linalg.norm(slope)))
-
-
-def tudelft_throw(folder: Path, seed: int) -> Twin:
-    """Write a log of the throwing device as CSV; the truth is of the device, its IMU at the origin."""
-    rng = np.random.default_rng(seed)
-    body = np.array([0.2792, *rng.uniform(-0.01, 0.01, 2), 0.03, 5.1e-4, 0.0, 0.0, 2.1e-4, 0.0, 5.0e-4])
-    robot = load_model(change_inertial(throw_urdf(OBJECTS['empty']), Thrown.BASE, body))
-    # The flywheel runs up to 1300 rad/s and down again, the other way round than z.
-    motion = Sinusoids(np.zeros(1), np.array([[-245.0]]), np.array([[0.85]]), np.array([[-np.pi / 2.0]]))
-    tumbling = np.concatenate((rng.normal(size=3), rng.normal(size=3) * 6.0, np.zeros(1)))
-    start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, tumbling)
-    time = np.arange(2350) / _THROWN_RATE
-    seen = Simulation(robot, motion, start, 1e-3).advance(time)
-    rotation = rotation_from_quaternion(seen.base_orientation)
-    falling = np.gradient(rotate(rotation, seen.base_linear_velocity), time, axis=0)
-    gyro = np.concatenate((np.zeros((_RESTING, 3)), seen.base_angular_velocity))
-    acceleration = np.concatenate((np.zeros((_RESTING, 3)), rotate_back(rotation, falling)))
-    speed = np.concatenate((np.zeros(_RESTING), np.maximum(np.abs(seen.joint_velocity[:, 0]), 10.5)))
-    gyro += rng.normal(size=gyro.shape) * 5e-3 + rng.normal(size=3) * 5e-3
-    acceleration += rng.normal(size=acceleration.shape) * 0.3
-    raw: list[Array] = [np.arange(len(gyro)) / _THROWN_RATE * 1e6]
-    # The board is turned on the device, and its numbers are whole.
-    for values, unit in ((gyro, np.pi / 180.0 / 16.384), (acceleration, 9.81 / 2048.0)):
-        raw += [values[:, 1] / unit, -values[:, 0] / unit, values[:, 2] / unit]
-    raw.append(speed * 60.0 / (2.0 * np.pi) * 7.0 / 100.0)
-    names = [f'{name}[{axis}]' for name in ('gyroADC', 'accSmooth') for axis in range(3)]
-    header = ','.join(['time', *names, 'erpm[0]'])
-    np.savetxt(folder / 'throw.csv', np.transpose(raw), fmt='%.0f', delimiter=',', header=header, comments='')
-    return Twin(folder / 'throw.csv', body)
 
 
 def _arm(rng: np.random.Generator) -> Sinusoids:

@@ -1,11 +1,8 @@
 """Cramér-Rao bounds: the accuracy that no unbiased estimator can surpass.
 
-`bound` is that of the per-sample model. Every sample gives six (in a plane three) momentum equations, with the noise of
-its own sensors in each of their terms; unknown are the body and the total momentum.
-
-`trajectory_bound` is that of the whole trajectory, for estimators that link the samples. The base moves by conservation
-of momentum. Unknown are the body, the momentum, the first pose, and the path of every joint, a cubic spline with a knot
-each second. Measured are poses, twists and encoders of all samples. Errors propagate to first order from knot to knot:
+`bound` is of the per-sample model: each sample gives momentum equations with the noise of its own sensors in all terms;
+unknown are body and total momentum. `trajectory_bound` is of the whole trajectory: unknown are also the first pose and
+the path of every joint, a cubic spline with a knot each second. Errors propagate to first order from knot to knot:
 
     xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): of the pose, dx: of body and momentum, dq: of the path
 """

@@ -198,15 +198,7 @@ def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = Non
 def readings(
     truth: Truth, noise: SensorNoise, seed: int | None, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
-    """Return the readings of a motion with the covariances of a noise; without a seed they are exact.
-
-    Parameters
-    ----------
-    truth : the motion
-    noise : one standard deviation of each channel
-    seed : of the noise
-    model_errors : of the robot, whose zeros and mount the sensors do not know
-    """
+    """Return the readings of a motion with the covariances of a noise; without a seed they are exact."""
     sensors = Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors)
     return sensed(truth, sensors, noise)
 
@@ -214,15 +206,7 @@ def readings(
 def observed(
     truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
-    """Return the readings of a motion by the sensors of a case.
-
-    Parameters
-    ----------
-    truth : the motion, seen from the case's frame
-    case : Case
-    seed : of the noise, before `Case.draw`
-    model_errors : of the robot
-    """
+    """Return the readings of a motion, seen from the case's frame, by the case's sensors."""
     joints, base = readings(truth, case.noise, case.draw(seed), model_errors)
     if case.wander:
         step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))

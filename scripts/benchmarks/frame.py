@@ -56,16 +56,9 @@ def completed(
     pool: Executor,
     bar: Any,
 ) -> Outcome:
-    """Return the results of all work: the first ones from a file, if it holds any, the others made and added to it.
+    """Return the results of all work: the first ones from an .npz file if it holds any, the others made and added.
 
-    Parameters
-    ----------
-    kind : of the result
-    file : .npz; None saves nothing
-    work : argument of each run, at least one
-    run : returns an object with the fields of `kind`
-    pool : makes the runs
-    bar : of tqdm, updated by every run
+    `run` returns an object with the fields of `kind` for one piece of work; `bar` is of tqdm.
     """
     parts = []
     if file is not None and file.is_file():
@@ -123,14 +116,7 @@ class Frame:
     def outcomes(
         self, kind: type[Outcome], run: Callable[[Any], object], work: Mapping[Row, tuple[str, Sequence[Any]]]
     ) -> Iterator[tuple[Row, Outcome]]:
-        """Yield the results of each row as soon as they are complete.
-
-        Parameters
-        ----------
-        kind : of the results
-        run : makes one run
-        work : by row, a name for its file and the argument of each run
-        """
+        """Yield the results of each row as soon as they are complete; `work` has its file name and runs' arguments."""
         total = sum(len(each) for _, each in work.values())
         store: Path | None = self.arguments.store
         with (

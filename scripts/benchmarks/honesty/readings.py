@@ -141,30 +141,10 @@ def twist_turned(turn: Array, truth: Truth) -> Truth:
     return _twist_by(lambda values: values @ exp(turn), truth)
 
 
-def twist_in_degrees(truth: Truth) -> Truth:
-    """Return a motion whose angular velocity is in degrees a second."""
-    return replace(truth, base_angular_velocity=np.rad2deg(truth.base_angular_velocity))
-
-
 def twist_of_point(position: Array, truth: Truth) -> Truth:
     """Return a motion whose twist is that of another point, (3,) m from the base's, in its axes."""
     linear = truth.base_linear_velocity + cross(truth.base_angular_velocity, position)
     return replace(truth, base_linear_velocity=linear)
-
-
-def in_millimetres(truth: Truth) -> Truth:
-    """Return a motion whose positions, not velocities, are in millimetres."""
-    return replace(truth, base_position=1e3 * truth.base_position)
-
-
-def turned_round(truth: Truth) -> Truth:
-    """Return a motion whose orientation turns from the odometry frame to the base."""
-    return replace(truth, base_orientation=quaternions.conjugate(truth.base_orientation))
-
-
-def scalar_first(truth: Truth) -> Truth:
-    """Return a motion whose quaternions are (w, x, y, z)."""
-    return replace(truth, base_orientation=np.roll(truth.base_orientation, 1, axis=-1))
 
 
 def _unit(truth: Truth, joint: int) -> Array:

@@ -106,16 +106,7 @@ def with_flexible_joint(urdf: str, joint: str) -> str:
 
 
 def part(name: str, parent: str, place: Vector, axis: Vector, body: Array, kind: str) -> str:
-    """Return a link and the joint that carries it, <name>_joint.
-
-    Parameters
-    ----------
-    name, parent : links
-    place : (3,) m of the joint in the parent's frame, whose axes it has
-    axis : (3,)
-    body : (10,) physical parameters in the link's frame
-    kind : of the joint
-    """
+    """Return a link and the joint <name>_joint, placed in the parent's frame, whose axes it has; the body in its own."""
     return _link(name, body) + _jointed(f'{name}_joint', kind, (parent, name), axis, place)
 
 
@@ -127,13 +118,9 @@ def box(mass: float, size: Sequence[float], centre: Sequence[float] = (0.0, 0.0,
 
 
 def chain(axes: Sequence[Sequence[float]], slides: Sequence[int] = (), *, folded: bool = False) -> str:
-    """Return a satellite of 400 kg with an arm of equal links that holds a body of 80 kg.
+    """Return a satellite of 400 kg with an arm of equal links, some joints prismatic, that holds a body of 80 kg.
 
-    Parameters
-    ----------
-    axes : of the joints, in frames that are all parallel at zero
-    slides : the prismatic ones among them
-    folded : all joints on one line, so that equal axes are collinear
+    All frames are parallel at zero; folded, all joints are on one line, so that equal axes are collinear.
     """
     base = '<robot name="chain"><link name="base_link"><inertial><origin xyz="0.02 -0.03 0.04"/><mass value="400"/>'
     base += '<inertia ixx="130" ixy="2" ixz="-3" iyy="110" iyz="1.5" izz="120"/></inertial></link></robot>'

@@ -101,14 +101,9 @@ def _truth(world: World, states: Array, twists: Array, joints: Array, rates: Arr
 
 
 def _integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pace: float) -> Array:
-    """Return states (N, m), which begin with a quaternion, by Runge-Kutta of order 4.
+    """Return N states (N, m), which begin with a quaternion, by Runge-Kutta of order 4.
 
-    Parameters
-    ----------
-    rate : of a state at a node; nodes are half a step apart
-    state : (m,) the first
-    steps : N
-    pace : steps a second
+    `rate` is of a state at a node, of which there are two a step; `pace` is steps a second.
     """
     step = 1.0 / pace
     states = np.empty((steps, len(state)))

@@ -133,19 +133,7 @@ def _estimates(variant: Variant, seed: int, errors: ModelErrors, truth: Truth) -
 
 
 def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes) -> Array:
-    """Return the attainable accuracy at the end of a motion.
-
-    Parameters
-    ----------
-    robot : name of a URDF of config/
-    truth : motion of the robot with these errors
-    errors : of the robot
-    sizes : priors
-
-    Returns
-    -------
-    (2, 10) standard deviations, and errors without noise; NaN for what a planar motion leaves open
-    """
+    """Return (2, 10) attainable deviations, and errors without noise; NaN for what a planar motion leaves open."""
     config = build(EstimatorConfig, settings(sizes))
     own = kernel(robot)
     own = own.with_uncertainty(declared_errors(own, config.known_links))
