@@ -91,7 +91,8 @@ def _hours(method: str, count: int) -> Iterator[Hour]:
 
 
 def _largest(estimate: Estimate) -> float:
-    return float(np.nanmax(np.abs((estimate.parameters - target(ROBOT)) / estimate.std), initial=0.0))
+    errors = np.abs(estimate.parameters - target(ROBOT)) / estimate.std
+    return float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
 def _row(hour: Hour) -> list[str]:

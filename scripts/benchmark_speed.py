@@ -19,7 +19,8 @@ import numpy as np
 from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
 from benchmarks.frame import Frame, number, provenance, table
-from benchmarks.speed_live import assigned, live_runs
+from benchmarks.speed_live import live_runs
+from demo_graph import assigned
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.known_side import EXACT

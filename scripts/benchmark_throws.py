@@ -93,8 +93,7 @@ def alone(throw: Throw, device: Sequence[Throw], mass: float) -> Array:
     return np.asarray(np.linalg.eigvalsh(throw.inertia - own - apart))
 
 
-def shown(values: Array, scale: float = 1.0, digits: int = 1) -> str:
-    """Return numbers in one cell."""
+def _shown(values: Array, scale: float = 1.0, digits: int = 1) -> str:
     return ', '.join(f'{each:.{digits}f}' for each in scale * values)
 
 
@@ -109,10 +108,10 @@ def main(clone: Path) -> None:
             np.array([getattr(each, key) for each in found[name]]) for key in ('moments', 'std', 'com')
         )
         mean, residuals = np.mean(moments, axis=0), [each.residual for each in found[name]]
-        scatter = shown(np.std(moments, axis=0, ddof=1) / mean, 100.0)
+        scatter = _shown(np.std(moments, axis=0, ddof=1) / mean, 100.0)
         solved = [f'{len(found[name])} of {len(logs)}', f'{min(residuals):.2f} to {max(residuals):.2f}']
-        deviation = shown(np.median(std, axis=0) / mean, 100.0)
-        rows.append([name, *solved, shown(mean, 1e6), scatter, deviation, shown(np.std(com, axis=0, ddof=1), 1e3, 2)])
+        deviation = _shown(np.median(std, axis=0) / mean, 100.0)
+        rows.append([name, *solved, _shown(mean, 1e6), scatter, deviation, _shown(np.std(com, axis=0, ddof=1), 1e3, 2)])
     header = ['thrown', 'solved', 'residual', 'principal moments, kg mm²', 'scatter, %', 'std, %', 'CoM, mm']
     print(table(header, rows, words=True))
     rows = []
@@ -121,8 +120,8 @@ def main(clone: Path) -> None:
         errors = np.array([alone(each, found[DEVICE], mass) / truth - 1.0 for each in found[name]])
         bands = 1.96 * np.array([each.std for each in found[name]]) / truth  # of device and object
         held = f'{100.0 * float(np.mean(np.abs(errors) < bands)):.0f} % of {errors.size}'
-        spread = shown(np.mean(errors, axis=0), 100.0), shown(np.std(errors, axis=0, ddof=1), 100.0)
-        rows.append([name, shown(truth, 1e6, 0), *spread, f'{100.0 * float(np.median(np.abs(errors))):.1f}', held])
+        spread = _shown(np.mean(errors, axis=0), 100.0), _shown(np.std(errors, axis=0, ddof=1), 100.0)
+        rows.append([name, _shown(truth, 1e6, 0), *spread, f'{100.0 * float(np.median(np.abs(errors))):.1f}', held])
     header = ['object alone', 'geometry, kg mm²', 'mean error, %', 'scatter, %', 'median of all, %', 'within 95 %']
     print(f'\n{table(header, rows, words=True)}')
 

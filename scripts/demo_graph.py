@@ -22,7 +22,9 @@ CONFIG = ROOT / 'config'
 PATIENCE = 60.0  # s, for a process to appear on the graph or to end
 sys.path.insert(0, str(ROOT / 'test'))
 
-from graph import Graph, Process, graph  # noqa: E402 - from the tests, which are no package
+from graph import Graph, Process, executable, graph  # noqa: E402 - from the tests, which are no package
+
+__all__ = ['CONFIG', 'ROOT', 'Demo', 'Graph', 'assigned', 'executable', 'graph', 'running']
 
 
 def assigned(values: Mapping[str, object]) -> list[str]:

@@ -20,8 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.data import LEVELS, model
 from benchmarks.frame import declared
 from demo import seconds
-from demo_graph import CONFIG, ROOT, Demo, assigned, running
-from graph import Graph
+from demo_graph import CONFIG, ROOT, Demo, Graph, assigned, running
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError

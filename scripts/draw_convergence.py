@@ -1,7 +1,4 @@
-"""Draw docs/convergence.svg: estimates of a shipped bag with their 95 % bands, against the truth.
-
-Needs `install/setup.bash` sourced.
-"""
+"""Draw docs/convergence.svg: estimates of a shipped bag with their 95 % bands, against the truth."""
 
 from __future__ import annotations
 

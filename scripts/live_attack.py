@@ -26,15 +26,11 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
-
-from benchmarks.bags import ROBOT, make_bag  # noqa: E402
-from benchmarks.data import CONFIG  # noqa: E402
-from benchmarks.frame import Frame, provenance, resident, table  # noqa: E402
-from benchmarks.speed_live import node_beside, received  # noqa: E402
-from graph import Graph, executable, graph  # noqa: E402 - from the tests, which are no package
-from mbaid_ros.nodes.qos import qos  # noqa: E402
+from benchmarks.bags import ROBOT, make_bag
+from benchmarks.frame import Frame, provenance, resident, table
+from benchmarks.speed_live import node_beside, received
+from demo_graph import CONFIG, Graph, executable, graph
+from mbaid_ros.nodes.qos import qos
 
 MEMORY = 1000.0  # MB
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)

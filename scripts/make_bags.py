@@ -1,7 +1,5 @@
 """Make the bags of bags/ anew: three by simulation, seeded, and one recorded from a live ROS 2 graph.
 
-usage: make_bags.py [NAME ...] [--output FOLDER] [--duration S]    (`make bags` makes all of them)
-
 A simulated bag holds the same messages, byte for byte, each time it is made on one machine. The live one is stamped
 with the time of its recording; it is kept only if a replay gives the very estimates recorded in it.
 """

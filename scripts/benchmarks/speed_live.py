@@ -18,11 +18,8 @@ from mbaid_msgs.msg import InertiaEstimate
 from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
 from benchmarks.frame import processor_time
+from demo_graph import Graph, assigned, graph
 from mbaid_ros.nodes.qos import qos
-
-sys.path.insert(0, str(CONFIG.parent / 'test'))
-
-from graph import Graph, graph  # from the tests, which are no package
 
 NODES = Path(__file__).with_name('speed_nodes.py')
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
@@ -50,11 +47,6 @@ def live_runs(
             live = _run(parameters, folder / f'{number}-{place}', (str(bag), str(rate)), seconds)
             found[name].append((live, bare))
     return found
-
-
-def assigned(values: Mapping[str, object]) -> list[str]:
-    """Return the words of a command line that set parameters."""
-    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
 def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple[str, str], seconds: float) -> Live:

@@ -98,7 +98,6 @@ UNDISTURBED = (
 )
 
 # -- the robot is not as described
-
 _JOINT, _ARM = 3, 'second'  # number of joint4; links of another arm
 
 
@@ -214,7 +213,6 @@ _LENGTHS = 'every length in millimetres'
 WRONG_FILES = tuple(one.name for one in WRONG_MODELS if one.believed is not str and (one.cause or one.name == _LENGTHS))
 
 # -- the sensors are not as declared
-
 _JOINTS = ('joint_position', 'joint_velocity')
 _ODOMETRY = tuple(name for name in vars(NOISE) if name.startswith('base'))
 _NOISE = r'noise\.(joint|base)|noise of the odometry'
@@ -322,7 +320,6 @@ SENSORS = (
 )
 
 # -- several small errors at once, as on a bench: each alone would pass unnoticed
-
 _PLACE, _MOUNT = np.array([2e-3, -1e-3, 1.5e-3]), np.array([1.5e-3, -1e-3, 2e-3])  # m, rad, of the odometry's mount
 
 

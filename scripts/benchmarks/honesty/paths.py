@@ -74,7 +74,7 @@ def by_rates(start: Array, knots: Array, rates: Array) -> Path:
 
 
 def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0) -> Path:
-    """Return trapezoids with stops: legs of s and (n,) rad/s at full speed, s of rest after each, s before the first."""
+    """Return trapezoids: legs of s and (n,) rad/s at full speed, s of rest after each, s before the first."""
     start = servicer().start
     still = np.zeros(len(start))
     knots, time = [-1.0], rest  # one before the first leg, even if it begins at once

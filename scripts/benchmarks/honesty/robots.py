@@ -106,7 +106,7 @@ def with_flexible_joint(urdf: str, joint: str) -> str:
 
 
 def part(name: str, parent: str, place: Vector, axis: Vector, body: Array, kind: str) -> str:
-    """Return a link and the joint <name>_joint, placed in the parent's frame, whose axes it has; the body in its own."""
+    """Return a link and the joint <name>_joint, placed in the parent's frame with its axes; the body in its own."""
     return _link(name, body) + _jointed(f'{name}_joint', kind, (parent, name), axis, place)
 
 

@@ -16,21 +16,16 @@ from mbaid_ros.core.simulation.drawn import ErrorSizes
 
 # The defaults of the estimator's parameters.
 DEFAULT = ErrorSizes(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
-_PARAMETERS = {
-    'links_relative_std': 'known_links.relative_std',
-    'zero_std': 'known_joints.zero_std',
-    'origin_std': 'known_joints.origin_std',
-    'axis_std': 'known_joints.axis_std',
-    'mount_position_std': 'odometry_mount.position_std',
-    'mount_orientation_std': 'odometry_mount.orientation_std',
-}
-# By name in the tables, the fields of ErrorSizes.
+# By block, the fields of ErrorSizes and the parameters that declare them.
 BLOCKS = {
-    'links': ('links_relative_std',),
-    'zeros': ('zero_std',),
-    'origins': ('origin_std',),
-    'axes': ('axis_std',),
-    'mount': ('mount_position_std', 'mount_orientation_std'),
+    'links': {'links_relative_std': 'known_links.relative_std'},
+    'zeros': {'zero_std': 'known_joints.zero_std'},
+    'origins': {'origin_std': 'known_joints.origin_std'},
+    'axes': {'axis_std': 'known_joints.axis_std'},
+    'mount': {
+        'mount_position_std': 'odometry_mount.position_std',
+        'mount_orientation_std': 'odometry_mount.orientation_std',
+    },
 }
 PLANAR = ('table1',)
 # Distributions of a body's errors: that of `relative_factor`, one common factor, or each number by itself.
@@ -79,26 +74,19 @@ class Variant:
 
 def settings(sizes: ErrorSizes) -> dict[str, object]:
     """Return the estimator's parameters that declare such robots, with the sensors' noise."""
-    return {**{_PARAMETERS[name]: value for name, value in vars(sizes).items()}, **declared(NOISE)}
-
-
-def scaled(sizes: ErrorSizes, factor: float) -> ErrorSizes:
-    """Return all sizes, larger or smaller."""
-    return ErrorSizes(**{name: factor * value for name, value in vars(sizes).items()})
-
-
-def block(name: str) -> ErrorSizes:
-    """Return one block's default size, the others exact."""
-    return ErrorSizes(**{field: getattr(DEFAULT, field) for field in BLOCKS[name]})
+    names = {field: name for block in BLOCKS.values() for field, name in block.items()}
+    return {**{names[field]: value for field, value in vars(sizes).items()}, **declared(NOISE)}
 
 
 def monte_carlo(robot: str) -> Iterator[Variant]:
     """Yield the variants of a robot: all blocks, one at a time, and with wrong priors."""
     yield Variant(robot, 'all', DEFAULT, DEFAULT)
-    for name in BLOCKS:
-        yield Variant(robot, name, block(name), block(name))
-    yield Variant(robot, 'all, priors twice as large', DEFAULT, scaled(DEFAULT, 2.0))
-    yield Variant(robot, 'all, priors half as large', DEFAULT, scaled(DEFAULT, 0.5))
+    for name, fields in BLOCKS.items():
+        block = ErrorSizes(**{field: getattr(DEFAULT, field) for field in fields})
+        yield Variant(robot, name, block, block)
+    for words, factor in (('twice', 2.0), ('half', 0.5)):
+        priors = ErrorSizes(**{field: factor * value for field, value in vars(DEFAULT).items()})
+        yield Variant(robot, f'all, priors {words} as large', DEFAULT, priors)
     for way in (WHOLE, APART):
         yield Variant(robot, f'all, links off {way}', DEFAULT, DEFAULT, links=way)
     if robot in PLANAR:
