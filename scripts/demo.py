@@ -72,7 +72,8 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
     nodes.append(demo.start('recorder', '-p', f'output:={bag}'))
     demo.wait(lambda: demo.estimates, 'the estimator')
     demo.wait(lambda: demo.recorded('/estimator/estimate'), 'the recorder')
-    given = {'robot_description_file': CONFIG / 'table1.urdf', 'duration': duration, 'real_time_factor': speed, **NOISE}
+    given = {'robot_description_file': CONFIG / 'table1.urdf', 'duration': duration, 'real_time_factor': speed}
+    given |= {'wait_for_subscribers': 2, **NOISE}  # estimator and recorder
     simulator = demo.start('simulator', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned(given))
     demo.wait(lambda: demo.truths, 'the simulator')
     truth = demo.truths[0].inertia
