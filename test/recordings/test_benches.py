@@ -12,16 +12,51 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from benchmarks.benches import Twin, spot_2021, spot_2023, tudelft_throw
+from benchmarks.benches import Twin, spot_2021, spot_2023
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.spot import COMMANDS_FILE
-from mbaid_ros.recordings.throws import OBJECTS, read_tudelft_throw
+from mbaid_ros.recordings.throws import OBJECTS, Thrown, read_tudelft_throw, throw_urdf
 from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Simulation
+
+_THROWN_RATE, _RESTING = 4030.0, 2100  # Hz; samples before the flywheel starts
+
+
+def tudelft_throw(folder: Path, seed: int) -> Twin:
+    """Write a log of the throwing device as CSV; the truth is of the device, its IMU at the origin."""
+    rng = np.random.default_rng(seed)
+    body = np.array([0.2792, *rng.uniform(-0.01, 0.01, 2), 0.03, 5.1e-4, 0.0, 0.0, 2.1e-4, 0.0, 5.0e-4])
+    robot = load_model(change_inertial(throw_urdf(OBJECTS['empty']), Thrown.BASE, body))
+    # The flywheel runs up to 1300 rad/s and down again, the other way round than z.
+    motion = Sinusoids(np.zeros(1), np.array([[-245.0]]), np.array([[0.85]]), np.array([[-np.pi / 2.0]]))
+    tumbling = np.concatenate((rng.normal(size=3), rng.normal(size=3) * 6.0, np.zeros(1)))
+    start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, tumbling)
+    time = np.arange(2350) / _THROWN_RATE
+    seen = Simulation(robot, motion, start, 1e-3).advance(time)
+    rotation = rotation_from_quaternion(seen.base_orientation)
+    falling = np.gradient(rotate(rotation, seen.base_linear_velocity), time, axis=0)
+    gyro = np.concatenate((np.zeros((_RESTING, 3)), seen.base_angular_velocity))
+    acceleration = np.concatenate((np.zeros((_RESTING, 3)), rotate_back(rotation, falling)))
+    speed = np.concatenate((np.zeros(_RESTING), np.maximum(np.abs(seen.joint_velocity[:, 0]), 10.5)))
+    gyro += rng.normal(size=gyro.shape) * 5e-3 + rng.normal(size=3) * 5e-3
+    acceleration += rng.normal(size=acceleration.shape) * 0.3
+    raw: list[Array] = [np.arange(len(gyro)) / _THROWN_RATE * 1e6]
+    # The board is turned on the device, and its numbers are whole.
+    for values, unit in ((gyro, np.pi / 180.0 / 16.384), (acceleration, 9.81 / 2048.0)):
+        raw += [values[:, 1] / unit, -values[:, 0] / unit, values[:, 2] / unit]
+    raw.append(speed * 60.0 / (2.0 * np.pi) * 7.0 / 100.0)
+    names = [f'{name}[{axis}]' for name in ('gyroADC', 'accSmooth') for axis in range(3)]
+    header = ','.join(['time', *names, 'erpm[0]'])
+    np.savetxt(folder / 'throw.csv', np.transpose(raw), fmt='%.0f', delimiter=',', header=header, comments='')
+    return Twin(folder / 'throw.csv', body)
 
 
 @pytest.fixture(scope='module', name='twin_2021')

@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.honesty.runs import run
-from benchmarks.honesty.true_causes import rank
+from benchmarks.honesty.runs import rank, run
 from shortened import shorten
 
 LONG = pytest.mark.long

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.thrown import AT_REST, INERTIA, calibrated, record
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay.replay import main as replay
+from thrown import AT_REST, INERTIA, calibrated, record
 
 
 def test_a_thrown_body_with_a_flywheel_is_calibrated(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.honesty.runs import PUBLISHED, Told, run
+from benchmarks.honesty.runs import PUBLISHED, Outcome, run
 from captured import capture
 from checked import some
 from floating import DEFAULT, errors, float_freely, follow, make, normalised, pushing, true_momentum
@@ -204,7 +204,7 @@ def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
     assert max(told.worst, told.young) < 5.0
 
 
-def gone_on(name: str, seed: int, cause: str) -> Told:
+def gone_on(name: str, seed: int, cause: str) -> Outcome:
     """Return what a run says that has told of a change and goes on with the target of afterwards."""
     told = run((name, 'trajectory', seed))
     assert told.status in PUBLISHED

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.data import history
 from benchmarks.honesty.readings import Readings
-from benchmarks.honesty.runs import history, messages
+from benchmarks.honesty.runs import messages
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build

@@ -1,57 +1,97 @@
-"""The Cramér-Rao bound of the whole trajectory: what an unbiased estimator could reach that links all samples.
+"""Cramér-Rao bounds: the accuracy that no unbiased estimator can surpass.
 
-The base moves as conservation says. Unknown are the body, the total momentum, the first pose, and the path of every
-joint: a cubic spline with a knot each second. Measured are poses, twists and encoders of all samples. Errors are
-followed to first order, from knot to knot:
+`bound` is of the per-sample model: each sample gives momentum equations with the noise of its own sensors in all terms;
+unknown are body and total momentum. `trajectory_bound` is of the whole trajectory: unknown are also the first pose and
+the path of every joint, a cubic spline with a knot each second. Errors propagate to first order from knot to knot:
 
-    xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): the pose's, dx: of body and momentum, dq: of the path
-
-The information of all measurements about all unknowns is one matrix; what its inverse has for the body is the bound.
+    xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): of the pose, dx: of body and momentum, dq: of the path
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import BSpline
 
-from benchmarks.bound import told_by
-from benchmarks.data import Case, kernel
+from benchmarks.data import Case, exact_samples, kernel, momentum_of
+from mbaid_ros.core.difference.errors_in_variables import maximum_likelihood
+from mbaid_ros.core.difference.window_rows import Subspace, subspace, window_rows
 from mbaid_ros.core.filter.interpolation import Midpoints
 from mbaid_ros.core.filter.prediction import joint_gains, predict
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, POSE, Layout
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags, cross
+from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 
+_BATCH = 500  # samples
 _STRIDE = 4  # samples from knot to knot
-_KNOT = 1.0  # s
+_KNOT = 1.0  # s, of the splines
 _ORDER = 3
 
 
-def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
-    """Return the smallest standard deviation of the ten physical parameters after each of some times.
+@dataclass(frozen=True)
+class _Problem:
+    """An exact motion, and the space of the unknowns that it determines."""
 
-    Parameters
-    ----------
-    case : robot, noise, and which sensors there are
-    truth : its motion
-    times : s
+    samples: Samples  # without noise, with the covariances of noisy ones
+    momentum: Array  # (6,) true total, about the first position of the base
+    space: Subspace  # equations that hold, and a basis of body and momentum
+    jacobian: Array  # (10, v) of the physical parameters by the coordinates of the basis
+    known: Flags  # (10,) parameters in the span of the basis
 
-    Returns
-    -------
-    (len(times), 10) array; NaN for what the motion leaves open
-    """
-    told = told_by(case, truth)
-    samples, basis = told.samples, told.space.basis
-    result = np.full((len(times), 10), np.nan)
-    for row, time in enumerate(times):
-        end = int(np.searchsorted(samples.time, time - 1e-9))
-        information = _information(case, samples[:end], told.momentum, basis)
+    @staticmethod
+    def of(case: Case, truth: Truth) -> _Problem:
+        robot = kernel(case.robot)
+        samples = exact_samples(truth, case.noise)
+        detector = PlaneDetector(robot.model)
+        detector.update(samples)
+        space = subspace(detector, robot)
+        momentum = momentum_of(case.robot, truth)
+        momentum[3:] -= cross(truth.base_position[0], momentum[:3])
+        full = physical_jacobian(robot.target.parameters)
+        jacobian = full @ space.basis[:10]
+        known = np.all(np.abs(full - jacobian @ space.basis[:10].T) < 1e-9, axis=1)
+        return _Problem(samples, momentum, space, jacobian, known)
+
+    def deviations(self, information: Array) -> Array:
+        """Return the (10,) standard deviations by information whose last rows are of the basis."""
         size = 1.0 / np.sqrt(np.diag(information))
         inverse = np.linalg.inv(information * size * size[:, None]) * size * size[:, None]
-        last = inverse[-basis.shape[1] :, -basis.shape[1] :]  # body and momentum
-        variance = np.diag(told.jacobian @ last @ told.jacobian.T)
-        result[row] = np.where(told.known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        count = self.jacobian.shape[1]
+        variance = np.diag(self.jacobian @ inverse[-count:, -count:] @ self.jacobian.T)
+        return np.where(self.known, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+
+
+def bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
+    """Return the (len(times), 10) bounds of the per-sample model; NaN for what the motion leaves open."""
+    robot = kernel(case.robot)
+    problem = _Problem.of(case, truth)
+    samples, origin = problem.samples, truth.base_position[0]
+    unknowns = problem.space.basis.T @ np.concatenate((robot.target.parameters, problem.momentum))
+    result, done = np.full((len(times), 10), np.nan), 0
+    information: Array = np.zeros((len(unknowns), len(unknowns)))
+    for row, time in enumerate(times):
+        end = int(np.searchsorted(samples.time, time - 1e-9))
+        for start in range(done, end, _BATCH):
+            chosen = range(start, min(start + _BATCH, end))
+            blocks = window_rows(robot, [samples[k : k + 1] for k in chosen], case.noise, origin)
+            information = information + maximum_likelihood(problem.space.of(blocks), unknowns).information
+        done = end
+        result[row] = problem.deviations(information)
+    return result
+
+
+def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
+    """Return the (len(times), 10) bounds of the whole trajectory; NaN for what the motion leaves open."""
+    problem = _Problem.of(case, truth)
+    result = np.full((len(times), 10), np.nan)
+    for row, time in enumerate(times):
+        end = int(np.searchsorted(problem.samples.time, time - 1e-9))
+        information = _information(case, problem.samples[:end], problem.momentum, problem.space.basis)
+        result[row] = problem.deviations(information)
     return result
 
 

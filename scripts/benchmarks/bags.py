@@ -1,33 +1,23 @@
-"""Bags of any length for measurements of speed: the endless motion of a robot, with fresh noise."""
+"""Bags of any length: the endless motion of servicer7, with fresh noise."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.data import DURATION, LEVELS, RATE, endless_motion, model
+from benchmarks.data import DURATION, NOISE, RATE, START, endless_motion, model
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.simulation.sensors import Sensors
 
 ROBOT = 'servicer7'
-LEVEL = 'mid'
 TOPICS = {'/joint_states': 'sensor_msgs/msg/JointState', '/odom': 'nav_msgs/msg/Odometry'}
-START = 1_700_000_000_000_000_000  # ns, stamp at time 0
 
 
 def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
-    """Write a bag of servicer7, a JointState and an Odometry a sample.
-
-    Parameters
-    ----------
-    path : folder to make
-    minutes : length
-    rate : samples a second
-    """
+    """Write a bag, a JointState and an Odometry a sample."""
     truth = endless_motion(ROBOT, rate, min(60.0 * minutes, DURATION))
-    sensors = Sensors(LEVELS[LEVEL], seed=0)
-    messages = SensorMessages(BAG_TYPES, model(ROBOT), 'odom')
+    sensors, messages = Sensors(NOISE, seed=0), SensorMessages(BAG_TYPES, model(ROBOT), 'odom')
     left = round(minutes * 60.0 * rate)
     with BagWriter(path) as bag:
         for topic, kind in TOPICS.items():
