@@ -86,6 +86,8 @@ lint: install/.built
 	@$(BIN)/mypy
 	$(STEP) "import directions"
 	@$(BIN)/lint-imports --no-logo
+	$(STEP) "budgets of lines"
+	@$(BIN)/python scripts/check_budgets.py
 
 # Measurements: what they write is committed.
 paper-table: install/.built

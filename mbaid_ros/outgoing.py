@@ -10,11 +10,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.publication import Debris
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.imu import ImuReadings
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings
+from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
     from mbaid_ros.core.capture import Capture  # half a second, which a simulator does without

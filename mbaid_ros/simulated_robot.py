@@ -1,28 +1,190 @@
-"""The robot of a simulated run, as its parameters ask for: how it differs from its URDF, what it carries and senses."""
+"""What moves in a simulated run, as the parameters ask for: joints, initial state, thrust, and what is captured."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TypeGuard
 
 import numpy as np
 
+from mbaid_ros.config.environment import make_orbit, make_storage
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.config.surroundings import make_orbit, make_storage
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.config.trajectory import read_trajectory
+from mbaid_ros.core.errors import DataError, ParameterError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.simulation.capture import CaptureSimulation
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.imu import Imu, ImuErrors
-from mbaid_ros.core.simulation.motion import Motion
-from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.steered import Steered
-from mbaid_ros.core.simulation.surroundings import Surroundings
-from mbaid_ros.core.simulation.thrust import ThrustSimulation
-from mbaid_ros.core.simulation.wheels import Wheels
-from mbaid_ros.simulated_setup import is_driven, make_initial_state, make_motion, make_pulse, make_target
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.motion import (
+    Driven,
+    Motion,
+    Passive,
+    followed,
+    random_sinusoids,
+    sinusoids,
+    within_limits,
+)
+from mbaid_ros.simulation.sensors import Imu, ImuErrors
+from mbaid_ros.simulation.simulation import Simulation, Truth, seen_from_orbit, without_linear_momentum
+from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
+
+_QUATERNION_TOLERANCE = 1e-3
+
+
+def is_driven(motion: Motion) -> TypeGuard[Driven]:
+    """Tell whether a motion is that of joints that follow something."""
+    return not isinstance(motion, Passive)
+
+
+def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
+    """Return the motion of the joints that the parameters ask for.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not fit the robot.
+    """
+    motion, moved = config.motion, model.transmission
+    start = _joint_values('initial.joint_positions', config.initial.joint_positions, model)
+    if motion.kind == 'passive':
+        if not moved.direct:
+            followers = [name for name in model.joint_names if name not in model.independent_joints]
+            raise ParameterError(
+                f"parameter 'motion.kind' is 'passive', but {listing(followers)} of '{model.name}' mimic other joints; "
+                'accepted: sinusoids, random'
+            )
+        return Passive()
+    if motion.kind == 'sinusoids':
+        given = (np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases))
+        return followed(sinusoids(start, *given), moved)
+    if motion.kind == 'trajectory':
+        return _followed_file(config, model)
+    drawn = random_sinusoids(start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max)
+    if motion.within_limits:
+        drawn = within_limits(drawn, model, start_given=bool(config.initial.joint_positions))
+    return followed(drawn, moved)
+
+
+def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
+    """Return the motion along the trajectory of a file."""
+    motion, given = config.motion, config.initial.joint_positions
+    if not motion.trajectory_file:
+        raise ParameterError(
+            "parameter 'motion.trajectory_file' is empty; accepted: a file, as motion.kind asks for one"
+        )
+    trajectory = read_trajectory(motion.trajectory_file)
+    start = model.transmission.positions(_joint_values('initial.joint_positions', given, model)) if given else None
+    try:
+        return made_to_follow(trajectory, model, start, motion.trajectory_begin)
+    except DataError as error:
+        raise ParameterError(f"'{motion.trajectory_file}': {error}") from error
+
+
+def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
+    """Return the pulse of thrust, None where there is none.
+
+    Raises
+    ------
+    ModelError
+        It acts on a link that the robot does not have.
+    ParameterError
+        There is a capture, too.
+    """
+    thrust = config.thrust
+    if thrust.duration == 0.0:
+        return None
+    if config.capture.time > 0.0:
+        raise ParameterError(
+            f"parameter 'thrust.duration' is {thrust.duration:g} s with capture.time {config.capture.time:g} s; "
+            'accepted: one of them, the other 0'
+        )
+    link = None if thrust.link == config.odom_frame else model.link(thrust.link or model.base_link)
+    wrench = np.array([*thrust.force, *thrust.torque])
+    end = thrust.time + thrust.duration
+    return Pulse(thrust.time, end, link, wrench, thrust.scale, np.array(thrust.turn), thrust.delay)
+
+
+def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
+    """Return what is captured, None where nothing is.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not make a body, or the joints are not driven.
+    """
+    capture = config.capture
+    if capture.time == 0.0:
+        return None
+    if isinstance(motion, Passive):
+        raise ParameterError(
+            f"parameter 'capture.time' is {capture.time:g} s with motion.kind '{config.motion.kind}'; accepted: 0, or "
+            'joints that are driven: sinusoids, random, trajectory'
+        )
+    body = np.array([capture.mass, *capture.com, *(capture.inertia or (0.0,) * 6)])
+    if not capture.mass > 0.0 or not is_physical(standard(body)):
+        raise ParameterError(
+            f"parameters 'capture.mass' {capture.mass:g} kg and 'capture.inertia' {list(capture.inertia)} kg m^2 make "
+            'no body; accepted: a mass > 0 and principal moments > 0, none larger than the sum of the other two'
+        )
+    velocities = np.array(capture.linear_velocity), np.array(capture.angular_velocity)
+    return Target(capture.time, link.name, body, *velocities)
+
+
+def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
+    """Return the state at time 0.
+
+    Raises
+    ------
+    ParameterError
+        The parameters do not fit the robot, the motion, or each other.
+    """
+    initial = config.initial
+    rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model)
+    if is_driven(motion):
+        if rates.any():
+            raise ParameterError(
+                f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
+                f"'{config.motion.kind}' the motion gives the velocities: empty is accepted"
+            )
+        rates = motion.reference(0.0)[1]
+    orientation = np.array(initial.base_orientation)
+    length = float(np.linalg.norm(orientation))
+    if abs(length - 1.0) > _QUATERNION_TOLERANCE:
+        raise ParameterError(
+            f"parameter 'initial.base_orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
+        )
+    orientation /= length
+    back = quaternions.conjugate(orientation)
+    twist = (initial.base_linear_velocity, initial.base_angular_velocity)
+    linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
+    given = _joint_values('initial.joint_positions', initial.joint_positions, model)
+    positions = motion.start if is_driven(motion) else given
+    state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
+    if not initial.zero_linear_momentum:
+        return state
+    if linear.any():
+        raise ParameterError(
+            f"parameter 'initial.base_linear_velocity' is {list(initial.base_linear_velocity)} m/s; with "
+            'initial.zero_linear_momentum it follows from the other velocities: zero is accepted'
+        )
+    return without_linear_momentum(model, state)
+
+
+def _joint_values(name: str, values: tuple[float, ...], model: RobotModel) -> Array:
+    names = model.independent_joints
+    if values and len(values) != len(names):
+        raise ParameterError(
+            f"parameter '{name}' has {len(values)} numbers; accepted: none or {len(names)}, for {listing(names)}"
+        )
+    return np.array(values or (0.0,) * len(names))
 
 
 def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:

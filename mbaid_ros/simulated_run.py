@@ -14,16 +14,23 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.capture import CaptureSimulation
-from mbaid_ros.core.simulation.run import total_momentum
-from mbaid_ros.core.simulation.sensors import SensedSimulation, Sensors
-from mbaid_ros.core.simulation.steered import Steered
-from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
-from mbaid_ros.simulated_robot import make_imu, make_model_errors, make_simulation, make_view, make_wheels, steered
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.simulated_robot import (
+    make_imu,
+    make_model_errors,
+    make_motion,
+    make_simulation,
+    make_view,
+    make_wheels,
+    steered,
+)
+from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.simulation.simulation import total_momentum
+from mbaid_ros.simulation.steered import Steered
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.simulation.true_robot import true_robot
 
 Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']
 _COMMANDS = 0.1  # s, between two of thrust

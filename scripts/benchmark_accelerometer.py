@@ -18,11 +18,11 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, cross, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.simulation.run import total_momentum
+from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulation.simulation import total_momentum
 
 PLACE = np.array([0.3, 0.2, -0.3])  # m, on the base
 STEP = 0.05  # s, over which velocity changes are added up

@@ -18,12 +18,12 @@ from benchmarks.data import drawn, exact_samples, model
 from benchmarks.data import motion as robot_motion
 from benchmarks.driver import add_run_arguments, driving, parser_of
 from benchmarks.store import Runs
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.result import Calibration
+from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior
-from mbaid_ros.core.calibration.result import Calibration
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
@@ -31,13 +31,12 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.known_side import KnownSide
-from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.core.unknowns.declaration import NominalModel
 from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.session.posterior import KnownRobot
+from mbaid_ros.simulation.true_robot import ErrorSizes, true_robot
 
 SECONDS = 120.0
 PLACE = re.compile(r'(<!-- figures -->\n).*?(<!-- end of figures -->)', re.DOTALL)
@@ -106,10 +105,12 @@ def one_seed(seed: int) -> Found:
     mass = _theta(precapture.free_model())[::10].sum()
     error = found.values - np.concatenate((_theta(precapture.free_model()), _placed(cad, errors)))
     own = MomentumKernel(cad, 'link7')
-    nominal = KnownSide.nominal(own)
-    learnt = KnownSide(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
+    nominal = NominalModel.nominal(own)
+    learnt = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
     ours = _target(after, *_learnt(own, found))
-    truth = KnownSide(MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), errors.zeros, errors.mount, 0.0)
+    truth = NominalModel(
+        MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), errors.zeros, errors.mount, 0.0
+    )
     return Found(
         cad=_momentum(nominal, fresh),
         calibrated=_momentum(learnt, fresh),
@@ -151,7 +152,7 @@ def _with(robot: RobotModel, found: Calibration) -> RobotModel:
     return displaced(robot, *found.displacements)
 
 
-def _momentum(side: KnownSide, samples: Samples) -> Array:
+def _momentum(side: NominalModel, samples: Samples) -> Array:
     """Return mean squares of linear and angular momentum, about its mean, that a robot has by what is measured."""
     samples, kernel = side.corrected(samples), side.kernel
     states = kernel.states(samples)

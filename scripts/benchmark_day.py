@@ -26,8 +26,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
 
 _PART = 50  # samples handed over at a time
 _MINUTES = 60  # an hour

@@ -16,7 +16,7 @@ from benchmarks.pages import machine, number, table
 from benchmarks.planned_runs import DRAWS, LONGER, LONGER_SEEDS, TURN, WANTED, Case, Outcomes, run
 from benchmarks.random_sinusoids import LENGTHS, SINUSOIDS
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.planning.planner import PlanSettings
+from mbaid_ros.planning.planner import PlanSettings
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
 HEADER = (

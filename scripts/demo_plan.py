@@ -35,13 +35,13 @@ from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory as Trajectory
-from mbaid_ros.core.planning.limits import joint_limits
-from mbaid_ros.core.planning.search import Wanted
-from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.qos import qos
+from mbaid_ros.planning.limits import joint_limits
+from mbaid_ros.planning.search import Wanted
+from mbaid_ros.planning.splines import Splines
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.session.planning import make_planner, plan_settings

@@ -25,9 +25,9 @@ from floating import float_freely  # noqa: E402
 from mbaid_ros.cli import ArgumentParser, run  # noqa: E402
 from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.core.robot.model import load_model  # noqa: E402
-from mbaid_ros.core.robot.urdf_values import change_inertial  # noqa: E402
-from mbaid_ros.core.simulation.run import Truth  # noqa: E402
+from mbaid_ros.core.robot.urdf_edit import change_inertial  # noqa: E402
 from mbaid_ros.replay import replay, simulate  # noqa: E402
+from mbaid_ros.simulation.simulation import Truth  # noqa: E402
 from observed import kernel  # noqa: E402
 
 CONFIG, BAGS = ROOT / 'config', ROOT / 'bags'

@@ -14,10 +14,9 @@ from pathlib import Path
 
 from mbaid_ros.config.calibration import CalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import named_specifications, specifications
+from mbaid_ros.config.parameters import ParameterSpec, Value, named_specifications, specifications
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.config.specification import ParameterSpec, Value
 
 ROOT = Path(__file__).resolve().parents[1]
 PATH = ROOT / 'config' / 'estimator.yaml'

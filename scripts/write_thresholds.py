@@ -14,29 +14,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-CORE = ROOT / 'mbaid_ros' / 'core'
+PACKAGE = ROOT / 'mbaid_ros'
 PAGE = ROOT / 'docs' / 'thresholds.md'
-# By what they belong to: modules of the core, and packages.
+# By what they belong to: modules and packages.
 SECTIONS = {
-    'Method `trajectory`': (
-        'two_stage.py',
-        'trajectory',
-        'trajectory/windows',
-        'trajectory/linearised',
-        'trajectory/filter',
-        'trajectory/search',
-    ),
-    'What may be wrong with a run': ('trajectory/inquiry',),
-    'Method `difference`, and the first stage of `trajectory`': ('difference', 'equations'),
-    'Methods `paper_main` and `paper_difference`': ('paper',),
-    'Whether a run is to be trusted': ('verdict',),
-    'What of an estimate is published': ('results',),
-    'Unknowns': ('unknowns',),
-    'Capture': ('capture',),
+    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter'),
+    'Fault isolation': ('core/diagnosis',),
+    'Method `difference`, and the first stage of `trajectory`': ('core/difference',),
+    'Methods `paper_main` and `paper_difference`': ('core/paper',),
+    'Results': ('core/results',),
+    'Unknowns': ('core/unknowns',),
+    'Capture': ('core/capture',),
     '`calibrate`': ('calibration',),
-    'Readings': ('intake', 'sensor_levels.py'),
-    'Robots': ('robot', 'orbit.py'),
-    'Numbers': ('symmetric.py', 'geometry.py'),
+    'Readings': ('core/sensors',),
+    'Robots': ('core/robot',),
+    'Numbers': ('core/linear_algebra.py', 'core/geometry.py'),
 }
 HEAD = """\
 # Thresholds
@@ -101,7 +93,9 @@ def _section(title: str, places: tuple[str, ...]) -> str:
 
 
 def _files(places: tuple[str, ...]) -> list[Path]:
-    return [file for place in places for file in sorted(CORE.glob(place if place.endswith('.py') else f'{place}/*.py'))]
+    return [
+        file for place in places for file in sorted(PACKAGE.glob(place if place.endswith('.py') else f'{place}/*.py'))
+    ]
 
 
 def _comments(source: str) -> dict[int, str]:

@@ -12,16 +12,16 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
-from mbaid_ros.core.results.debris import Frame
+from mbaid_ros.core.results.publication import Frame
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.simulated_robot import make_motion
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel
 from simulated import CONFIG, robot
 

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.session import Session
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion
 from simulated import CONFIG, robot
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.core.filter.chain import WindowModel
+from mbaid_ros.core.filter.state import BODY
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.linearised.chain import WindowModel
-from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow, prepared
-from mbaid_ros.core.trajectory.state import BODY
-from mbaid_ros.core.trajectory.variables import Variables
 
 UNKNOWNS = 3  # of the known side
 NUMBERS = 10 + 2  # of the body and those unknowns that the prediction depends on

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
+from mbaid_ros.core.filter.window import Window, WindowNoise
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.trajectory.windows.window import Window
-from mbaid_ros.core.trajectory.windows.window_noise import WindowNoise
 
 SPACING = 0.05  # s, of knots
 

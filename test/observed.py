@@ -9,23 +9,23 @@ import numpy as np
 from benchmarks.sampled import sampled
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.session import make_estimator
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.true_robot import true_robot
 from simulated import CONFIG, robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.

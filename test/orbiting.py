@@ -6,12 +6,12 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun

@@ -10,17 +10,17 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.limits import joint_limits
-from mbaid_ros.core.planning.planner import Planner, PlanSettings
-from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.steered import Followed
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.limits import joint_limits
+from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.steered import Followed
 from observed import MID, estimator, kernel, observe, windows
 from simulated import robot, state
 
@@ -48,7 +48,7 @@ class Begun:
     samples: Samples
 
     @property
-    def knowledge(self) -> Knowledge:
+    def knowledge(self) -> Posterior:
         """What the method has come to know."""
         known = knowledge_of(self.method)
         assert known is not None
@@ -85,7 +85,7 @@ def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -
     return Begun(unknown, method, last_state(truth), samples[-1:])
 
 
-def planner(robot: Begun, knowledge: Knowledge | None = None, **settings: object) -> Planner:
+def planner(robot: Begun, knowledge: Posterior | None = None, **settings: object) -> Planner:
     """Return what plans motions of a robot to 1 %, quickly; from what it has come to know where nothing is given."""
     given = {'relative': np.full(10, 0.01), 'joint_velocity': FASTEST, 'effort': 24, **settings}
     reporting = make_reporting(EstimatorConfig(), robot.kernel)

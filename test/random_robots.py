@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.momentum import Storage
 
 KINDS = ('revolute', 'continuous', 'prismatic', 'fixed')
 

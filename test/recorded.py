@@ -10,9 +10,9 @@ import numpy as np
 
 from mbaid_ros.bags import BagWriter, message_class
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, Truth
 from simulated import table1
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'

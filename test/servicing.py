@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 
 from benchmarks.precapture import free_model
-from mbaid_ros.core.calibration.prior import LinkPrior
+from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from simulated import state
 
 GENERAL = LinkPrior(mass=0.05, com=0.01, inertia=0.05)

@@ -23,7 +23,7 @@ from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.simulation.run import total_momentum
+from mbaid_ros.simulation.simulation import total_momentum
 
 
 def outcome(status: list[str], error: Array, jointly: float = 0.0) -> Outcome:

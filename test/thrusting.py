@@ -12,7 +12,7 @@ from captured import sensed, servicer_motion
 from floating import float_freely, still
 from mbaid_ros.bags import message_class
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
 from simulated import robot
 

@@ -9,7 +9,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.simulation.motion import Sinusoids
 from simulated import CONFIG
 
 AXES = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (-1.0, -1.0, 1.0), (1.0, -1.0, 1.0))

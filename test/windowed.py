@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
+from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.linearised.chain import WindowModel, window_models
-from mbaid_ros.core.trajectory.state import Layout, Point
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE, averages
-from mbaid_ros.core.trajectory.windows.window import Stack, Window
-from mbaid_ros.core.trajectory.windows.window_noise import WindowNoise
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s

@@ -11,16 +11,13 @@ from scipy.interpolate import CubicSpline
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import ModelErrors, displaced, with_bodies
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.unknowns.base import OdometryMount, OdometryScale, TwistBias
+from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.clock_drift import ClockDrift
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.joint_placements import JointPlacements
-from mbaid_ros.core.unknowns.known_bodies import KnownBodies
-from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
-from mbaid_ros.core.unknowns.odometry_scale import OdometryScale
-from mbaid_ros.core.unknowns.time_offset import TimeOffset
-from mbaid_ros.core.unknowns.twist_bias import TwistBias
+from mbaid_ros.core.unknowns.joints import JointPlacements
+from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
+from mbaid_ros.simulation.simulation import Truth
 
 LINKS = 0.01  # relative standard deviation of the known bodies
 DECLARED = Uncertainty(  # of the rest of a robot of seven joints

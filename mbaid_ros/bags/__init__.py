@@ -1,7 +1,7 @@
 """Recorded bags: the only place, beside the replay, that knows their formats."""
 
+from mbaid_ros.bags.folder import Recorded, Timed
 from mbaid_ros.bags.reader import BagReader
-from mbaid_ros.bags.recorded import Recorded, Timed
 from mbaid_ros.bags.types import deserialize, message_class, message_types, serialize
 from mbaid_ros.bags.writer import BagWriter
 

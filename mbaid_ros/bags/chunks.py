@@ -1,14 +1,11 @@
-"""The messages of MCAP files, taken out of the bytes of a chunk in one go.
-
-rosbags makes a stream of each record to read it, and a record of each message to sort it: several times what the bytes
-themselves cost. The messages, their order and what is refused are the same.
-"""
+"""Messages of a bag as columns: what is the same for many is done for many at once."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -18,9 +15,85 @@ from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import LATEST, Block
 from mbaid_ros.bags.compression import unpacked_chunk
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.samples import Stamps
+
+Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
+
+_AT_ONCE = 1_000
+_MAGIC = b'\x89MCAP0\r\n'
+LATEST = 2**63 - 1  # ns: later times, which are none, count as this
+
+
+@dataclass(frozen=True)
+class Block:
+    """N messages in the order they were recorded.
+
+    Attributes
+    ----------
+    topics : names
+    contents : CDR bytes
+    times : (N,) ns, when each was recorded
+    """
+
+    topics: list[str]
+    contents: list[bytes]
+    times: Stamps
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    def __iter__(self) -> Iterator[Raw]:
+        return zip(self.topics, self.contents, self.times.tolist(), strict=True)
+
+    def part(self, begin: int, end: int | None = None) -> Block:
+        """Return some that follow one another."""
+        return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
+
+    def with_more(self, other: Block) -> Block:
+        """Return these and what follows them."""
+        times = np.concatenate((self.times, other.times))
+        return Block(self.topics + other.topics, self.contents + other.contents, times)
+
+
+def in_blocks(messages: Iterable[Raw]) -> Iterator[Block]:
+    """Yield messages in blocks; where reading them fails, those before come first."""
+    part: list[Raw] = []
+    size = 0
+    try:
+        for message in messages:
+            part.append(message)
+            size += len(message[1])
+            if len(part) == _AT_ONCE or size > limits.BLOCK_BYTES:
+                yield _block(part)
+                part, size = [], 0
+    except Exception:
+        yield _block(part)
+        raise
+    yield _block(part)
+
+
+def of_length(blocks: Iterable[Block], length: int) -> Iterator[Block]:
+    """Yield the same messages in blocks of a length, the last one shorter, and those of very large messages."""
+    waiting = _block([])
+    for block in blocks:
+        waiting = waiting.with_more(block)
+        whole = len(waiting) // length * length
+        for begin in range(0, whole, length):
+            yield waiting.part(begin, begin + length)
+        waiting = waiting.part(whole)
+        if sum(map(len, waiting.contents)) > limits.BLOCK_BYTES:
+            yield waiting
+            waiting = waiting.part(len(waiting))
+    if len(waiting):
+        yield waiting
+
+
+def _block(messages: Sequence[Raw]) -> Block:
+    topics, contents, times = zip(*messages, strict=True) if messages else ((), (), ())
+    return Block(list(topics), list(contents), np.array([min(time, LATEST) for time in times], dtype=np.int64))
+
 
 _MESSAGE, _CHANNEL, _ENDS = 0x05, 0x04, (0x02, 0x0E)
 _LENGTH = struct.Struct('<xQ').unpack_from  # of a record, after its opcode
@@ -52,12 +125,26 @@ class ChunkReader(McapReader):
         Raises
         ------
         UnindexedError
-            It has none.
+            It has none, or one that does not say which channels a chunk holds.
         """
         super().open()
-        if not self.chunks:
+        if not self.chunks or not all(chunk.channel_count for chunk in self.chunks):
             self.close()
-            raise UnindexedError('no index of chunks')
+            raise UnindexedError('no index of chunks, or none of their messages')
+
+    @staticmethod
+    def require_whole(path: Path) -> None:
+        """Refuse a file whose end is missing.
+
+        Raises
+        ------
+        ReaderError
+            It is.
+        """
+        with path.open('rb') as file:
+            file.seek(max(path.stat().st_size - len(_MAGIC), 0))
+            if file.read() != _MAGIC:
+                raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:
         """Refuse to look for what the index lacks: it decompresses without a bound."""

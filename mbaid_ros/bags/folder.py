@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,12 +16,12 @@ from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.reader import DirectoryReader
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import Block, Raw, in_blocks
-from mbaid_ros.bags.chunks import ChunkReader
-from mbaid_ros.bags.compression import unpack_file, unpacked
-from mbaid_ros.bags.profiles import parse_profiles, parse_yaml
+from mbaid_ros.bags.chunks import Block, ChunkReader
+from mbaid_ros.bags.compression import unpack_file
 from mbaid_ros.bags.sqlite import SqliteReader
+from mbaid_ros.bags.writer import parse_profiles, parse_yaml
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.files import require_regular
 
 _NEWEST = 9  # version of the metadata
@@ -43,7 +45,7 @@ class FolderReader(DirectoryReader):
         """
         folder = Path(str(self.path))
         self.stack = ExitStack()
-        self._opened: list[ChunkReader | SqliteReader] = []
+        self._parts: list[tuple[type[ChunkReader | SqliteReader], Path]] = []
         try:
             told = _read(folder / 'metadata.yaml')
             plugin = self.STORAGE_PLUGINS.get(_text(told, 'storage_identifier'))
@@ -54,10 +56,7 @@ class FolderReader(DirectoryReader):
             self.connections = self._topics(told)
             self.metadata = ReaderMetadata(0, 0, 0, _count(told, 'message_count'), None, mode, None, None)
             for path in self._unpacked(files) if mode == 'file' else files:
-                storage = plugin(path)
-                storage.open()
-                self.stack.callback(storage.close)
-                self._opened.append(storage)
+                self._parts.append((plugin, path))
             self._find_definitions()
         except BaseException:
             with suppress(ReaderError):
@@ -66,14 +65,12 @@ class FolderReader(DirectoryReader):
 
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections, of each file in the order of their times."""
-        found = self._blocks({(connection.topic, connection.msgtype) for connection in connections})
-        yield from in_blocks(_unpacked(found)) if self.metadata.compression_mode == 'message' else found
-
-    def _blocks(self, wanted: Collection[tuple[str, str]]) -> Iterator[Block]:
-        for file in self._opened:
-            chosen = [each for each in file.connections if (each.topic, each.msgtype) in wanted]
-            if chosen:
-                yield from file.blocks(chosen)
+        wanted = {(connection.topic, connection.msgtype) for connection in connections}
+        for part in self._parts:
+            with _opened(*part) as file:
+                chosen = [each for each in file.connections if (each.topic, each.msgtype) in wanted]
+                if chosen:
+                    yield from file.blocks(chosen)
 
     def _topics(self, told: Mapping[str, Any]) -> list[Connection]:
         topics = _list(told, 'topics_with_message_count')
@@ -101,10 +98,15 @@ class FolderReader(DirectoryReader):
     def _find_definitions(self) -> None:
         """Take the definitions of the types from the files."""
         found: dict[str, MessageDefinition] = {}
-        for storage in self._opened:
-            for connection in storage.connections:
-                if connection.msgdef.format != MessageDefinitionFormat.NONE:
-                    found.setdefault(connection.msgtype, connection.msgdef)
+        types = {each.msgtype for each in self.connections}
+        for plugin, path in self._parts:
+            if types <= found.keys():
+                plugin.require_whole(path)  # of thousands of files, without a look at their index
+                continue
+            with _opened(plugin, path) as storage:
+                for connection in storage.connections:
+                    if connection.msgdef.format != MessageDefinitionFormat.NONE:
+                        found.setdefault(connection.msgtype, connection.msgdef)
         self.connections = [each._replace(msgdef=found.get(each.msgtype, each.msgdef)) for each in self.connections]
 
     def _unpacked(self, files: Collection[Path]) -> Iterator[Path]:
@@ -117,11 +119,15 @@ class FolderReader(DirectoryReader):
             yield folder / file.stem
 
 
-def _unpacked(blocks: Iterator[Block]) -> Iterator[Raw]:
-    """Yield messages that are compressed one by one."""
-    for block in blocks:
-        for topic, data, time in block:
-            yield topic, unpacked(data, limits.MESSAGE_BYTES, f"a message on topic '{topic}'"), time
+@contextmanager
+def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> Iterator[ChunkReader | SqliteReader]:
+    """Open one file of a bag for a block: a process may not have thousands of them open."""
+    storage = plugin(path)
+    storage.open()
+    try:
+        yield storage
+    finally:
+        storage.close()
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -188,3 +194,49 @@ def _count(told: Mapping[str, Any], key: str) -> int:
     if not isinstance(value, int) or not 0 <= value < 2**63:
         raise ReaderError(f'metadata have no number {key}')
     return value
+
+
+Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """N messages.
+
+    Attributes
+    ----------
+    topics : N names, the topic of each message in the order they were recorded
+    messages : those of each topic, in order: a list, or `Packets`
+    times : of each topic, ns, when they were recorded
+    """
+
+    topics: Sequence[str]
+    messages: Mapping[str, Sequence[Any]]
+    times: Mapping[str, Stamps]
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    def __iter__(self) -> Iterator[Timed]:
+        left = {topic: zip(self.of(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
+        return ((topic, *next(left[topic])) for topic in self.topics)
+
+    def of(self, topic: str) -> Sequence[Any]:
+        """Return the messages of a topic."""
+        return self.messages.get(topic, ())
+
+    def runs(self, topic: str) -> Iterator[Recorded]:
+        """Yield the same messages in parts: those of a topic that follow one another, and those between them."""
+        if topic not in self.messages:
+            yield self
+            return
+        done = dict.fromkeys(self.messages, 0)
+        for _, group in groupby(self.topics, key=topic.__eq__):
+            names = list(group)
+            some = {name: slice(done[name], done[name] + names.count(name)) for name in dict.fromkeys(names)}
+            yield Recorded(
+                names,
+                {name: self.messages[name][part] for name, part in some.items()},
+                {name: self.times[name][part] for name, part in some.items()},
+            )
+            done.update({name: part.stop for name, part in some.items()})

@@ -20,8 +20,8 @@ from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from mbaid_ros import limits
-from mbaid_ros.bags.block import Block, Raw, in_blocks
-from mbaid_ros.bags.profiles import parse_profiles
+from mbaid_ros.bags.chunks import Block, Raw, in_blocks
+from mbaid_ros.bags.writer import parse_profiles
 from mbaid_ros.core.errors import DataError
 
 _STEPS = 10_000  # of the virtual machine between two looks at how many there were
@@ -71,6 +71,19 @@ class SqliteReader(Sqlite3Reader):
             if isinstance(error, apsw.Error):
                 raise ReaderError(f'Cannot open database {path}: {error}') from error
             raise
+
+    @classmethod
+    def require_whole(cls, path: Path) -> None:
+        """Refuse what is no bag, by opening it.
+
+        Raises
+        ------
+        ReaderError
+            It is none.
+        """
+        reader = cls(path)
+        reader.open()
+        reader.close()
 
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""

@@ -14,7 +14,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
-from mbaid_ros.core.planning.simple import SIMPLE
+from mbaid_ros.planning.unplanned import SIMPLE
 
 MOST_RUNS = 1_000_000
 PLANNED = 'planned'

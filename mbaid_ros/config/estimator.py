@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mbaid_ros.config.base_sensors import ImuConfig, PoseConfig
 from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
@@ -12,18 +11,18 @@ from mbaid_ros.config.capture import (
     SelfCalibrationConfig,
     ThrustConfig,
 )
-from mbaid_ros.config.known_side import (
+from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
+from mbaid_ros.config.model_errors import (
     KnownJointsConfig,
     KnownLinksConfig,
     OdometryConfig,
     OdometryMountConfig,
     TargetPriorConfig,
 )
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.noise import NoiseConfig
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
-from mbaid_ros.config.surroundings import OrbitConfig, WheelsConfig
+from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
+from mbaid_ros.config.trajectory import METHODS
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mbaid_ros.config.environment import SimulatedOrbitConfig, SimulatedWheelsConfig
 from mbaid_ros.config.parameters import parameter
-from mbaid_ros.config.surroundings import SimulatedOrbitConfig, SimulatedWheelsConfig
 
 MOTIONS = ('passive', 'sinusoids', 'random', 'trajectory')
 

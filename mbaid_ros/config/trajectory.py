@@ -1,4 +1,4 @@
-"""Motions of joints in YAML, as `ros2 topic pub` takes a trajectory_msgs/JointTrajectory."""
+"""The methods of identification by name."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from mbaid_ros.config.files import read_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
+
+METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
+
 
 _ACCEPTED = 'accepted: a trajectory_msgs/JointTrajectory in YAML, as plan --yaml writes it'
 

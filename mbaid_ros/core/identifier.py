@@ -8,19 +8,18 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mbaid_ros.core.intake.falling_frame import FallingFrame
-from mbaid_ros.core.intake.found_noise import FoundNoise
-from mbaid_ros.core.intake.gyro import Gyro
-from mbaid_ros.core.intake.gyro_frame import GyroFrame
-from mbaid_ros.core.intake.rates import FEWEST, with_rates
-from mbaid_ros.core.intake.synchroniser import Synchroniser
-from mbaid_ros.core.intake.thrust import Thrust
-from mbaid_ros.core.intake.twist_frame import TwistFrame
-from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
-from mbaid_ros.core.sensor_levels import SensorLevels
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.sensors.conventions import GyroFrame, TwistFrame
+from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.imu import Gyro
+from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.core.trajectory.posterior import Posterior
 
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
 
@@ -74,12 +73,12 @@ class Deferring(Protocol):
 class Informed(Protocol):
     """A method that tells what it has come to know, as a motion to come is planned from."""
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return all of it; None while there is no solution that stays."""
         ...
 
 
-def knowledge_of(method: object) -> Knowledge | None:
+def knowledge_of(method: object) -> Posterior | None:
     """Return what a method has come to know; None of one that does not tell, or not yet."""
     return method.knowledge() if isinstance(method, Informed) else None
 
@@ -138,7 +137,7 @@ class Identifier:
         """Let every estimate carry a warning."""
         self._notes[text] = -np.inf
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what the method has come to know, for what is to come; None where it does not tell, or not yet."""
         return knowledge_of(self._estimator)
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.steadiness import Steadiness
+from mbaid_ros.core.results.publication import IntervalConsistency
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.trajectory.posterior import Posterior
 
 # Chance that two stages which are both right count as contradicting each other: asked a hundred times a run.
 _UNLIKELY = 1e-6
@@ -48,7 +48,7 @@ class SecondStage(Estimator, Protocol):
         """Whether what it explains the data by acts from outside: stage 1 knows nothing of that."""
         ...
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what it has come to know, for what is to come; None while there is no solution that stays."""
         ...
 
@@ -89,7 +89,7 @@ class TwoStageEstimator:
         self._agreed = 0  # windows in a row
         self._began = np.inf  # s, when the first number was told
         self._restarted = False
-        self._steadiness = Steadiness()
+        self._steadiness = IntervalConsistency()
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -107,7 +107,7 @@ class TwoStageEstimator:
             estimates.append(self._both(self._first, window, origin))
         return [self._judged(estimate) for estimate in estimates]
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what the second stage has come to know."""
         return self._second.knowledge()
 

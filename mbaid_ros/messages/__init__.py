@@ -2,11 +2,9 @@
 
 from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
 from mbaid_ros.messages.imu import IMU_FRAME, ImuReader
-from mbaid_ros.messages.joints import JointReader
-from mbaid_ros.messages.motions import trajectory_of
+from mbaid_ros.messages.joints import JointReader, trajectory_of
 from mbaid_ros.messages.odometry import OdometryReader
-from mbaid_ros.messages.poses import PoseReader, Source, source_of
-from mbaid_ros.messages.refusals import (
+from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LENGTH_MISMATCH,
@@ -17,6 +15,9 @@ from mbaid_ros.messages.refusals import (
     TOO_MANY_NAMES,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    PoseReader,
+    Source,
+    source_of,
 )
 from mbaid_ros.messages.shapes import joint_state_shape, odometry_shape, positions_of
 

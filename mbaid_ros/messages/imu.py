@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, rotation_from_quaternion
-from mbaid_ros.core.intake.covariances import usable_covariance
 from mbaid_ros.core.samples import ImuStream
+from mbaid_ros.core.sensors.base import usable_covariance
 from mbaid_ros.messages.fields import stamps_of
 
 IMU_FRAME = 'IMU: frame_id is no link on the base'

@@ -13,18 +13,17 @@ import numpy.typing as npt
 
 from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
-from mbaid_ros.core.intake.attached_frame import AttachedFrame
-from mbaid_ros.core.intake.covariances import Usable, usable_covariance
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
+from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
 from mbaid_ros.messages.fields import number_of
-from mbaid_ros.messages.poses import BasePoseShape
-from mbaid_ros.messages.refusals import (
+from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     NOT_FINITE,
     NOT_REAL,
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    BasePoseShape,
 )
 from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 

@@ -1,9 +1,12 @@
-"""The robot description as others publish it."""
+"""rclpy's class of a message type that is known by name only."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -11,9 +14,40 @@ from std_msgs.msg import String
 
 from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import KnownLinksConfig
+from mbaid_ros.config.model_errors import KnownLinksConfig
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.session import Session
+
+
+@cache
+def message_class(type_name: str) -> Any:
+    """Return rclpy's class of a message type: ``package/msg/Type``."""
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+def tf_message(because: str, accepted: str) -> Any:
+    """Return the class of the messages on /tf, which not every installation has.
+
+    Parameters
+    ----------
+    because : which parameter asks for it
+    accepted : what that may be without
+
+    Raises
+    ------
+    ParameterError
+        It is not installed.
+    """
+    try:
+        return import_module('tf2_msgs.msg').TFMessage
+    except ImportError as error:
+        raise ParameterError(
+            f'{because}, but the message package tf2_msgs is not installed; accepted: {accepted}, '
+            'or apt install ros-jazzy-tf2-msgs'
+        ) from error
+
 
 # A robot that any method can be set up for: tells parameters that can never work from a robot description to come.
 _ANY_ROBOT = """\
@@ -34,7 +68,7 @@ def check_without_robot(config: EstimatorConfig) -> None:
     Session(replace(config, calibration=SelfCalibrationConfig()), _ANY_ROBOT)
 
 
-class DescriptionInlet:
+class DescriptionSubscription:
     """Receives robot descriptions: latched ones, and those of a publisher that does not latch (``ros2 topic pub``).
 
     Parameters

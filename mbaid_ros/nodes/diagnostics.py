@@ -10,12 +10,22 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.intake.thrust import LATE_THRUST
-from mbaid_ros.nodes.estimate_report import estimate_report, numbers
-from mbaid_ros.nodes.inlet import Inlet
-from mbaid_ros.nodes.sample_report import ERROR, OK, STALE, WARN, Report, SampleReport, Values, complaints
+from mbaid_ros.core.sensors.thrust import LATE_THRUST
+from mbaid_ros.nodes.reports import (
+    ERROR,
+    OK,
+    STALE,
+    WARN,
+    Report,
+    SampleReport,
+    Values,
+    complaints,
+    estimate_report,
+    numbers,
+)
 from mbaid_ros.nodes.state import State
-from mbaid_ros.nodes.terminal import ESTIMATE
+from mbaid_ros.nodes.subscriptions import Subscriptions
+from mbaid_ros.nodes.watch import ESTIMATE
 from mbaid_ros.session import explain
 
 STALE_AFTER = 2.0  # s without a message
@@ -35,7 +45,7 @@ class Diagnostics:
         Where the robot description is expected; empty: it came from a file.
     """
 
-    def __init__(self, inlets: Mapping[str, Inlet], thrust: Inlet, description_topic: str) -> None:
+    def __init__(self, inlets: Mapping[str, Subscriptions], thrust: Subscriptions, description_topic: str) -> None:
         self._inlets = inlets
         self._thrust_inlet = thrust
         self._description_topic = description_topic
@@ -115,7 +125,7 @@ class Diagnostics:
         silent = [inlet for inlet in self._wanted(state).values() if not inlet.received]
         return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
 
-    def _wanted(self, state: State) -> dict[str, Inlet]:
+    def _wanted(self, state: State) -> dict[str, Subscriptions]:
         """Return the subscriptions without what need not come because something else locates the base."""
         wanted = dict(self._inlets)
         chosen = state.session.base_source.kind if state.session else None
@@ -131,7 +141,7 @@ class Diagnostics:
                 del wanted['pose']
         return wanted
 
-    def _absence(self, inlet: Inlet) -> str:
+    def _absence(self, inlet: Subscriptions) -> str:
         """Return that nothing has come, for how long, and what would help; it changes but a few times."""
         waited = monotonic() - self._start
         longest = next((limit for limit in _WAITED if waited > limit), 0.0)
@@ -222,7 +232,7 @@ def _nodes(publishers: list[TopicEndpointInfo]) -> list[str]:
     return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
 
 
-def _help(inlet: Inlet) -> str:
+def _help(inlet: Subscriptions) -> str:
     """Return what may be wrong with a topic that nothing comes on, as the end of a sentence."""
     publishers = inlet.publishers()
     if not publishers:

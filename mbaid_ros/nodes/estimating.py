@@ -18,15 +18,13 @@ from std_srvs.srv import SetBool, Trigger
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.nodes.advising import Advising
-from mbaid_ros.nodes.description import DescriptionInlet, check_without_robot
+from mbaid_ros.nodes.description import DescriptionSubscription, check_without_robot, tf_message
 from mbaid_ros.nodes.diagnostics import Diagnostics
-from mbaid_ros.nodes.inlet import Inlet
-from mbaid_ros.nodes.message_classes import tf_message
-from mbaid_ros.nodes.narrator import Narrator
-from mbaid_ros.nodes.planning import Planning
+from mbaid_ros.nodes.estimate_publication import EstimatePublication
+from mbaid_ros.nodes.log import RunLog
+from mbaid_ros.nodes.planning import AdviceTask, Planning
 from mbaid_ros.nodes.state import State
-from mbaid_ros.nodes.telling import Telling
+from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.session import Session
 
 PERIOD = 1.0  # s, of /diagnostics
@@ -50,7 +48,7 @@ class Estimating:
 
     def __init__(self, node: Node, config: EstimatorConfig, *, active: bool = True) -> None:
         self._node = node
-        self._narrator = Narrator(node.get_logger())  # type: ignore[no-untyped-call]
+        self._narrator = RunLog(node.get_logger())  # type: ignore[no-untyped-call]
         self._config = config
         self._state = State(active=active)
         self._report_due = False  # a report waits for the estimate of a window
@@ -58,23 +56,23 @@ class Estimating:
         # What can be refused comes first: nothing of this is on the graph then.
         self._read_robot()
         self._planning = Planning(node, self._state, self._narrator.event)
-        self._telling = Telling(node, config, self._state, self._narrator, self._planning)
-        self._description = None if self._state.session else DescriptionInlet(node, self._on_description)
+        self._telling = EstimatePublication(node, config, self._state, self._narrator, self._planning)
+        self._description = None if self._state.session else DescriptionSubscription(node, self._on_description)
         self._inlets = {
-            'joint_states': Inlet(node, JointState, 'joint_states', self._on_joint_state),
+            'joint_states': Subscriptions(node, JointState, 'joint_states', self._on_joint_state),
             **self._base_inlets(node),
         }
-        self._thrust = Inlet(node, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = self._inlets.get('imu') or Inlet(node, Imu, 'imu', self._on_imu)
+        self._thrust = Subscriptions(node, WrenchStamped, 'thrust', self._on_thrust)
+        self._imu = self._inlets.get('imu') or Subscriptions(node, Imu, 'imu', self._on_imu)
         topic = self._description.topic if self._description else ''
-        self._stored_momentum = Inlet(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
+        self._stored_momentum = Subscriptions(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
         diagnostics = Diagnostics(self._inlets, self._thrust, topic)
         self._services = [
             node.create_service(Trigger, '~/reset', self._on_reset),
             node.create_service(SetBool, '~/pause', self._on_pause),
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
-        self._advising = Advising(self._state, self._narrator.advice)
+        self._advising = AdviceTask(self._state, self._narrator.advice)
         # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=clock)
@@ -82,20 +80,20 @@ class Estimating:
         self._leisure: Any = node.create_timer(_AT_ONCE, self._on_leisure, clock=clock, autostart=False)
         self._telling.watch(diagnostics)
 
-    def _base_inlets(self, node: Node) -> dict[str, Inlet]:
+    def _base_inlets(self, node: Node) -> dict[str, Subscriptions]:
         """Return the subscriptions that may locate the base, or what is needed in their place."""
         if self._config.imu.alone:
-            return {'imu': Inlet(node, Imu, 'imu', self._on_imu)}
+            return {'imu': Subscriptions(node, Imu, 'imu', self._on_imu)}
         if self._config.pose.tf_child_frame:
             message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
-            return {'tf': Inlet(node, message, '/tf', self._on_odometry)}
+            return {'tf': Subscriptions(node, message, '/tf', self._on_odometry)}
         others = (PoseWithCovarianceStamped, TransformStamped)
         return {
-            'odom': Inlet(node, Odometry, 'odom', self._on_odometry),
-            'pose': Inlet(node, PoseStamped, 'pose', self._on_odometry, others),
+            'odom': Subscriptions(node, Odometry, 'odom', self._on_odometry),
+            'pose': Subscriptions(node, PoseStamped, 'pose', self._on_odometry, others),
         }
 
-    def _every_inlet(self) -> set[Inlet]:
+    def _every_inlet(self) -> set[Subscriptions]:
         return {*self._inlets.values(), self._thrust, self._stored_momentum, self._imu}
 
     # Robot description

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mbaid_ros.config.parameters import (
+    ParameterSpec,
     build,
     named_specifications,
     specification,
@@ -18,7 +19,6 @@ from mbaid_ros.config.parameters import (
     specifications,
     values_of,
 )
-from mbaid_ros.config.specification import ParameterSpec
 
 T = TypeVar('T')
 

@@ -1,7 +1,4 @@
-"""The service ~/plan and the topic ~/motion: the motion that would tell most from here on. Nothing is moved by it.
-
-The search takes some seconds of a core: a process of its own makes it, while estimates go on.
-"""
+"""What motion would help most, looked at now and then while the node runs."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import multiprocessing
 import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from time import monotonic
 from typing import Any
 
 from rclpy.clock import Clock
@@ -20,13 +18,53 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.core.trajectory.knowledge import Knowledge
-from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.nodes.publishers import TYPES
 from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
 from mbaid_ros.nodes.state import State
 from mbaid_ros.outgoing import trajectory_message
 
-_PERIOD = 0.1  # s, between two looks at whether the motion is there
+_ADVICE_PERIOD = 5.0  # s, from one look to the next, at least
+_SHARE = 0.01  # of the time that looks may take
+
+
+class AdviceTask:
+    """Keeps what motion would help most in what the node knows.
+
+    A look takes some hundredths of a second, and leaves the estimates as they are.
+
+    Parameters
+    ----------
+    state : what the node knows
+    tell : what is told of each advice, in a line
+    """
+
+    def __init__(self, state: State, tell: Callable[[str], None]) -> None:
+        self._state = state
+        self._tell = tell
+        self._due = 0.0
+
+    def look(self) -> None:
+        """Look, if it is time to; call it when the estimates of a window have been told and nothing waits."""
+        begin = monotonic()
+        if begin < self._due:
+            return
+        self._state.advice = self._found()
+        self._tell(self._state.advice)
+        end = monotonic()
+        self._due = end + max(_ADVICE_PERIOD, (end - begin) / _SHARE)
+
+    def _found(self) -> str:
+        session, estimate = self._state.session, self._state.estimate
+        knowledge = None if session is None else session.knowledge()
+        if session is None or knowledge is None or estimate is None or estimate.contradicted:
+            return ''
+        from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and is not needed to begin
+
+        return advice(session.config, knowledge)
+
+
+_POLL_PERIOD = 0.1  # s, between two looks at whether the motion is there
 
 
 class Planning:
@@ -45,7 +83,7 @@ class Planning:
         self._tell = tell
         self._publisher = self._open()
         self._service = node.create_service(Trigger, '~/plan', self._on_plan)
-        self._timer = node.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(_POLL_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()  # type: ignore[no-untyped-call]
         self._process: Any = None
         self._answer: Connection | None = None
@@ -97,7 +135,7 @@ class Planning:
             self._tell(response.message)
         return response
 
-    def _begin(self, config: EstimatorConfig, knowledge: Knowledge) -> None:
+    def _begin(self, config: EstimatorConfig, knowledge: Posterior) -> None:
         # Of a process that is forked, threads of the middleware would be missing.
         context = multiprocessing.get_context('spawn')
         self._answer, other = context.Pipe(duplex=False)
@@ -123,7 +161,7 @@ class Planning:
             self._tell(line)
 
 
-def _work(answer: Connection, config: EstimatorConfig, knowledge: Knowledge) -> None:
+def _work(answer: Connection, config: EstimatorConfig, knowledge: Posterior) -> None:
     """Send back the motion, None where there is none, and what is to be told."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who has started this ends it
     from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - takes a while, and the node needs none of it

@@ -19,12 +19,11 @@ from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line, run
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.arguments import recorder_arguments
-from mbaid_ros.nodes.message_classes import message_class
+from mbaid_ros.nodes.description import message_class
 from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import Interrupt, own_arguments, ros
-from mbaid_ros.nodes.topic_names import why_no_topic
+from mbaid_ros.nodes.runner import Interrupt, own_arguments, recorder_arguments, ros
+from mbaid_ros.nodes.subscriptions import why_no_topic
 
 NAME = 'recorder'
 

@@ -14,7 +14,7 @@ from mbaid_ros.config.files import read_yaml
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.recordings.recording import Joints, Poses, Recording, Thrust, turned_about_z
-from mbaid_ros.recordings.table import Table, read_table
+from mbaid_ros.recordings.tables import Table, read_table
 
 _KEYS = ('separator', 'header', 'time', 'base', 'joints', 'thrust')
 _COLUMN_KEYS = ('column', 'scale', 'offset')

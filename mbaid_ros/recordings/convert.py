@@ -73,14 +73,14 @@ def _read(arguments: argparse.Namespace) -> Recording:
 
         return read_csv(arguments.log, arguments.columns)
     if arguments.format == 'tudelft-throw':
-        from mbaid_ros.recordings.tudelft import read_tudelft_throw  # noqa: PLC0415
+        from mbaid_ros.recordings.throws import read_tudelft_throw  # noqa: PLC0415
 
         return read_tudelft_throw(arguments.log, arguments.object or '', dead_reckoned=bool(arguments.dead_reckon))
     if arguments.format == 'spot-2023':
         from mbaid_ros.recordings.spot_2023 import read_spot_2023  # noqa: PLC0415
 
         return read_spot_2023(arguments.log)
-    from mbaid_ros.recordings.spot_2021 import read_spot_2021  # noqa: PLC0415
+    from mbaid_ros.recordings.spot import read_spot_2021  # noqa: PLC0415
 
     return read_spot_2021(arguments.log, arguments.commands)
 

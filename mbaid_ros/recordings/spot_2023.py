@@ -12,9 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.recordings.planar_arm import BASE, JOINTS, SHOULDER, SPOT_ARM, SPOT_ARM_SOURCE, Chaser, planar_urdf
 from mbaid_ros.recordings.recording import Joints, Poses, Recording, Thrust, turned_about_z
-from mbaid_ros.recordings.table import read_table
+from mbaid_ros.recordings.spot import (
+    BASE,
+    JOINTS,
+    SHOULDER,
+    SPOT_ARM,
+    SPOT_ARM_SOURCE,
+    Chaser,
+    planar_urdf,
+)
+from mbaid_ros.recordings.tables import read_table
 
 _COLUMNS = (80, 81)
 _TIME, _WRENCH, _POSITION, _HEADING = 0, slice(1, 4), slice(4, 6), 6

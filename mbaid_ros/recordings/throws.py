@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import math
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros import limits
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation
+from mbaid_ros.files import require_regular
+from mbaid_ros.recordings.recording import Imu, Joints, Poses, Recording
+from mbaid_ros.recordings.tables import read_table
 
 _DEVICE = 0.10067  # kg, with the flywheel
 _SPIN_INERTIA = 1.687e-6  # kg m^2, of the flywheel
@@ -168,3 +177,131 @@ def throw_parameters(thrown: Thrown) -> str:
     """Return the parameters for it."""
     total = thrown.whole()[0]
     return _PARAMETERS.format(base=Thrown.BASE, joint=Thrown.JOINT, total=total, mass_std=1e-3 * total)
+
+
+_GYRO = tuple(f'gyroADC[{axis}]' for axis in range(3))
+_ACCELEROMETER = tuple(f'accSmooth[{axis}]' for axis in range(3))
+_COLUMNS = ('time', *_GYRO, *_ACCELEROMETER, 'erpm[0]')
+# Units of the raw numbers: 16.384 of the gyro are a degree a second, 2048 of the accelerometer are g; 14 poles.
+_RADIANS, _G, _SPEED = math.pi / 180.0 / 16.384, 9.81 / 2048.0, 100.0 / 7.0 * 2.0 * math.pi / 60.0
+_TURNING = 10.0  # rad/s of the flywheel: the flight has begun
+_AFTER, _BEFORE_END, _AT_REST = 300, 50, 2000  # samples, as the authors have the first two
+_FEWEST = 100  # samples of a flight
+
+
+def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = False) -> Recording:
+    """Return a throw.
+
+    Parameters
+    ----------
+    path : blackbox log or CSV
+    thrown : which of OBJECTS the device was bolted to; empty takes it from the log's folder
+    dead_reckoned : also make poses of the integrated gyro and accelerometer, in a frame that falls along
+
+    Raises
+    ------
+    DataError
+        It is no such log, there is no flight in it, or orangebox is missing.
+    ParameterError
+        It is not known what was thrown.
+    """
+    table = _read(path)
+    time = (table[:, 0] - table[0, 0]) * 1e-6
+    # The board is turned by 90 degrees on the device: its axes are those of the IMU turned back.
+    gyro, acceleration = (_turned(table[:, part] * unit) for part, unit in ((slice(1, 4), _RADIANS), (slice(4, 7), _G)))
+    wheel = -table[:, 7] * _SPEED
+    moving = np.flatnonzero(np.abs(wheel) > _TURNING)
+    if not len(moving) or len(time) - moving[0] < _AFTER + _BEFORE_END + _FEWEST or moving[0] < _AT_REST:
+        raise DataError(
+            f"log '{path}' has no flight: the flywheel starts after {_AT_REST} samples and turns to the end in one"
+        )
+    bias = gyro[:_AT_REST].mean(axis=0)
+    flight = slice(moving[0] + _AFTER, len(time) - _BEFORE_END)
+    time, gyro, acceleration, wheel = time[flight], gyro[flight] - bias, acceleration[flight], wheel[flight]
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (wheel[1:] + wheel[:-1]) * np.diff(time))))
+    what = OBJECTS[_which(path, thrown)]
+    return Recording(
+        Joints((Thrown.JOINT,), time, angle[:, None], wheel[:, None]),
+        _dead_reckoned(time, gyro, acceleration) if dead_reckoned else None,
+        imu=Imu(time, gyro, acceleration, Thrown.BASE),
+        robot=throw_urdf(what),
+        parameters=throw_parameters(what),
+        notes=('the bias of the gyro at rest is taken off: ' + ', '.join(f'{value:.4f}' for value in bias) + ' rad/s',),
+    )
+
+
+def _turned(values: Array) -> Array:
+    """Return x = -raw y, y = raw x, z = raw z."""
+    return np.stack((-values[:, 1], values[:, 0], values[:, 2]), axis=1)
+
+
+def _which(path: Path, thrown: str) -> str:
+    if not thrown:
+        folder = path.resolve().parent.name
+        thrown = folder.removeprefix('config_').replace('_', '-')
+        if thrown not in OBJECTS:
+            raise ParameterError(
+                f"folder '{folder}' does not say what was thrown; accepted: --object {', '.join(OBJECTS)}"
+            )
+    if thrown not in OBJECTS:
+        raise ParameterError(f"--object is '{thrown}'; accepted: {', '.join(OBJECTS)}")
+    return thrown
+
+
+def _read(path: Path) -> Array:
+    """Return the rows of the columns that are needed, (N, 8)."""
+    if path.suffix.lower() == '.csv':
+        table = read_table(path, header=True)
+        names, values = table.names, table.values
+    else:
+        names, values = _blackbox(path)
+    missing = [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise DataError(f"log '{path}' lacks the column '{missing[0]}'; accepted: {', '.join(_COLUMNS)}")
+    rows = values[:, [names.index(name) for name in _COLUMNS]]
+    rows = rows[np.all(np.isfinite(rows), axis=1)]
+    rows = rows[np.concatenate(([True], np.diff(rows[:, 0]) > 0.0))[: len(rows)]]
+    if len(rows) < _AT_REST:
+        raise DataError(f"log '{path}' has {len(rows)} rows; accepted: {_AT_REST} or more")
+    return np.asarray(rows)
+
+
+def _blackbox(path: Path) -> tuple[tuple[str, ...], Array]:
+    """Return names and values of a blackbox log's columns; what is no number is NaN."""
+    try:
+        from orangebox import Parser  # noqa: PLC0415 - optional
+    except ModuleNotFoundError:
+        raise DataError(f"'{path}' is a blackbox log, which needs orangebox: pip install orangebox==0.3.1") from None
+    require_regular(path, 'log')
+    if path.stat().st_size > limits.LOG_BYTES:
+        raise DataError(f"log '{path}' has {path.stat().st_size} bytes; at most {limits.LOG_BYTES} are accepted")
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            parser = Parser.load(str(path))
+            names = tuple(parser.field_names)
+            places = [names.index(name) for name in _COLUMNS if name in names]
+            rows = [[_number(frame.data[place]) for place in places] for frame in parser.frames()]
+    except Exception as error:  # of others, of bytes that may be anything
+        raise DataError(f"'{path}' is no blackbox log that can be read: {type(error).__name__}: {error}") from error
+    return tuple(names[place] for place in places), np.array(rows, dtype=float).reshape(-1, len(places))
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _dead_reckoned(time: Array, gyro: Array, acceleration: Array) -> Poses:
+    """Return poses of the IMU in a frame that falls along, which it has at the begin, at rest there."""
+    step = np.diff(time)[:, None]
+    turns = exp(0.5 * (gyro[1:] + gyro[:-1]) * step)
+    rotation = np.empty((len(time), 3, 3))
+    rotation[0] = np.eye(3)
+    for index, turn in enumerate(turns):
+        rotation[index + 1] = rotation[index] @ turn
+    falling = (rotation @ acceleration[..., None])[..., 0]
+    velocity = np.zeros_like(gyro)
+    velocity[1:] = np.cumsum(0.5 * (falling[1:] + falling[:-1]) * step, axis=0)
+    position = np.zeros_like(gyro)
+    position[1:] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step, axis=0)
+    nothing = np.full((len(time), 6), np.nan)  # the rates are in the poses already
+    return Poses(time, position, quaternion_from_rotation(rotation), nothing, Thrown.BASE)

@@ -7,17 +7,17 @@ import json
 import sys
 from pathlib import Path
 
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.result import Calibration
+from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.robot import read_robot_description
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior
-from mbaid_ros.core.calibration.result import Calibration
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial, displace_joint
+from mbaid_ros.core.robot.urdf_edit import change_inertial, displace_joint
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import as_utf8, write_text
 from mbaid_ros.replay.calibrated import Calibrated, as_json, why_not

@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from mbaid_ros.calibration.result import Calibration, LinkResult
+from mbaid_ros.calibration.structure import (
+    BaseParameter,
+    Exchange,
+    base_parameter,
+    exchanges,
+    formula,
+    parameter,
+)
+from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT
 from mbaid_ros.config.calibration import CalibrationParameters
-from mbaid_ros.core.calibration.blocks import OF_A_JOINT, OF_THE_MOUNT
-from mbaid_ros.core.calibration.result import Calibration, LinkResult
-from mbaid_ros.core.calibration.structure import BaseParameter
-from mbaid_ros.core.calibration.words import Exchange, base_parameter, exchanges, formula, parameter
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.ratios import InertiaRatios
+from mbaid_ros.core.results.physical_consistency import InertiaRatios
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.unknowns.words import of_size

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mbaid_ros.calibration.result import LinkResult
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.calibration.result import LinkResult
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.replay.calibrated import Calibrated
 
 

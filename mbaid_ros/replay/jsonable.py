@@ -10,9 +10,9 @@ import numpy as np
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.sensor_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 
 
 def number(value: float) -> float | None:

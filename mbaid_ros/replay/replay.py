@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from mbaid_ros.cli import ArgumentParser, run
-from mbaid_ros.config.methods import METHODS
+from mbaid_ros.config.trajectory import METHODS
 from mbaid_ros.replay.inputs import add_input_arguments
 from mbaid_ros.replay.workers import add_processes_option
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensor_levels import SensorLevels
+from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.replay import provenance
 from mbaid_ros.session import Survey
 

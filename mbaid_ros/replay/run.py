@@ -8,10 +8,9 @@ from mbaid_ros.bags import BagReader, BagWriter, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
-from mbaid_ros.core.results.course import DebrisCourse, InertiaCourse
-from mbaid_ros.core.results.debris import Debris
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.results.publication import Debris, DebrisPublication, InertiaPublication
+from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.arrivals import Arrivals
 from mbaid_ros.replay.bag_types import BAG_TYPES
@@ -37,7 +36,7 @@ class EstimateWriter:
 
     def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
         self._bag = bag
-        self._inertia, self._debris = InertiaCourse(), DebrisCourse()
+        self._inertia, self._debris = InertiaPublication(), DebrisPublication()
         for topic in (ESTIMATE_TOPIC, DEBRIS_TOPIC) if with_debris else (ESTIMATE_TOPIC,):
             bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
         bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
@@ -115,7 +114,7 @@ def replay_bag(
     )
 
 
-def _advice(config: EstimatorConfig, knowledge: Knowledge) -> str:
+def _advice(config: EstimatorConfig, knowledge: Posterior) -> str:
     """Return what motion would help most."""
     from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
 

@@ -6,13 +6,11 @@ from collections.abc import Iterable
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
-from mbaid_ros.core.intake.outliers import OUTLIER
-from mbaid_ros.core.intake.reorder import LATE
-from mbaid_ros.core.intake.repeats import REPEATED_POSE
-from mbaid_ros.core.intake.stored_momentum import OTHER_MOMENTUM_FRAME
-from mbaid_ros.core.intake.stream_gate import OTHER_CLOCK, ZERO_STAMP
-from mbaid_ros.core.intake.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.core.intake.thrust import FAR_THRUST, UNKNOWN_FRAME
+from mbaid_ros.core.sensors.orbit_frame import OTHER_MOMENTUM_FRAME
+from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
+from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
+from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
+from mbaid_ros.core.sensors.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import (
     BAD_QUATERNION,
     IMU_FRAME,
@@ -22,7 +20,7 @@ from mbaid_ros.messages import (
     WRONG_CHILD_FRAME,
 )
 from mbaid_ros.session.base_source import OTHER_SOURCE
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY
+from mbaid_ros.session.segment import IMU, JOINTS, ODOMETRY
 from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay

@@ -7,10 +7,10 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.intake.attached_frame import AttachedFrame
-from mbaid_ros.core.results.debris import Frame
+from mbaid_ros.core.results.publication import Frame
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.messages import ImuReader
 
 PRINCIPAL = 'principal'

@@ -10,6 +10,7 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -17,10 +18,9 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
-from mbaid_ros.core.trajectory.settings import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.catalogue import catalogue
-from mbaid_ros.session.known import KnownRobot, declared_errors, known_side
+from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
 from mbaid_ros.session.self_calibration import self_calibration
 
 
@@ -111,9 +111,9 @@ def make_estimator(
     noise = config.noise.declared
     reporting = judge(config, kernel)
     if config.method == 'difference':
-        return _difference(config, known or known_side(config, kernel), noise, reporting)
+        return _difference(config, known or nominal_model(config, kernel), noise, reporting)
     if config.method == 'trajectory':
-        known = known or known_side(config, kernel)
+        known = known or nominal_model(config, kernel)
         second = TrajectoryEstimator(
             known.kernel,
             TrajectorySettings(

@@ -10,16 +10,16 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.planning.limits import BaseLimits
-from mbaid_ros.core.planning.planner import Planner, PlanSettings
-from mbaid_ros.core.planning.search import Criterion
-from mbaid_ros.core.trajectory.knowledge import Knowledge
-from mbaid_ros.session.meshes import mesh_points
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.search import Criterion
 from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.session.segment import UNSOLVABLE
 
 
-def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
+def make_planner(config: EstimatorConfig, knowledge: Posterior) -> Planner:
     """Return what plans motions as the parameters ask for.
 
     Raises
@@ -30,7 +30,7 @@ def make_planner(config: EstimatorConfig, knowledge: Knowledge) -> Planner:
     return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config), mesh_points)
 
 
-def advice(config: EstimatorConfig, knowledge: Knowledge) -> str:
+def advice(config: EstimatorConfig, knowledge: Posterior) -> str:
     """Return which joint, moved by itself, would tell most of what is least known, in words.
 
     Empty where all is known as well as is wanted, and where no motion can be planned, as without limits.

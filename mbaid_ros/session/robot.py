@@ -1,19 +1,72 @@
-"""The robot of a run: as it is described, and as it has learnt to know itself before a capture."""
+"""The files of collision meshes that a robot description names."""
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+from urllib.parse import unquote
+
+import coal
+import numpy as np
+
+from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture import Capture, CaptureEstimator, Phase
-from mbaid_ros.core.intake.attached_frame import AttachedFrame
-from mbaid_ros.core.results.debris import Debris, debris
+from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.publication import Debris, debris
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial, joints_moved
+from mbaid_ros.core.robot.urdf_document import kept_words
+from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
+from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.files import require_regular
+from mbaid_ros.session.environment import storage
 from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
-from mbaid_ros.session.known import known_side, with_known_errors
-from mbaid_ros.session.surroundings import storage
+from mbaid_ros.session.posterior import nominal_model, with_known_errors
+
+_PACKAGE, _FILE = 'package://', 'file://'
+
+
+def mesh_points(name: str) -> Array:
+    """Return the vertices (V, 3) of a mesh, in the units of its file.
+
+    Parameters
+    ----------
+    name : as a robot description has it: package://, file:// or a path that is not relative
+
+    Raises
+    ------
+    ModelError
+        There is no such file, or it cannot be read.
+    """
+    path = _path(name)
+    require_regular(path, 'mesh', ModelError)
+    if path.stat().st_size > limits.MESH_BYTES:
+        raise ModelError(f"mesh '{name}' has more than {limits.MESH_BYTES} bytes, which is the limit")
+    try:
+        with kept_words([]):
+            return np.asarray(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
+    except (ValueError, RuntimeError) as error:
+        told = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
+        raise ModelError(f"mesh '{name}' cannot be read: {told[-1]}") from error
+
+
+def _path(name: str) -> Path:
+    """Return where a mesh is."""
+    path = Path(unquote(name.removeprefix(_FILE)))
+    if name.startswith(_PACKAGE):
+        package, _, rest = name.removeprefix(_PACKAGE).partition('/')
+        shares = [Path(prefix) / 'share' / package for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':')]
+        share = next((each for each in shares if each.is_dir()), None)
+        if share is None:
+            raise ModelError(f"mesh '{name}': AMENT_PREFIX_PATH has no package '{package}'")
+        return share / unquote(rest)
+    if not path.is_absolute():
+        raise ModelError(f"mesh '{name}' is relative; accepted: package://, file:// or an absolute path")
+    return path
 
 
 class Robot:
@@ -47,7 +100,7 @@ class Robot:
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
         # The file is read but once: a run that starts again goes on with what it was started with.
-        self.known = known_side(config, self.described) if config.known_links.calibration else None
+        self.known = nominal_model(config, self.described) if config.known_links.calibration else None
         self.marker: AttachedFrame | None = marker_frame(config)
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._capture: CaptureEstimator | None = None

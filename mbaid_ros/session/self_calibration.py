@@ -6,21 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.result import Calibration
+from mbaid_ros.calibration.unknowns import LinkPrior, make_prior
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior, make_prior
-from mbaid_ros.core.calibration.result import Calibration
 from mbaid_ros.core.capture import Calibrate, Chaser, Handover
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.model_errors import calibrated, displaced
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.words import of_size
-from mbaid_ros.session.known import KnownRobot
+from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
 # Where the priors of bodies are declared; of the others, where those of any run are.

@@ -10,16 +10,15 @@ from typing import Any
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.intake.thrust import EXACT_THRUST, LATE_THRUST
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.sensors.thrust import EXACT_THRUST, LATE_THRUST
+from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.base_source import BaseSource
-from mbaid_ros.session.inbox import Inbox
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY
+from mbaid_ros.session.model_summary import Survey, survey
+from mbaid_ros.session.queue import MessageQueue
 from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.segment import UNSOLVABLE, MakeEstimator, Segment
-from mbaid_ros.session.survey import Survey, survey
+from mbaid_ros.session.segment import IMU, JOINTS, ODOMETRY, UNSOLVABLE, MakeEstimator, Segment
 
 IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
 
@@ -63,7 +62,7 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         self._gyro = self.config.imu.noise_density > 0.0
-        self.inbox = Inbox((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
+        self.inbox = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
@@ -159,7 +158,7 @@ class Session:
             self._unsolved(error)
             return False
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what the run has come to know; None where its method does not tell, or not yet."""
         return self._segment.identifier.knowledge()
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.gyro import GyroErrors
-from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.core.unknowns.sensors import GyroErrors
+from mbaid_ros.session.environment import spin_deviations, uncertain_circle, uncertain_thrusters
 from mbaid_ros.session.frames import imu_link
-from mbaid_ros.session.surroundings import spin_deviations, uncertain_circle, uncertain_thrusters
 
 _NO_MOMENTUM = 1e-9  # N s
 

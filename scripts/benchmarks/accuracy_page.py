@@ -14,7 +14,7 @@ from benchmarks.pages import number, percent, provenance, table
 from benchmarks.runs import Job
 from benchmarks.summary import Summary
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.sensor_levels import CHANNELS
+from mbaid_ros.core.sensors.levels import CHANNELS
 
 _MOST = 0.5  # of the runs: where fewer publish, their errors are those of a choice
 

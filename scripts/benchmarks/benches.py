@@ -12,17 +12,15 @@ from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_qu
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.true_robot import true_robot
-from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.push import Push
-from mbaid_ros.core.simulation.run import Simulation, Truth
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.recordings import spot_2023 as bench_2023
-from mbaid_ros.recordings.planar_arm import BASE, LINKS, planar_urdf
-from mbaid_ros.recordings.spot_2021 import CHASER, COMMANDS_FILE
+from mbaid_ros.recordings.spot import BASE, CHASER, COMMANDS_FILE, LINKS, planar_urdf
 from mbaid_ros.recordings.throws import OBJECTS, Thrown, throw_urdf
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Push
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 
 _STEP = 0.02  # s, of the integrator
 _THROWN_RATE, _RESTING = 4030.0, 2100  # Hz; samples before the flywheel starts

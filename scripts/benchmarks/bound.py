@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.data import Case, exact_samples, kernel, momentum_of
-from mbaid_ros.core.equations.errors_in_variables import maximum_likelihood
-from mbaid_ros.core.equations.subspace import Subspace, subspace
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.difference.errors_in_variables import maximum_likelihood
+from mbaid_ros.core.difference.window_rows import Subspace, subspace, window_rows
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 
 _BATCH = 500
 

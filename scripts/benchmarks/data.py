@@ -16,18 +16,17 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.intake.synchroniser import Synchroniser
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
-from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 ROBOTS = {

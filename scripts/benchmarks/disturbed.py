@@ -16,26 +16,25 @@ from benchmarks.speed_bag import START
 from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.known_errors import relative_factor
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.capture import CaptureSimulation
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.core.robot.model_errors import relative_factor
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session
-from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
 

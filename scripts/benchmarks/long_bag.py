@@ -14,10 +14,10 @@ from benchmarks.speed_bag import START, TOPICS
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.bags.types import serialize
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, Sensors
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, Sensors
+from mbaid_ros.simulation.simulation import Truth
 
 _STAMP = 4  # place of the stamp's seconds and nanoseconds in CDR bytes
 _NANOSECONDS = 10**9

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from benchmarks.data import MAXIMUM_GAP, Case
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.intake.found_noise import FoundNoise
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
+from mbaid_ros.core.sensors.found_noise import FoundNoise
 from mbaid_ros.session import make_estimator
 
 

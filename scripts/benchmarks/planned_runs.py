@@ -12,36 +12,36 @@ from benchmarks.random_sinusoids import best_of_sinusoids
 from benchmarks.sampled import sampled
 from benchmarks.store import Runs
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import Array, Flags, rotation_from_quaternion
 from mbaid_ros.core.identifier import Estimator, knowledge_of
-from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.information import Grid
-from mbaid_ros.core.planning.limits import BaseLimits, joint_limits
-from mbaid_ros.core.planning.motions import Motions
-from mbaid_ros.core.planning.plan import Plan
-from mbaid_ros.core.planning.planner import Planner, PlanSettings
-from mbaid_ros.core.planning.search import Wanted
-from mbaid_ros.core.planning.splines import Splines
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.core.simulation.steered import made_to_follow
-from mbaid_ros.core.trajectory.knowledge import Knowledge
-from mbaid_ros.core.trajectory.state import BODY
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.information import Grid
+from mbaid_ros.planning.limits import BaseLimits, joint_limits
+from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.plan import Plan
+from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.search import Wanted
+from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.steered import made_to_follow
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 NOISE = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
@@ -241,7 +241,7 @@ def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
     return turned
 
 
-def _longer(knowledge: Knowledge, reporting: Reporting, settings: PlanSettings) -> float:
+def _longer(knowledge: Posterior, reporting: Reporting, settings: PlanSettings) -> float:
     """Return the length of the motion that a longer search finds, s; NaN where it finds none."""
     plan = Planner(knowledge, reporting, replace(settings, effort=LONGER)).plan()
     return plan.trajectory.duration if plan.reached else np.nan

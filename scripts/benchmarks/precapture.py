@@ -9,22 +9,22 @@ from functools import cache
 import numpy as np
 
 from benchmarks.data import CONFIG, LEVELS, readings
+from mbaid_ros.calibration.unknowns import LinkPrior, physical_std
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.calibration.prior import LinkPrior, physical_std
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.synchroniser import Synchroniser
-from mbaid_ros.core.intake.windows import Windows
-from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
-from mbaid_ros.core.robot.urdf_output import replace_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.true_robot import true_robot
 
 # The arm's own last link, without the target (the table in servicer7.urdf).
 BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])

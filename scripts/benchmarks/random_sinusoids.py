@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.planning.information import Grid
-from mbaid_ros.core.planning.limits import BaseLimits, JointLimits
-from mbaid_ros.core.planning.motions import Motions
-from mbaid_ros.core.planning.search import Wanted
-from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.planning.information import Grid
+from mbaid_ros.planning.limits import BaseLimits, JointLimits
+from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.search import Wanted
+from mbaid_ros.simulation.motion import Sinusoids
 
 SINUSOIDS = 50
 LENGTHS = (10.0, 20.0, 40.0, 80.0, 160.0)  # s, in which sinusoids keep the limits

@@ -13,7 +13,7 @@ from benchmarks.methods import METHODS, Identification
 from benchmarks.store import Runs
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensor_levels import CHANNELS
+from mbaid_ros.core.sensors.levels import CHANNELS
 from mbaid_ros.replay.campaigns.monte_carlo import nees
 
 

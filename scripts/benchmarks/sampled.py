@@ -6,9 +6,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
 
 
 def sampled(truth: Truth, sensors: Sensors, declared: SensorNoise) -> Samples:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from benchmarks.data import DURATION, LEVELS, RATE, endless_motion, model
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.core.simulation.sensors import Sensors
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.simulation.sensors import Sensors
 
 ROBOT = 'servicer7'
 LEVEL = 'mid'

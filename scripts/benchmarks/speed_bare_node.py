@@ -8,9 +8,9 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from mbaid_ros.nodes.inlet import DEPTH
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import ros, spin
+from mbaid_ros.nodes.subscriptions import DEPTH
 
 
 def main() -> None:

@@ -18,10 +18,10 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model, parse
 from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth
 
 JOINTS = (4, 7, 12, 20)
 WINDOWS = (0.1, 0.25, 0.5, 1.0, 2.0)  # s

@@ -16,7 +16,7 @@ from benchmarks.data import CONFIG
 from benchmarks.speed_bag import ROBOT, make_bag
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
 
 HERE = Path(__file__).parent

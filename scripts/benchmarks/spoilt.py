@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from mbaid_ros.core.geometry import Array, exp, log, rotation_from_quaternion
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 
 _FAR, _TURNED = 0.2, np.radians(5.0)  # m, rad: how far outliers are off
 

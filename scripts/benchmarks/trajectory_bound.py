@@ -16,12 +16,12 @@ from scipy.interpolate import BSpline
 
 from benchmarks.bound import told_by
 from benchmarks.data import Case, kernel
+from mbaid_ros.core.filter.interpolation import Midpoints
+from mbaid_ros.core.filter.prediction import joint_gains, predict
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, POSE, Layout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.linearised.prediction import joint_gains, predict
-from mbaid_ros.core.trajectory.state import ANGULAR_FIRST, POSE, Layout
-from mbaid_ros.core.trajectory.windows.interpolation import Midpoints
+from mbaid_ros.simulation.simulation import Truth
 
 _STRIDE = 4  # samples from knot to knot
 _KNOT = 1.0  # s

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.parameters import build, specifications, values_of
+from mbaid_ros.config.trajectory import METHODS
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.sensor_levels import CHANNELS
+from mbaid_ros.core.sensors.levels import CHANNELS
 
 
 def test_every_default_is_accepted() -> None:

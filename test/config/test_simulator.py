@@ -8,7 +8,7 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build, specifications, values_of
 from mbaid_ros.config.simulator import MOTIONS, SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from simulated import CONFIG, robot
 
 FILES = sorted(CONFIG.glob('*_simulator.yaml'))

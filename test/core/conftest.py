@@ -11,10 +11,10 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import declared
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.core.robot.model_errors import declared
+from mbaid_ros.simulated_robot import make_motion
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion, kernel
 from planned import Begun, begun
 from simulated import CONFIG, robot

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.symmetric import solve_symmetric
+from mbaid_ros.core.linear_algebra import solve_symmetric
 
 
 @dataclass(frozen=True)

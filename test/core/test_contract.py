@@ -18,7 +18,7 @@ from mbaid_ros.core.geometry import exp
 from mbaid_ros.core.identifier import Deferring, Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 from observed import LOW, MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
 
 SECONDS, RATE = 16.0, 50.0

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.simulation import quaternions
+from mbaid_ros.simulation import quaternions
 
 COUNT = 200
 # A few rounding errors of numbers of size one.

@@ -15,7 +15,7 @@ from made_runs import estimate
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.two_stage import DISAGREE, TwoStageEstimator
 from measured import base_stream, joint_stream, piece
 from observed import MID, configured_motion, observe, windows
@@ -137,7 +137,7 @@ class Stage:
         """Have nothing to do."""
         return False
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Know nothing."""
         return None
 

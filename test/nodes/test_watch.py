@@ -17,10 +17,18 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, STD, budget, estimate, planar
-from mbaid_ros.nodes.outlets import TYPES
+from mbaid_ros.nodes.publishers import TYPES
 from mbaid_ros.nodes.qos import LATCHED
-from mbaid_ros.nodes.terminal import certainty, drawn, line, screen
-from mbaid_ros.nodes.watch import Lines, WatchNode, main, sign_for
+from mbaid_ros.nodes.watch import (
+    Lines,
+    WatchNode,
+    certainty,
+    drawn,
+    line,
+    main,
+    screen,
+    sign_for,
+)
 from mbaid_ros.outgoing import Frames, estimate_message
 
 

@@ -22,15 +22,14 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
-from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion
 from simulated import CONFIG, state
@@ -334,7 +333,8 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path) -> None:
+@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
+def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path, method: str) -> None:
     (drawn / 'after.yaml').write_text(
         'estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4, '
         f'known_links.calibration: {drawn / "out.json"}}}}}'
@@ -342,14 +342,8 @@ def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(dra
     (drawn / 'cad.yaml').write_text('estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4}}')
     last = {}
     for name, model in (('after', 'out'), ('cad', 'cad')):
-        inputs = [
-            str(drawn / 'after'),
-            '--model',
-            str(drawn / f'{model}.urdf'),
-            '--params',
-            str(drawn / f'{name}.yaml'),
-        ]
-        replay([*inputs, '--json', str(drawn / f'{name}.json')])
+        files = ['--model', str(drawn / f'{model}.urdf'), '--params', str(drawn / f'{name}.yaml')]
+        replay([str(drawn / 'after'), *files, '--method', method, '--json', str(drawn / f'{name}.json')])
         last[name] = json.loads((drawn / f'{name}.json').read_text(encoding='utf-8'))
     true, found = true_body(kernel('servicer7')), last['after']
     error = (

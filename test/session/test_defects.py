@@ -14,17 +14,22 @@ import pytest
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
-from mbaid_ros.core.intake.outliers import OUTLIER
-from mbaid_ros.core.intake.reorder import LATE, REPEATED
-from mbaid_ros.core.intake.repeats import REPEATED_POSE
-from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
+from mbaid_ros.core.sensors.streams import (
+    JUMPED_BACK,
+    LATE,
+    OTHER_CLOCK,
+    REPEATED,
+    STRAY_STAMP,
+    ZERO_STAMP,
+)
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.messages import (
     BAD_QUATERNION,
@@ -168,7 +173,7 @@ def test_correlated_odometry_is_as_uncertain_as_told() -> None:
     assert 0.36 < np.mean(squares) < 1.64
 
 
-@pytest.mark.parametrize('constant', [0.1, 1.0])
+@pytest.mark.parametrize('constant', [0.1, pytest.param(1.0, marks=pytest.mark.long)])
 def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) -> None:
     messages = defects.correlated(ROBOT, 20.0, constant, 1)(arrivals(ROBOT, 20.0, 1))
     last = estimates(ROBOT, messages)[0][-1]

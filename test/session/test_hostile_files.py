@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mbaid_ros.config.calibrated import read_calibration
+from mbaid_ros.config.calibration import read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -179,6 +179,8 @@ TRUTHS = {
     'infinite': (json.dumps({**TRUTH, 'mass': float('inf')}), 'Infinity is no number of JSON'),
     'a list': ('[]', 'it is no object of JSON'),
     'nothing': ('', 'is not JSON'),
+    'a mass alone': ('{"mass": 1}', "'inertia'"),
+    'no moments': (json.dumps({**TRUTH, 'inertia': {}}), "'ixx'"),
     'a long file': (' ' * 1_100_000, 'more than 1000000 characters'),
 }
 

@@ -6,7 +6,6 @@ and captured body together. The difference is what the captured body brought alo
 """
 
 from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator, Phase
-from mbaid_ros.core.capture.handover import Calibrate, Capture, Handover
-from mbaid_ros.core.capture.known_momentum import Chaser
+from mbaid_ros.core.capture.handover import Calibrate, Capture, Chaser, Handover
 
 __all__ = ['BEFORE', 'Calibrate', 'Capture', 'CaptureEstimator', 'Chaser', 'Handover', 'Phase']

@@ -9,17 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from mbaid_ros.core.capture.handover import Calibrate, Capture, Handover
-from mbaid_ros.core.capture.known_momentum import ENOUGH, Chaser, KnownMomentum
+from mbaid_ros.core.capture.handover import ENOUGH, Calibrate, Capture, Chaser, Handover, KnownMomentum
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
-from mbaid_ros.core.intake.rates import FEWEST, with_rates
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.tide import brought
+from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.trajectory.posterior import Posterior
 
 Phase = Literal['pre_capture', 'capture', 'post_capture']
 
@@ -92,7 +91,7 @@ class CaptureEstimator:
             return 'pre_capture'
         return 'post_capture' if self._found else 'capture'
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what the method has come to know since the capture."""
         return knowledge_of(self._after)
 

@@ -14,23 +14,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.difference.conservation import TurningFrame, turning_frame
+from mbaid_ros.core.difference.consider_parameters import ConsiderParameters
 from mbaid_ros.core.difference.run import Run
-from mbaid_ros.core.difference.solutions import Posterior, solutions
-from mbaid_ros.core.difference.turning_frame import TurningFrame, turning_frame
-from mbaid_ros.core.equations.nuisance import ConsiderParameters
-from mbaid_ros.core.equations.subspace import subspace
-from mbaid_ros.core.equations.window_rows import BODY, window_rows
+from mbaid_ros.core.difference.solutions import WindowSolution, solutions
+from mbaid_ros.core.difference.window_rows import BODY, subspace, window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.known_side import KnownSide
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Windows of a run that is contradicted, from one look at what may be wrong to the next: it costs as much as they do.
 _NOW_AND_THEN = 8
@@ -80,9 +78,9 @@ class DifferenceEstimator:
         settings: DifferenceSettings,
         reporting: Reporting,
         unknowns: Sequence[Unknown],
-        known: Carried | None,
+        known: UnknownsPrior | None,
     ) -> None:
-        self._side = KnownSide.nominal(kernel) if known is None else known.expected(kernel, unknowns)
+        self._side = NominalModel.nominal(kernel) if known is None else known.expected(kernel, unknowns)
         self._kernel = self._side.kernel
         self._settings = settings
         self._reporting = reporting
@@ -114,7 +112,7 @@ class DifferenceEstimator:
             linear = run.add(space.of(rows[k : k + 1]), space.rows @ columns, float(window.time[0]))
             self._samples += len(window)
             time = float(window.time[-1])
-            posteriors.append(Posterior.of(run, linear))
+            posteriors.append(WindowSolution.of(run, linear))
             instants.append(Instant(time, origin + round(time * 1e9), self._samples))
             self._latest.append(window)
             verdicts.append((run.event, run.contradictions, self._suspicion(run)))

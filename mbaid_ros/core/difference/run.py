@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.difference.conservation import Conservation, noise_covariance
+from mbaid_ros.core.difference.consider_parameters import ConsiderParameters
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
-from mbaid_ros.core.equations.errors_in_variables import Blocks, Linearisation
-from mbaid_ros.core.equations.nuisance import ConsiderParameters
-from mbaid_ros.core.equations.subspace import Subspace
-from mbaid_ros.core.equations.window_rows import LINEAR
+from mbaid_ros.core.difference.window_rows import LINEAR, Subspace
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Event
 

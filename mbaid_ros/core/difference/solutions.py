@@ -11,14 +11,14 @@ from itertools import groupby
 
 import numpy as np
 
+from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.difference.run import Run
-from mbaid_ros.core.equations.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Solution, inverses
 
 
 @dataclass(frozen=True)
-class Posterior:
+class WindowSolution:
     """What a run knows after a window.
 
     Attributes
@@ -42,7 +42,7 @@ class Posterior:
     redundancy: int
 
     @classmethod
-    def of(cls, run: Run, linear: Linearisation) -> Posterior:
+    def of(cls, run: Run, linear: Linearisation) -> WindowSolution:
         """Return what a run knows after a window with a given quadratic form."""
         return cls(
             run=run,
@@ -56,7 +56,7 @@ class Posterior:
         )
 
 
-def solutions(posteriors: Sequence[Posterior]) -> tuple[list[Solution], list[Array]]:
+def solutions(posteriors: Sequence[WindowSolution]) -> tuple[list[Solution], list[Array]]:
     """Return what is known after each window, and the consider parameters' part in it.
 
     Returns
@@ -68,7 +68,7 @@ def solutions(posteriors: Sequence[Posterior]) -> tuple[list[Solution], list[Arr
     return [solution for solution, _ in found], [shares for _, shares in found]
 
 
-def _of_one_run(posteriors: list[Posterior]) -> list[tuple[Solution, Array]]:
+def _of_one_run(posteriors: list[WindowSolution]) -> list[tuple[Solution, Array]]:
     run = posteriors[0].run
     information, noise, cross = (
         np.array([getattr(one, name) for one in posteriors]) for name in ('information', 'noise', 'cross')

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.sensor_levels import SensorLevels
+from mbaid_ros.core.sensors.levels import SensorLevels
 
 # Said where none of the parameters is told that might be, if the data did not contradict the model.
 WITHHELD = 'the data contradict the model, and intervals as wide as that asks for tell of no parameter'
@@ -183,3 +183,31 @@ def determined(momentum: Array, stds: Array) -> Flags:
     """
     size = max(float(np.linalg.norm(np.nan_to_num(momentum))), 100.0 * float(np.min(np.nan_to_num(stds))))
     return np.isfinite(momentum) & ~(stds > size)
+
+
+PULSE = 'thrust pulse or contact'
+SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
+
+
+def constant_force(axes: Literal['inertial', 'body']) -> str:
+    """Return what a force and torque may be that are constant in inertial or in the base's axes."""
+    likely = (
+        'inertial axes: a tilted table, drag, a leak or gravity in orbit'
+        if axes == 'inertial'
+        else 'base axes: a leak or thrust'
+    )
+    return f'a force or torque that is constant in {likely}'
+
+
+def changed_by(text: str, mass: float | None, centre: Array) -> str:
+    """Return that a target has changed, with by how much.
+
+    Parameters
+    ----------
+    text : what has happened
+    mass : kg; None where it cannot have changed
+    centre : (3,) m, of the centre of mass, target link's frame
+    """
+    along = ', '.join(f'{value:+.3g}' for value in centre)
+    heavier = '' if mass is None else f', the mass by {mass:+.3g} kg'
+    return f'{text}; the centre of mass has changed by ({along}) m{heavier}'

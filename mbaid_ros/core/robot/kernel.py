@@ -10,12 +10,10 @@ import numpy as np
 from mbaid_ros.core.array_record import Index
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
-from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import Link, RobotModel, express
-from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.robot.momentum import momentum, regressor
-from mbaid_ros.core.robot.storage import Storage
-from mbaid_ros.core.robot.tide import OF_A_THRUSTER, about
+from mbaid_ros.core.robot.model_errors import KnownErrors, displaced
+from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import Samples
 
 

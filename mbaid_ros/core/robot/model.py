@@ -1,4 +1,4 @@
-"""The robot as arrays: moving bodies, joints and links, read from a URDF by pinocchio."""
+"""From joint positions to pinocchio's configuration, in which a joint that turns without limits is (cos, sin)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,28 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
 from mbaid_ros.core.robot.mimic import Transmission, transmission
-from mbaid_ros.core.robot.parser_words import kept_words
 from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, read_description
-from mbaid_ros.core.robot.urdf_document import on_one_line
+from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line
+
+
+def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) -> Array:
+    """Return the configurations (..., nq) of joints at (..., n), the base at the origin.
+
+    Parameters
+    ----------
+    model : RobotModel
+    parsed : the same as `parse` returns it
+    position : (..., n) rad or m
+    """
+    found = np.zeros((*position.shape[:-1], parsed.nq))
+    found[..., 6] = 1.0
+    # Before the joints come pinocchio's universe and the floating base.
+    places = np.array([joint.idx_q for joint in list(parsed.joints)[2:]], dtype=int)
+    turning = np.array(model.continuous, dtype=bool)
+    found[..., places] = np.where(turning, np.cos(position), position)
+    found[..., places[turning] + 1] = np.sin(position[..., turning])
+    return found
+
 
 _COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 

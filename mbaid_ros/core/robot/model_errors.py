@@ -5,12 +5,14 @@ The same five blocks are what the simulator draws robots by, and what the estima
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, RobotModel, express
 
 
@@ -87,3 +89,150 @@ def in_frame_of(link: Link, parameters: Array) -> Array:
     """Return a body's (10,) standard parameters in the frame of one of its links."""
     back = link.rotation.T
     return express(parameters, back, -back @ link.position)
+
+
+# Part of the largest variance (all parameters in units of their own deviation) up to which one is rounding.
+_NOTHING = 1e-14
+
+
+@dataclass(frozen=True)
+class KnownErrors:
+    """Errors of the standard parameters of b known bodies: the factor times e independent numbers of variance one.
+
+    Attributes
+    ----------
+    bodies : (b,) indices of the bodies
+    factor : (10 b, e), each body's rows in its own frame
+    """
+
+    bodies: tuple[int, ...] = ()
+    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number e of independent errors."""
+        return self.factor.shape[1]
+
+    @property
+    def covariance(self) -> Array:
+        """Of the standard parameters, (10 b, 10 b)."""
+        return np.asarray(self.factor @ self.factor.T)
+
+
+def relative_factor(parameters: Array, std: float) -> Array:
+    """Return a factor of the covariance of a body's (10,) standard parameters phi, off by a relative size.
+
+    As a whole, all by one factor, and beside that each by itself, relative to its `body_sizes` s: std^2 (phi phi^T +
+    diag(s^2)) (docs/trajectory.md, eq. 12). Were each off by itself alone, the mean of ten would be known better than
+    any: of the base's, in units of which a target is weighed.
+
+    Parameters
+    ----------
+    parameters : (10,)
+    std : relative standard deviation, of either
+
+    Returns
+    -------
+    (10, 10), lower triangular
+    """
+    sizes = body_sizes(parameters)
+    whole = np.divide(parameters, sizes, out=np.zeros(10), where=sizes > 0.0)  # a point at its joint has mass alone
+    return np.asarray(std * sizes[:, None] * np.linalg.cholesky(np.eye(10) + np.outer(whole, whole)))
+
+
+def body_sizes(parameters: Array) -> Array:
+    """Return what relative errors of a body's (10,) standard parameters are relative to.
+
+    The mass; the mass times distance of the CoM and radius of gyration together; the mean moment of inertia.
+    """
+    mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
+    return np.concatenate(([mass], np.full(3, mass * _size(parameters)), np.full(6, mean)))
+
+
+def _size(parameters: Array) -> float:
+    """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
+    gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0 / parameters[0], 0.0))
+    return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
+
+
+@dataclass(frozen=True)
+class BodyDeviations:
+    """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
+
+    That of each element of the inertia is relative to the mean moment, a third of the trace (a `LinkPrior`'s to
+    sqrt(I_ii I_jj)). First moment and inertia go with the mass: what is said of the inertia is at a given one.
+    """
+
+    mass: float
+    com: float
+    inertia: float
+
+    @staticmethod
+    def relative(parameters: Array, std: float) -> BodyDeviations:
+        """Return those of a body, of standard parameters (10,), whose errors are of a relative size."""
+        return BodyDeviations(std, std * _size(parameters), std)
+
+    def factor(self, parameters: Array) -> Array:
+        """Return the (10, e) factor of the covariance of the standard parameters (10,)."""
+        inertia = np.full(6, float(physical(parameters)[[4, 7, 9]].sum()) / 3.0)
+        deviation = np.concatenate(([self.mass], np.full(3, self.com), self.inertia * inertia))
+        turned = np.linalg.solve(physical_jacobian(parameters), np.eye(10))
+        turned[:, 0] = parameters  # a heavier body, the same otherwise
+        return np.asarray((turned * deviation)[:, deviation > 0.0])
+
+
+def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
+    """Return errors of a relative size, each body's by itself (`relative_factor`); of some as they are declared.
+
+    Parameters
+    ----------
+    known : (n + 1, 10) standard parameters of the known bodies
+    std : relative standard deviation; 0 is exact
+    own : of single bodies, by index
+    """
+    own = own or {}
+    factors = {
+        int(body): own[body].factor(known[body]) if body in own else relative_factor(known[body], std)
+        for body in np.flatnonzero(known[:, 0] > 0.0)
+        if body in own or std > 0.0
+    }
+    uncertain = {body: factor for body, factor in factors.items() if factor.size}
+    return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()) if uncertain else np.zeros((0, 0)))
+
+
+def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:
+    """Return the errors that a calibration has left.
+
+    Parameters
+    ----------
+    links : k links
+    covariance : (10 k, 10 k) of their standard parameters, each in its own frame
+    unknown : names of those that do not count as known
+    """
+    bodies, carry = to_bodies(links, unknown)
+    return KnownErrors(bodies, _factor(carry @ covariance @ carry.T))
+
+
+def to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
+    """Return the b bodies of k links, and the (10 b, 10 k) matrix from the links' standard parameters to theirs.
+
+    Parameters
+    ----------
+    links : k links
+    unknown : names of those that do not count
+    """
+    known = [(index, link) for index, link in enumerate(links) if link.name not in unknown]
+    bodies = tuple(sorted({link.body for _, link in known}))
+    matrix = np.zeros((10 * len(bodies), 10 * len(links)))
+    for index, link in known:
+        row = 10 * bodies.index(link.body)
+        matrix[row : row + 10, 10 * index : 10 * index + 10] += express(np.eye(10), link.rotation, link.position).T
+    return bodies, matrix
+
+
+def _factor(covariance: Array) -> Array:
+    """Return a factor with as many columns as the covariance has directions; its entries may differ widely in size."""
+    size = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(covariance / size / size[:, None])
+    some = values > _NOTHING * max(float(values[-1]), 0.0) if len(values) else np.zeros(0, dtype=bool)
+    return np.asarray(size[:, None] * vectors[:, some] * np.sqrt(values[some]))

@@ -17,7 +17,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, rotate_back, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.tide import about, of_bodies, of_link
+from mbaid_ros.core.robot.orbit import about, of_bodies, of_link
 from mbaid_ros.core.samples import Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import sys
+import tempfile
+import threading
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import NoReturn
 from xml.etree import ElementTree as ET
 
@@ -36,7 +43,7 @@ def parse_document(text: str) -> ET.Element:
     if '<!DOCTYPE' in text or '<!ENTITY' in text:
         refuse('the robot description holds a DOCTYPE or ENTITY declaration; plain URDF is accepted')
     try:
-        robot = ET.fromstring(text)
+        robot = tree_of(text)
     except (ET.ParseError, UnicodeEncodeError) as error:
         if '<xacro:' in text:
             refuse(f'the robot description is a xacro ({error}); {_EXPAND}')
@@ -48,6 +55,22 @@ def parse_document(text: str) -> ET.Element:
     if not robot.get('name'):
         refuse('the robot description gives <robot> no name')
     return robot
+
+
+def tree_of(text: str) -> ET.Element:
+    """Return the root of an XML document, its elements and their kin without the namespace that is its default.
+
+    Raises
+    ------
+    ParseError, UnicodeEncodeError
+        It is not XML.
+    """
+    root = ET.fromstring(text)
+    if root.tag.startswith('{'):
+        space = root.tag[: root.tag.index('}') + 1]
+        for element in root.iter():
+            element.tag = element.tag.removeprefix(space)
+    return root
 
 
 def on_one_line(text: str) -> str:
@@ -101,3 +124,70 @@ def _refuse_xacro(robot: ET.Element) -> None:
             for value in element.attrib.values():
                 if '${' in value or '$(' in value:
                     refuse(f"the robot description is a xacro (<{element.tag}> has '{value[:60]}'); {_EXPAND}")
+
+
+def number(what: str, element: ET.Element | None, key: str, name: str = '') -> float:
+    """Return the finite number that an attribute holds."""
+    text = element.get(key, '') if element is not None else ''
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        refuse(f"{what} {name or key} '{text}'; a finite number is accepted")
+    return value
+
+
+def number_or(default: float, what: str, element: ET.Element | None, key: str) -> float:
+    """Return the finite number that an attribute holds, a default where it is not there."""
+    return number(what, element, key) if element is not None and key in element.attrib else default
+
+
+def quantity(what: str, element: ET.Element | None, key: str, name: str = '') -> float:
+    """Return a number of bounded size: a mass, or an element of an inertia."""
+    value = number(what, element, key, name)
+    if abs(value) > limits.QUANTITY:
+        refuse(f'{what} {name or key} {value:g}; at most {limits.QUANTITY:g} is accepted')
+    return value
+
+
+def triple(what: str, element: ET.Element | None, key: str, default: str = '0 0 0') -> tuple[float, ...]:
+    """Return three numbers of bounded size, the default's where the attribute is not there."""
+    text = element.get(key, default) if element is not None else default
+    try:
+        values = tuple(float(part) for part in text.split())
+    except ValueError:
+        values = ()
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        refuse(f"{what} {key} '{text}'; three finite numbers are accepted")
+    if max(map(abs, values)) > limits.LENGTH:
+        refuse(f"{what} {key} '{text}'; numbers up to {limits.LENGTH:g} are accepted")
+    return values
+
+
+_STDERR = 2  # descriptor of the stream that the parser complains on
+_COMPLAINT = re.compile(r'^Error:\s+(.*)$', re.MULTILINE)
+_MOST = 10_000  # bytes that are looked at: a broken file has no end of complaints
+_one_at_a_time = threading.Lock()
+
+
+@contextmanager
+def kept_words(complaints: list[str]) -> Iterator[None]:
+    """Keep what C++ code writes on stderr during a block, and add its complaints to a list, the first ones first."""
+    with _one_at_a_time:
+        try:
+            usual = os.dup(_STDERR)
+        except OSError:  # a process without stderr has nothing to keep clean
+            yield
+            return
+        with tempfile.TemporaryFile() as kept:
+            with suppress(AttributeError):  # no stream of Python's, as under pythonw
+                sys.stderr.flush()
+            os.dup2(kept.fileno(), _STDERR)
+            try:
+                yield
+            finally:
+                os.dup2(usual, _STDERR)
+                os.close(usual)
+                kept.seek(0)
+                complaints += _COMPLAINT.findall(kept.read(_MOST).decode(errors='replace'))

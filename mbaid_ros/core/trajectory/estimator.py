@@ -7,27 +7,38 @@ from functools import partial
 
 import numpy as np
 
+from mbaid_ros.core.diagnosis.undeclared_orbit import with_undeclared_orbit
+from mbaid_ros.core.filter.averaging import KnotAveraging, Taken
+from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.settings import TrajectorySettings
+from mbaid_ros.core.filter.state import (
+    BODY,
+    BODY_PLACES,
+    MOMENTUM,
+    Point,
+)
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.verdict import judge
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.tide import brought
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.budget import error_budget
-from mbaid_ros.core.trajectory.events import forces, jumps
-from mbaid_ros.core.trajectory.inquiry.undeclared import with_undeclared_orbit
-from mbaid_ros.core.trajectory.knowledge import End, Knowledge, knowledge
-from mbaid_ros.core.trajectory.search.filter_run import FilterRun
-from mbaid_ros.core.trajectory.settings import TrajectorySettings
-from mbaid_ros.core.trajectory.solved import Solved, joint_delay, thrusters, with_linear_momentum_unknown
-from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, MOMENTUM, Point
+from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
+from mbaid_ros.core.trajectory.solution import (
+    Solved,
+    error_budget,
+    forces,
+    joint_delay,
+    jumps,
+    thrusters,
+    with_linear_momentum_unknown,
+)
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
-from mbaid_ros.core.trajectory.windows.averaging import KnotAveraging, Taken
-from mbaid_ros.core.trajectory.windows.window import Window
 from mbaid_ros.core.unknowns.words import of_size
-from mbaid_ros.core.verdict.judgement import judge
 
 _AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
 _TUMBLING = (
@@ -93,7 +104,7 @@ class TrajectoryEstimator:
         run = self._runs.run
         return run is not None and (run.work_off() or self._runs.inquiries.work_off())
 
-    def knowledge(self) -> Knowledge | None:
+    def knowledge(self) -> Posterior | None:
         """Return what the run has come to know, for what is to come; None while there is no solution that stays.
 
         Nor is there any where nothing locates the base: it is not known where that is.
@@ -104,7 +115,7 @@ class TrajectoryEstimator:
         moments = run.moments()
         at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
         brought = self._brought(last, moments.mean)
-        return knowledge(self._runs.layout, run.best.hypothesis, moments, at_end.after(brought))
+        return posterior(self._runs.layout, run.best.hypothesis, moments, at_end.after(brought))
 
     @property
     def settled(self) -> bool:

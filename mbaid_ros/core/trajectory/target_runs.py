@@ -6,27 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbaid_ros.core.diagnosis.candidates import CandidateCauses
+from mbaid_ros.core.diagnosis.changed_target import another_body
+from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
+from mbaid_ros.core.diagnosis.ranking import Change
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.settings import TrajectorySettings
+from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event
+from mbaid_ros.core.results.verdict import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.events import ChangedTarget, jumps
-from mbaid_ros.core.trajectory.filter.belief import Moments
-from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
-from mbaid_ros.core.trajectory.inquiry.findings import Change
-from mbaid_ros.core.trajectory.inquiry.grasp import another_body
-from mbaid_ros.core.trajectory.inquiry.inquiries import Inquiries
-from mbaid_ros.core.trajectory.inquiry.suspicion import Suspicion
-from mbaid_ros.core.trajectory.search.filter_run import FilterRun
-from mbaid_ros.core.trajectory.settings import TrajectorySettings
-from mbaid_ros.core.trajectory.state import BODY, Layout, layout_of
-from mbaid_ros.core.trajectory.variables import Variables, variables
-from mbaid_ros.core.trajectory.windows.window import Window, without_twist
-from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.words import all_of, of_change
-from mbaid_ros.core.verdict.judgement import Evidence
 
 # Windows that a changing target may take: the next run begins as many later, and jumps as near belong to the change.
 _SETTLING = 2
@@ -55,7 +55,7 @@ class TargetRuns:
         self.run: FilterRun | None = None
         self.layout: Layout
         self.variables: Variables
-        self.inquiries: Inquiries
+        self.inquiries: FaultIsolation
         self._earlier: tuple[Event, ...] = ()  # what happened before the target changed last
         self._changed: ChangedTarget | None = None
         self._wrong_twist = ''  # why the twist has been left out
@@ -85,7 +85,7 @@ class TargetRuns:
             self._coming = windows, [without_twist(window) for window in windows]
         return self._coming[1]
 
-    def past(self, now: Moments | None) -> tuple[Event, ...]:
+    def past(self, now: MeanAndCovariance | None) -> tuple[Event, ...]:
         """Return what happened in the runs before this one, and why it began.
 
         Parameters
@@ -117,22 +117,24 @@ class TargetRuns:
         settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
         adapt = settings.adapt and settings.located  # what drifts would show in poses
         bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
-        self.inquiries = Inquiries(Suspicion(self.layout, self._plane, settings.uncertainty, bank), settings.noise)
+        self.inquiries = FaultIsolation(
+            CandidateCauses(self.layout, self._plane, settings.uncertainty, bank), settings.noise
+        )
         return FilterRun(self.layout, self.variables, bank, (settings.start, settings.kept))
 
     def _begun_again(self, run: FilterRun, change: Change, origin: Array) -> FilterRun:
         """Follow the target as it is since a change: what is known of the robot carries over, and what has stayed."""
         slack = _SETTLING * self._settings.window
         belief = run.belief_before(change.time, slack)
-        known = None if belief is None else Moments.of(belief, self.variables)
+        known = None if belief is None else MeanAndCovariance.of(belief, self.variables)
         met = jumps(run.best, run.moments(), origin) if run.started else ()
         self._earlier = (*self.past(known), *(jump for jump in met if jump.time < change.time - slack))
         text = of_change(change.time, exchanged=change.exchanged)
         self._changed = ChangedTarget(change.time, text, change.exchanged, known)
         if belief is not None:
             after = another_body(belief, self.variables, exchanged=change.exchanged)
-            moments = Moments.of(after, self.variables)
-            carried = Carried(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
+            moments = MeanAndCovariance.of(after, self.variables)
+            carried = UnknownsPrior(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
             self.layout = replace(self.layout, known=carried)
             self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
         return self._begun_over(self.inquiries.since(change.time + slack))
@@ -145,7 +147,7 @@ class TargetRuns:
             begun.take(window, None, moved=True)
         return begun
 
-    def evidence(self, run: FilterRun, sizes: PriorSizes, latest: Samples) -> Evidence:
+    def evidence(self, run: FilterRun, sizes: PriorScaleFactors, latest: Samples) -> Evidence:
         """Return what a run that has started says of its model, and of what is declared, after its latest window."""
         track = run.best
         belief, hypothesis = track.belief, track.hypothesis

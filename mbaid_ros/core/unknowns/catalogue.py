@@ -10,23 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.clock_drift import clock_drift
+from mbaid_ros.core.unknowns.base import odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.unknowns.bodies import KnownTarget, TargetPrior, known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.external_torque import external_torque
-from mbaid_ros.core.unknowns.gravity import gravity
-from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
-from mbaid_ros.core.unknowns.joint_placements import joint_placements
-from mbaid_ros.core.unknowns.joint_tracking import JointTracking, joint_tracking
-from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
-from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
-from mbaid_ros.core.unknowns.orbit_shape import Circle, orbit_shape
-from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
-from mbaid_ros.core.unknowns.target_body import KnownTarget, TargetPrior
-from mbaid_ros.core.unknowns.thrusters import Thrusters, thrusters
-from mbaid_ros.core.unknowns.time_offset import time_offset
-from mbaid_ros.core.unknowns.twist_bias import twist_bias
+from mbaid_ros.core.unknowns.environment import Circle, Thrusters, external_torque, gravity, orbit_shape, thrusters
+from mbaid_ros.core.unknowns.joints import JointTracking, joint_placements, joint_tracking
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.unknowns.sensors import GyroErrors, clock_drift, gyro, time_offset
 
 
 @dataclass(frozen=True)
@@ -63,7 +53,7 @@ class Uncertainty:
     time_offset: float = 0.0
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0
-    carried: Carried | None = None
+    carried: UnknownsPrior | None = None
     spin_inertias: Sequence[float] = ()
     thrusters: Sequence[str] = ()
     thrust_scale: float = 0.0

@@ -1,7 +1,7 @@
 """What may be wrong with joints or odometry beside their noise, as unknowns that only a run under suspicion is given.
 
 Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what it
-was, and what the data would gain by more of one of them follows from its estimate (`verdict/widening.py`).
+was. The likelihood gain of more of one of them follows from its estimate (`core/results/variance_components.py`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.unknowns.clock_drift import clock_drift
+from mbaid_ros.core.unknowns.base import SPEEDS, TURNS, odometry_scale, twist_bias
 from mbaid_ros.core.unknowns.declaration import Linear, Reading
-from mbaid_ros.core.unknowns.flexible_joints import flexible_joints
-from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
-from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS, twist_bias
+from mbaid_ros.core.unknowns.joints import flexible_joints
+from mbaid_ros.core.unknowns.sensors import clock_drift
 
 TURNING, LATE = 'odometry turning', 'twist late'
 OF_TWIST = (LATE, TURNS, SPEEDS)  # what is wrong with the twist alone

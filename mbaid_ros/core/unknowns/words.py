@@ -8,16 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.orbit import orbit_fixed_frame
-from mbaid_ros.core.unknowns.clock_drift import CLOCK
-from mbaid_ros.core.unknowns.external_torque import TORQUE
-from mbaid_ros.core.unknowns.flexible_joints import FLEXIBLE
-from mbaid_ros.core.unknowns.gravity import GRAVITY, rate_of
-from mbaid_ros.core.unknowns.joint_tracking import TRACKING
-from mbaid_ros.core.unknowns.odometry_scale import SCALE
-from mbaid_ros.core.unknowns.orbit_shape import SHAPE
+from mbaid_ros.core.robot.orbit import orbit_fixed_frame
+from mbaid_ros.core.unknowns.base import SCALE, SPEEDS, TURNS
+from mbaid_ros.core.unknowns.environment import GRAVITY, SHAPE, TORQUE, rate_of
+from mbaid_ros.core.unknowns.joints import FLEXIBLE, TRACKING
+from mbaid_ros.core.unknowns.sensors import CLOCK
 from mbaid_ros.core.unknowns.suspects import LATE, TURNING
-from mbaid_ros.core.unknowns.twist_bias import SPEEDS, TURNS
 
 # By kind of cause, all of it, and where that is declared.
 _KINDS = {

@@ -12,10 +12,10 @@ from mbaid_ros.config.campaign import PLANNED
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.planner import Planner
-from mbaid_ros.core.planning.simple import simple_motion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.planner import Planner
+from mbaid_ros.planning.unplanned import simple_motion
 from mbaid_ros.replay.jsonable import number
 from mbaid_ros.session import Session
 from mbaid_ros.session.planning import make_planner, plan_settings
@@ -135,7 +135,7 @@ def _median(values: Array) -> float:
     return float(np.median(known)) if len(known) else np.nan
 
 
-def _excursion(planner: Planner, knowledge: Knowledge, simulated: SimulatedRun, trajectory: JointTrajectory) -> Array:
+def _excursion(planner: Planner, knowledge: Posterior, simulated: SimulatedRun, trajectory: JointTrajectory) -> Array:
     """Return how far the motion turns and displaces the base of the robot as it truly is, rad and m."""
     state = knowledge.state
     layout, momentum = knowledge.layout, simulated.momentum.copy()

@@ -13,7 +13,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.core.trajectory.knowledge import Knowledge
+from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.files import parse_json, read_text
 from mbaid_ros.replay.feed import progress_bar
 from mbaid_ros.replay.inputs import Inputs
@@ -41,7 +41,7 @@ class Begin:
     config: EstimatorConfig
     urdf: str
     status: str
-    knowledge: Knowledge
+    knowledge: Posterior
 
 
 def read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:

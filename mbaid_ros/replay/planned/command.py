@@ -18,9 +18,9 @@ from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.files import require_writable, write_text
 from mbaid_ros.outgoing import trajectory_message
+from mbaid_ros.planning.plan import Plan
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.planned.begin import Begin, read_begin
 from mbaid_ros.replay.planned.words import as_json, summary

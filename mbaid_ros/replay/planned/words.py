@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.planning.plan import Plan
 
 _UNITS = ('rad', 'm', 'rad/s')
 _OF_BASE = ('rotation', 'translation', 'rate')

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.calibration.result import LinkResult
+from mbaid_ros.calibration.structure import base_parameter, formula
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.calibration.result import LinkResult
-from mbaid_ros.core.calibration.words import base_parameter, formula
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import Calibrated
 from mbaid_ros.replay.calibrated_text import HEAD, JOINTS_HEAD, headline, joint_rows, rows, told

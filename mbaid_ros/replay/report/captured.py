@@ -8,8 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import PARAMETERS, rounded
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import NO_NUMBER, PLUS_MINUS, number, paragraph, table
 from mbaid_ros.replay.results import Run

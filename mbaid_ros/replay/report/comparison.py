@@ -8,8 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.replay.report.canvas import FIRST, TRUTH, entitle, new_axes, svg
 from mbaid_ros.replay.report.figures import SHOWN_UNITS
 from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, table

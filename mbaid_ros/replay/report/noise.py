@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mbaid_ros.core.sensor_levels import CHANNELS, UNITS, SensorLevels
+from mbaid_ros.core.sensors.levels import CHANNELS, UNITS, SensorLevels
 from mbaid_ros.replay.report.markup import listed, table
 
 

@@ -11,8 +11,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.results.estimate import determined
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import PARAMETERS, rounded
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.report import budget, figures, noise
 from mbaid_ros.replay.report.captured import MOMENTUM, MOMENTUM_UNITS, before_the_capture, captured_body

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.planning.plan import Plan
 from mbaid_ros.replay.report.canvas import FAINT, FIRST, INK, SECOND, SERIES, THIRD, entitle, legend, new_axes, svg
 from mbaid_ros.replay.report.markup import NO_NUMBER, figure, listed, number, page, paragraph, table, text
 

@@ -16,8 +16,8 @@ from benchmarks.honesty.paths import DEGREE, ROBOT, Path, pick_and_place, sinuso
 from benchmarks.honesty.readings import Defect, Readings
 from benchmarks.model_errors.variant import DEFAULT, LEVEL
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.true_robot import true_robot
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import true_robot
 
 GROUP = 'benches'
 _ZERO = 1e-3  # rad, of joint4

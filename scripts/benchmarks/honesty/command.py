@@ -14,7 +14,7 @@ from tqdm import tqdm
 from benchmarks.honesty.condition import Condition
 from benchmarks.honesty.runs import Outcome, run, run_file
 from benchmarks.store import completed
-from mbaid_ros.config.methods import METHODS
+from mbaid_ros.config.trajectory import METHODS
 
 
 def parsed(description: str, conditions: Sequence[Condition], seeds: int, page: str) -> argparse.Namespace:

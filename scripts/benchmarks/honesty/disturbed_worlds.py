@@ -14,7 +14,7 @@ from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
 from benchmarks.honesty.robots import BASE, box
 from mbaid_ros.core.geometry import Array, skew, unvec
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 
 GROUP = 'world'
 _FORCE = np.array([2.0, -2.0, 1.0]) / 3.0

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 
 # (time, s; base rotation (3, 3); base position (3,), m; (10,) standard parameters of the whole about the base's origin
 # in its axes) -> (6,) rate of change of (P, L), odometry frame, L about its origin.

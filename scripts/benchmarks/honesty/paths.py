@@ -13,8 +13,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.simulated_robot import make_motion
+from mbaid_ros.simulation.motion import Sinusoids
 
 # (N,) instants, s -> (N, n) positions, rates: rad, rad/s (m, m/s)
 Path = Callable[[Array], tuple[Array, Array]]

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from benchmarks.spoilt import coloured
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, Sensors
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, Sensors
+from mbaid_ros.simulation.simulation import Truth
 
 Indices = npt.NDArray[np.signedinteger[Any]]
 

@@ -14,7 +14,7 @@ from benchmarks.honesty.paths import ROBOT
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_edit import change_inertial
 
 Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'

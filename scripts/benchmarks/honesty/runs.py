@@ -28,12 +28,12 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.campaigns.monte_carlo import nees
 from mbaid_ros.session import Session
+from mbaid_ros.simulation.simulation import Truth
 
 PUBLISHED = ('estimating', 'converged')
 REFUSED = 'refused'

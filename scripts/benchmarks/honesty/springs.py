@@ -10,7 +10,7 @@ import pinocchio
 from benchmarks.honesty.floating import World, integrated, pose_rate, rotation_of, start_twist, truth_of
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation.simulation import Truth
 
 
 def swing(world: World) -> Truth:

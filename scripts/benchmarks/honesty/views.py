@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.honesty.floating import turned
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.simulation import Truth
 
 View = Callable[[Truth], Truth]
 

@@ -14,8 +14,8 @@ from benchmarks.honesty.floating import World
 from benchmarks.honesty.paths import ROBOT, Path, following, sinusoids, together
 from benchmarks.honesty.robots import BARE, BASE, DIRECTION, LINK, box
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_values import change_inertial
-from mbaid_ros.core.simulation.motion import Sinusoids
+from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.simulation.motion import Sinusoids
 
 GROUP = 'wrong model'
 _JOINT = 3  # number of joint4

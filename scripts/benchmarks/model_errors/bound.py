@@ -16,28 +16,33 @@ from benchmarks.data import exact_samples, kernel, momentum_of
 from benchmarks.model_errors.variant import NOISE, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
+from mbaid_ros.core.filter.averaging import KnotAveraging
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import (
+    BODY,
+    MOMENTUM,
+    Layout,
+    layout_of,
+)
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import LinearisationCache
+from mbaid_ros.core.filter.window import Window, stacked
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.intake.windows import Windows
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.square_root import advance, update
-from mbaid_ros.core.trajectory.linearised.linearisation_cache import LinearisationCache
-from mbaid_ros.core.trajectory.state import BODY, MOMENTUM, Layout, layout_of
-from mbaid_ros.core.trajectory.variables import Variables, variables
-from mbaid_ros.core.trajectory.windows.averaging import KnotAveraging
-from mbaid_ros.core.trajectory.windows.window import Window, stacked
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.unknowns.base import OdometryMount
+from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
-from mbaid_ros.core.unknowns.joint_placements import JointPlacements
-from mbaid_ros.core.unknowns.known_bodies import KnownBodies
-from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
-from mbaid_ros.session.known import declared_errors
+from mbaid_ros.core.unknowns.joints import JointPlacements
+from mbaid_ros.session.posterior import declared_errors
 from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import ErrorSizes
 
 _ROUNDING = 1e-9
 
@@ -80,7 +85,7 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
     belief = _followed(layout, own_variables, windows, state)
-    moments = Moments.of(belief, own_variables)
+    moments = MeanAndCovariance.of(belief, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
     deviation = np.sqrt(np.sum((jacobian @ moments.factor[BODY]) ** 2, axis=1))
     error = jacobian @ (moments.mean - state)[BODY]
@@ -106,10 +111,10 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
     return [window for window in both if window is not None], gathering.origin, detector
 
 
-def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> Belief:
+def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> SquareRootInformation:
     """Return the belief after windows, all linearised at a state."""
     steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
-    belief = Belief.prior(own)
+    belief = SquareRootInformation.prior(own)
     for place, (_, step) in enumerate(steps):
         belief = update(belief if place == 0 else advance(belief, steps[place - 1][1], own, UNDISTURBED), step)
     return belief

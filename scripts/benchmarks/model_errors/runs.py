@@ -20,10 +20,10 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.simulation.drawn import ErrorSizes
-from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.replay.campaigns.monte_carlo import nees
 from mbaid_ros.session import make_estimator
+from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import ErrorSizes
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ import numpy as np
 
 from benchmarks.data import LEVELS, drawn, kernel
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.known_errors import body_sizes, relative_factor
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.simulation.drawn import ErrorSizes
+from mbaid_ros.core.robot.model_errors import ModelErrors, body_sizes, relative_factor
+from mbaid_ros.simulation.true_robot import ErrorSizes
 
 LEVEL = 'mid'
 NOISE = LEVELS[LEVEL]

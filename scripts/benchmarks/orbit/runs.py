@@ -15,15 +15,14 @@ from benchmarks.honesty.paths import ROBOT, sinusoids
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import history, messages
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.session import Session
+from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 
 MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
 NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])

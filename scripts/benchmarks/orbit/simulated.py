@@ -13,7 +13,7 @@ from benchmarks.honesty.runs import history
 from benchmarks.orbit.runs import DURATIONS, NOISE, RATE, Kept, sensors, told
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.results.estimate import Estimate

@@ -10,22 +10,20 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import free_model, perturbed
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior
-from mbaid_ros.core.calibration.result import Calibration
-from mbaid_ros.core.calibration.structure import planar_basis
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.result import Calibration
+from mbaid_ros.calibration.structure import planar_basis
+from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.known_errors import calibrated
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.true_robot import true_robot
+from mbaid_ros.core.robot.model_errors import ModelErrors, calibrated
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, without_linear_momentum
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
 from servicing import PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state

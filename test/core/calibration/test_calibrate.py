@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from benchmarks.precapture import free_model, free_urdf, perturbed
-from mbaid_ros.config.known_side import EXACT
-from mbaid_ros.core.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.core.calibration.prior import LinkPrior
-from mbaid_ros.core.calibration.result import Calibration
+from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.result import Calibration
+from mbaid_ros.calibration.unknowns import LinkPrior
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
+from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.simulation.motion import Sinusoids, random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, windows
 from servicing import GENERAL, LINKS, NOTHING, PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state

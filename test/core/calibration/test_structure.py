@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.calibration.structure import Mechanism, Structure, structure
-from mbaid_ros.core.calibration.words import base_parameter, exchanges, formula
+from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter, exchanges, formula, structure
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model

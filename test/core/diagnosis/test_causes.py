@@ -10,14 +10,12 @@ from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from checked import some
+from mbaid_ros.core.diagnosis.ranking import CHANNELS, Roughness, lines, ranked, roughness
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.variance_components import PriorComparison
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.verdict.innovations import Innovations
-from mbaid_ros.core.verdict.ranking import ranked
-from mbaid_ros.core.verdict.roughness import CHANNELS, Roughness, roughness
-from mbaid_ros.core.verdict.spectrum import lines
-from mbaid_ros.core.verdict.widening import BesidePrior
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 
 JOINT, ANGLE, LENGTH = 1e-4, 2e-4, 1e-3  # rad, rad, m
@@ -25,7 +23,7 @@ QUIET = Roughness(np.ones(len(CHANNELS)), 0.0)
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
-    assert BesidePrior.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
+    assert PriorComparison.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
 
 
 def samples(joint: float, orientation: float, position: float, seed: int) -> Samples:
@@ -124,48 +122,50 @@ def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
         return float(multivariate_normal(np.zeros(MEASURED), covariance).logpdf(data))
 
     expected = {factor: likelihood(factor) - likelihood(1.0) for factor in (3.0, 10.0)}
-    most, factor = BesidePrior.of(*posterior(rows, data)).gain(10.0)
+    most, factor = PriorComparison.of(*posterior(rows, data)).gain(10.0)
     assert factor == max(expected, key=lambda each: expected[each])
     assert most == pytest.approx(expected[float(factor)], rel=1e-9)
 
 
 def test_what_is_as_large_as_declared_stays() -> None:
-    sizes = [BesidePrior.of(*drawn(seed, 1.0, 10.0)).likely_sizes(BEFORE, BEFORE)[0] for seed in range(500)]
+    sizes = [PriorComparison.of(*drawn(seed, 1.0, 10.0)).likely_sizes(BEFORE, BEFORE)[0] for seed in range(500)]
     assert np.median(sizes) < 1.05
     assert np.mean(np.array(sizes) > 1.5) < 0.03
 
 
 @pytest.mark.parametrize('size', [3.0, 6.0])
 def test_what_is_larger_is_found_to_be(size: float) -> None:
-    found = np.array([BesidePrior.of(*drawn(seed, size, 10.0)).likely_sizes(BEFORE, BEFORE)[:2] for seed in range(200)])
+    found = np.array(
+        [PriorComparison.of(*drawn(seed, size, 10.0)).likely_sizes(BEFORE, BEFORE)[:2] for seed in range(200)]
+    )
     assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
     assert np.median(found[:, 1]) > 0.9
 
 
 def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     mean, covariance = drawn(0, 3.0, 1e-6)
-    assert BesidePrior.of(mean, covariance).likely_sizes(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
-    assert [*BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_sizes(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
+    assert PriorComparison.of(mean, covariance).likely_sizes(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_sizes(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize('seen', [0.5, 10.0])
 def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it(seen: float) -> None:
     """Also where data see little of the numbers: what is left at the prior is no evidence for it."""
-    square, _, degrees = np.transpose([BesidePrior.of(*drawn(seed, 1.0, seen)).distances for seed in range(500)])
+    square, _, degrees = np.transpose([PriorComparison.of(*drawn(seed, 1.0, seen)).distances for seed in range(500)])
     assert np.mean(square > chdtri(degrees, 0.05)) == pytest.approx(0.05, abs=0.03)
     assert np.mean(square) == pytest.approx(np.mean(degrees), rel=0.1)
-    _, twice, degrees = np.transpose([BesidePrior.of(*drawn(seed, 2.0, seen)).distances for seed in range(500)])
+    _, twice, degrees = np.transpose([PriorComparison.of(*drawn(seed, 2.0, seen)).distances for seed in range(500)])
     assert np.mean(twice) == pytest.approx(np.mean(degrees), rel=0.1)
 
 
 def test_what_no_data_see_is_at_no_distance() -> None:
-    assert [*BesidePrior.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
+    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
 
 
 def test_groups_side_by_side_are_as_each_by_itself() -> None:
     drawings = [drawn(seed, 3.0, 2.0) for seed in range(5)]
-    together = BesidePrior.of(*map(np.array, zip(*drawings, strict=True)))
-    for place, each in enumerate(BesidePrior.of(*drawing) for drawing in drawings):
+    together = PriorComparison.of(*map(np.array, zip(*drawings, strict=True)))
+    for place, each in enumerate(PriorComparison.of(*drawing) for drawing in drawings):
         assert [part[place] for part in together.likely_sizes(BEFORE, BEFORE)] == [*each.likely_sizes(BEFORE, BEFORE)]
         assert [part[place] for part in together.distances] == [*each.distances]
         assert [part[place] for part in together.gain(30.0)] == [*each.gain(30.0)]

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from joint_windows import SPACING, joint_window
+from mbaid_ros.core.diagnosis.encoders import size, slipped_readings, stopped_readings, swinging
+from mbaid_ros.core.filter.knots import AFTER, BEFORE
+from mbaid_ros.core.filter.state import Layout
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.inquiry.slipped_readings import slipped_readings
-from mbaid_ros.core.trajectory.inquiry.stopped_readings import stopped_readings
-from mbaid_ros.core.trajectory.inquiry.swinging_joints import size, swinging
-from mbaid_ros.core.trajectory.state import Layout
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE
-from mbaid_ros.core.trajectory.windows.window import Window
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe
 from windowed import JOINT as JOINT_NOISE
 from windowed import window_model, window_of

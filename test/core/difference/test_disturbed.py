@@ -17,13 +17,13 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import body_sizes
+from mbaid_ros.core.robot.model_errors import body_sizes
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth, total_momentum
 from mbaid_ros.session import Session
+from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulated_run import SimulatedRun
-from mbaid_ros.simulated_setup import make_motion
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, configured_motion, estimator, identify, kernel, nees, observe, true_body, windows
 from orbiting import AWAY, MEAN_MOTION, declared, session, simulated
 from simulated import CONFIG

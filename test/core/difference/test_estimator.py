@@ -11,15 +11,15 @@ import pytest
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.motion import random_sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows
 from random_robots import random_urdf
 from simulated import state

@@ -19,9 +19,9 @@ from linear_problems import (
     noisy_blocks,
     with_errors,
 )
-from mbaid_ros.core.equations import errors_in_variables as eiv
-from mbaid_ros.core.equations.errors_in_variables import Blocks
-from mbaid_ros.core.equations.first_solutions import Sums, first_solutions
+from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.first_solutions import Sums, first_solutions
 from mbaid_ros.core.geometry import Array
 
 SEEDS = range(5)

@@ -7,22 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.equations.errors_in_variables import Blocks
-from mbaid_ros.core.equations.nuisance import ConsiderParameters
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.difference.consider_parameters import ConsiderParameters
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.known_errors import BodyDeviations, KnownErrors, declared
+from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, declared
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.unknowns.carried import Carried
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.joint_placements import joint_placements
-from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from mbaid_ros.core.unknowns.known_side import KnownSide
-from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
-from mbaid_ros.core.unknowns.time_offset import time_offset
+from mbaid_ros.core.unknowns.base import odometry_mount
+from mbaid_ros.core.unknowns.bodies import known_bodies
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+from mbaid_ros.core.unknowns.joints import joint_placements
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.unknowns.sensors import time_offset
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows
 
 
@@ -71,7 +70,7 @@ def test_the_columns_of_placements_are_what_they_do_with_the_target(spatial: Tru
     error = 1e-6 * np.random.default_rng(2).normal(size=unknown.count)
 
     def equations(size: float) -> Array:
-        side = unknown.moved(KnownSide.nominal(servicer), unknown.factor @ (size * error))
+        side = unknown.moved(NominalModel.nominal(servicer), unknown.factor @ (size * error))
         there = [replace(part, joint_position=part.joint_position + side.zeros) for part in parts]
         return left(window_rows(side.kernel, there, MID, np.zeros(3)), x)
 
@@ -149,7 +148,7 @@ def test_what_is_known_of_unknowns_together_has_their_correlations(spatial: Trut
         Stated(np.diag([1.0, 3.0, 0.1]), ('last',) * 3, last),
     ]
     factor = rng.normal(size=(6, 8))  # wider than high, as a planar calibration leaves it
-    known = Carried(rng.normal(size=6), factor)
+    known = UnknownsPrior(rng.normal(size=6), factor)
     both = ConsiderParameters(servicer, unknowns, known)
     assert both.count == 5
     columns = both.columns(parts, np.zeros(10))[1]
@@ -166,7 +165,7 @@ def test_the_robot_is_taken_at_the_mean_of_what_is_known(spatial: Truth) -> None
         odometry_mount(2e-3, 2e-3),
     ]
     count = sum(unknown.count for unknown in unknowns)
-    known = Carried(np.random.default_rng(7).normal(size=count), np.eye(count))
+    known = UnknownsPrior(np.random.default_rng(7).normal(size=count), np.eye(count))
     side = known.expected(servicer, unknowns)
     placements, mount = (
         unknown.factor @ mean for unknown, mean in zip(unknowns, np.split(known.mean, [-6]), strict=True)

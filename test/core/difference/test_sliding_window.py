@@ -20,12 +20,12 @@ from linear_problems import (
     quadratic,
     with_errors,
 )
+from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
+from mbaid_ros.core.difference.first_solutions import Sums
 from mbaid_ros.core.difference.marginalised import MarginalisedPrior
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
-from mbaid_ros.core.equations import errors_in_variables as eiv
-from mbaid_ros.core.equations.errors_in_variables import Blocks, Linearisation
-from mbaid_ros.core.equations.first_solutions import Sums
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from checked import same
-from mbaid_ros.core.equations import errors_in_variables as eiv
-from mbaid_ros.core.equations.errors_in_variables import Blocks
-from mbaid_ros.core.equations.window_rows import window_rows
+from mbaid_ros.core.difference import errors_in_variables as eiv
+from mbaid_ros.core.difference.errors_in_variables import Blocks
+from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
-from mbaid_ros.core.intake.rates import with_rates
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.core.sensors.rates import with_rates
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, drifting, kernel, observe, windows
 
 ORIGIN = np.array([0.3, -0.2, 0.5])

@@ -11,6 +11,9 @@ import pytest
 from checked import some
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import SENSOR_NOISE
 from mbaid_ros.core.results.estimate import Estimate
@@ -18,17 +21,13 @@ from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.true_robot import true_robot
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.trajectory.budget import error_budget
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.state import BODY, Layout
-from mbaid_ros.core.trajectory.variables import Variables, variables
+from mbaid_ros.core.trajectory.solution import error_budget
+from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.target_body import TargetPrior
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 
 
@@ -38,7 +37,7 @@ def uncertainty(joints: int, *, given: bool) -> Uncertainty:
     return Uncertainty(each, each, each, 2e-3, 2e-3, 0.02, known, 0.5 if given else 0.0)
 
 
-def measured(belief: Belief, seed: int, truth: Array) -> tuple[Belief, Array]:
+def measured(belief: SquareRootInformation, seed: int, truth: Array) -> tuple[SquareRootInformation, Array]:
     """Return a belief after measurements of unit variance, and their rows."""
     rows = np.random.default_rng(seed).normal(size=(60, belief.size))
     known = np.column_stack((rows, np.zeros(60), rows @ truth))
@@ -70,9 +69,9 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     of_filter = variables(layout, detector, known)
     state = np.zeros(layout.size)
     state[BODY] = robot.target.parameters
-    prior = Belief.prior(of_filter)
+    prior = SquareRootInformation.prior(of_filter)
     belief, rows = measured(prior, 1, of_filter.gather @ state)
-    moments = Moments.of(belief, of_filter)
+    moments = MeanAndCovariance.of(belief, of_filter)
     declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
     found = error_budget(moments, layout, known, declared)
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])

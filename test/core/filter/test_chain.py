@@ -11,15 +11,15 @@ from scipy.signal import lfilter
 
 from derivatives import central_difference
 from floating import true_momentum
+from mbaid_ros.core.filter.interpolation import midpoints
+from mbaid_ros.core.filter.knots import BEFORE, Knots
+from mbaid_ros.core.filter.prediction import joint_gains, predict
+from mbaid_ros.core.filter.state import POSE, Layout, Point
+from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.linearised.prediction import joint_gains, predict
-from mbaid_ros.core.trajectory.state import POSE, Layout, Point
-from mbaid_ros.core.trajectory.windows.interpolation import midpoints
-from mbaid_ros.core.trajectory.windows.knots import BEFORE, Knots
-from mbaid_ros.core.trajectory.windows.window import Stack
-from mbaid_ros.core.unknowns.time_offset import time_offset
+from mbaid_ros.core.unknowns.sensors import time_offset
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, drifting, kernel, observe
 from windowed import JOINT, LENGTH, residuals, window_model, window_of
 

@@ -15,15 +15,15 @@ from benchmarks.model_errors.variant import Variant
 from checked import same
 from floating import errors, follow, make, normalised, true_momentum, without_velocities
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.session.known import KnownRobot
 from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.session.posterior import KnownRobot
+from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 from wrong_robots import DECLARED, LINKS
 

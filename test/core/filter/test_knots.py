@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.filter.interpolation import midpoints
+from mbaid_ros.core.filter.knots import Knots, averages, bridged
+from mbaid_ros.core.filter.state import near_part
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.state import near_part
-from mbaid_ros.core.trajectory.windows.interpolation import midpoints
-from mbaid_ros.core.trajectory.windows.knots import Knots, averages, bridged
 
 COUNT = 12
 MIDDLE = 1.3  # s

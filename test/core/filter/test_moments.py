@@ -10,15 +10,15 @@ import pytest
 from drawn_windows import prepare
 from drawn_windows import variables as drawn_variables
 from drawn_windows import window as drawn_window
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.prior_sizes import PriorSizes
-from mbaid_ros.core.trajectory.filter.square_root import advance, update
-from mbaid_ros.core.trajectory.linearised.attenuation import Attenuation
-from mbaid_ros.core.trajectory.linearised.whitened import WhitenedWindow
-from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Layout
-from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from observed import kernel
@@ -36,10 +36,10 @@ class Case:
         self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
         rng = np.random.default_rng(5)
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
-        belief = Belief.prior(self.space)
+        belief = SquareRootInformation.prior(self.space)
         for white in self.windows:
             belief = advance(update(belief, white), white, self.space, UNDISTURBED)
-        self.moments = Moments.of(belief, self.space)
+        self.moments = MeanAndCovariance.of(belief, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
         size = self.layout.size
@@ -136,11 +136,11 @@ OTHER_LINKS = np.array(CAUSES) != 'link:link2'
 NOISE = 2.0  # of what the data say of each number, in units of its prior
 
 
-def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorSizes:
+def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleFactors:
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorSizes.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:
@@ -193,17 +193,17 @@ def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> 
     rng = np.random.default_rng(4)
     space = drawn_variables(rng)
     white = [prepare(drawn_window(rng), space) for _ in range(2)]
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     for each in white:
         belief = update(belief, each)
     assert belief.feigned == pytest.approx(white[0].feigned + white[1].feigned)
-    moments = Moments.of(belief, space)
+    moments = MeanAndCovariance.of(belief, space)
     rows = np.arange(6, BODY.stop)  # momentum and body
     covariance = moments.covariance(rows)
     information = np.zeros((len(rows), len(rows)))
     gather = space.gather[BODY, BODY]
     # Of these drawn windows' information, what is left of a hundredth of the joints' noise.
-    small = Moments.of(replace(belief, feigned=1e-4 * belief.feigned), space)
+    small = MeanAndCovariance.of(replace(belief, feigned=1e-4 * belief.feigned), space)
     information[6:, 6:] = 1e-4 * gather.T @ belief.feigned[:, :-1] @ gather
     expected = np.linalg.inv(np.eye(len(rows)) - covariance @ information)
     for which in (rows, BODY_PLACES):
@@ -232,7 +232,7 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
         found = step(found)
     information = np.mean(np.sum(rows**2, axis=1)) / size
     seems = np.sqrt(1.0 / information)
-    found_of = Attenuation.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
+    found_of = InformationCorrection.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
     wider = np.hypot(1.0 + found_of.gain[0, 0] / information, found_of.score[0, 0] / np.sqrt(information))
     assert feigned / information == pytest.approx(0.41, abs=0.05)
     assert np.mean(found) == pytest.approx(truth, abs=0.02)
@@ -241,5 +241,5 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
 
 
 def test_what_is_all_noise_is_known_a_hundred_times_less_well() -> None:
-    times = 1.0 + Attenuation.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
+    times = 1.0 + InformationCorrection.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
     assert times == pytest.approx(100.0)

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from derivatives import central_difference
+from mbaid_ros.core.filter.interpolation import Midpoints
+from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
+from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.tide import about, of_bodies
-from mbaid_ros.core.trajectory.linearised.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
-from mbaid_ros.core.trajectory.state import Layout
-from mbaid_ros.core.trajectory.windows.interpolation import Midpoints
-from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
+from mbaid_ros.core.robot.model_errors import KnownErrors
+from mbaid_ros.core.robot.orbit import about, of_bodies
+from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(4)

@@ -9,20 +9,20 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
+from mbaid_ros.core.filter.chain import WindowModel
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
+from mbaid_ros.core.filter.square_root import advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
+from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.filter.square_root import advance, momentum_inflation, pose_reset, update
-from mbaid_ros.core.trajectory.linearised.chain import WindowModel
-from mbaid_ros.core.trajectory.linearised.integrated_twist import IntegratedTwist
-from mbaid_ros.core.trajectory.state import ANGULAR, BODY, LINEAR
-from mbaid_ros.core.trajectory.variables import OPEN_LENGTH, Variables
+from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED, Hypothesis
-from mbaid_ros.core.verdict.innovations import Innovations
 
 
-def covariance_of(belief: Belief, space: Variables) -> Array:
+def covariance_of(belief: SquareRootInformation, space: Variables) -> Array:
     """Return the covariance of the state."""
-    factor = Moments.of(belief, space).factor
+    factor = MeanAndCovariance.of(belief, space).factor
     return np.asarray(factor @ factor.T)
 
 
@@ -72,12 +72,12 @@ def test_the_filter_is_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = variables(rng)
     models = [window(rng) for _ in range(4)]
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     for model in models:
         white = prepare(model, space)
         belief = advance(update(belief, white), white, space, UNDISTURBED)
     mean, covariance, likelihood, shift = batch(models, space)
-    moments = Moments.of(belief, space)
+    moments = MeanAndCovariance.of(belief, space)
     assert space.spread @ belief.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
     assert covariance_of(belief, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
     assert moments.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
@@ -92,7 +92,7 @@ def test_innovations_are_those_of_each_measurement_given_those_before(force: int
     rng = np.random.default_rng(7)
     space = variables(rng)
     first, second = (prepare(window(rng), space) for _ in range(2))
-    before = update(Belief.prior(space, force), first)
+    before = update(SquareRootInformation.prior(space, force), first)
     after = update(before, second)
     count = len(space.scale)
     covariance = before.factor[:count] @ before.factor[:count].T
@@ -119,7 +119,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     white = prepare(model, space)
     state, wrench = rng.normal(size=STATE), rng.normal(size=6)
     known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
-    belief = Belief(
+    belief = SquareRootInformation(
         np.column_stack((np.eye(STATE + 6), np.zeros(STATE + 6), known)), Innovations.none(6), np.zeros((10, 11))
     )
     force, torque = wrench[:3], wrench[3:]
@@ -129,12 +129,12 @@ def test_a_constant_force_moves_the_momentum() -> None:
         'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
     }
     for hypothesis in (Hypothesis('', force='inertial'), Hypothesis('', force='body')):
-        after = Moments.of(advance(belief, white, space, hypothesis), space)
+        after = MeanAndCovariance.of(advance(belief, white, space, hypothesis), space)
         linear, angular = acting[hypothesis.force]
         assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
         assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
         assert after.force == pytest.approx(wrench)
-    acts, none = (Moments.of(Belief.prior(space, extra), space) for extra in (6, 0))
+    acts, none = (MeanAndCovariance.of(SquareRootInformation.prior(space, extra), space) for extra in (6, 0))
     assert acts.force_factor @ acts.force_factor.T == pytest.approx(space.force @ space.force.T)
     assert np.all(none.force == 0.0)
     assert np.all(none.force_factor == 0.0)
@@ -144,7 +144,7 @@ def test_walks_add_their_variance() -> None:
     rng = np.random.default_rng(2)
     space = variables(rng)
     white = prepare(window(rng), space)
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     still, walked = (
         covariance_of(advance(belief, white, space, hypothesis), space)
         for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
@@ -157,9 +157,11 @@ def test_walks_add_their_variance() -> None:
 def test_a_broken_chain_keeps_momentum_and_body() -> None:
     rng = np.random.default_rng(3)
     space = variables(rng)
-    belief = update(Belief.prior(space), prepare(window(rng), space))
+    belief = update(SquareRootInformation.prior(space), prepare(window(rng), space))
     broken = pose_reset(belief, space)
-    before, after, prior = (Moments.of(each, space) for each in (belief, broken, Belief.prior(space)))
+    before, after, prior = (
+        MeanAndCovariance.of(each, space) for each in (belief, broken, SquareRootInformation.prior(space))
+    )
     assert np.array_equal(after.mean[6:], before.mean[6:])
     covariance = covariance_of(broken, space)
     assert covariance[6:, 6:] == pytest.approx(covariance_of(belief, space)[6:, 6:], rel=1e-9, abs=1e-12)
@@ -172,11 +174,11 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     rng = np.random.default_rng(4)
     space = variables(rng)
     model = window(rng)
-    belief = update(Belief.prior(space), prepare(model, space))
+    belief = update(SquareRootInformation.prior(space), prepare(model, space))
     sizes = np.arange(1.0, 7.0)
     loose = momentum_inflation(belief, prepare(model, space), space, sizes)
     added = covariance_of(loose, space) - covariance_of(belief, space)
-    assert Moments.of(loose, space).mean == pytest.approx(Moments.of(belief, space).mean, abs=1e-9)
+    assert MeanAndCovariance.of(loose, space).mean == pytest.approx(MeanAndCovariance.of(belief, space).mean, abs=1e-9)
     assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
     # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
     moved = model.transition[:, 6:12] * sizes
@@ -191,7 +193,7 @@ def test_covariances_stay_symmetric_and_positive() -> None:
     models = [window(rng, 1e-4) for _ in range(20)]
     # A chain that neither grows nor dies: what it brings along decays a little.
     windows = [prepare(replace(model, transition=0.9 * model.transition), space) for model in models]
-    belief = Belief.prior(space, 6)
+    belief = SquareRootInformation.prior(space, 6)
     for number in range(3000):
         white = windows[number % len(windows)]
         belief = advance(update(belief, white), white, space, Hypothesis('', force='inertial'))
@@ -215,7 +217,7 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
         model, pose_covariance=sharp * model.pose_covariance, twist_covariance=sharp * model.twist_covariance
     )
     white = prepare(model, space)
-    factor = update(Belief.prior(space, 6), white).factor
+    factor = update(SquareRootInformation.prior(space, 6), white).factor
     spread = np.sum((white.rows @ factor[:STATE]) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
 
@@ -226,7 +228,7 @@ def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None
     walks[:2] = rng.normal(size=(2, 2))
     space = replace(variables(rng), walks=walks)
     white = prepare(window(rng), space)
-    before = update(Belief.prior(space), white)
+    before = update(SquareRootInformation.prior(space), white)
     still, after = (
         advance(before, white, each, UNDISTURBED) for each in (replace(space, walks=np.zeros((0, 0))), space)
     )
@@ -275,7 +277,7 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         several[()] = twist
         covariance = positive(rng) + common
         models.append((replace(model, pose_covariance=covariance, integrated=several), twist, common))
-    belief = Belief.prior(space)
+    belief = SquareRootInformation.prior(space)
     for model, _, _ in models:
         white = prepare(model, space)
         belief = advance(update(belief, white), white, space, UNDISTURBED)
@@ -310,6 +312,6 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         whole, constant = step @ whole, step @ constant
         constant[:6] += model.drift
     solved = np.linalg.inv(information)
-    moments = Moments.of(belief, space)
+    moments = MeanAndCovariance.of(belief, space)
     assert space.spread @ belief.least_squares == pytest.approx(whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6)
     assert moments.factor @ moments.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)

@@ -10,18 +10,17 @@ import pytest
 
 from checked import some
 from floating import make
+from mbaid_ros.core.filter.bank import HypothesisFilter
+from mbaid_ros.core.filter.batch import SLICE, BackgroundTask, BatchIteration
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.initialisation import LinearityCheck
+from mbaid_ros.core.filter.start import MultiStart, Search
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.curvature import Curvature
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.filter.bank import Track
-from mbaid_ros.core.trajectory.filter.belief import Moments
-from mbaid_ros.core.trajectory.search.deferred_task import SLICE, DeferredTask
-from mbaid_ros.core.trajectory.search.linearity import Linearity
-from mbaid_ros.core.trajectory.search.multi_start import MultiStart, Search
-from mbaid_ros.core.trajectory.search.passes import Passes
-from mbaid_ros.core.trajectory.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.trajectory.windows.window import Window, in_stacks
+from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 
 
@@ -37,7 +36,7 @@ def bits(sizes: list[int], done: list[int]) -> Iterator[int | str]:
 def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, size: int) -> None:
     rng = np.random.default_rng(seed)
     sizes, owed = rng.integers(1, 40, 60).tolist(), 250
-    at_leisure, at_once = DeferredTask[str](size), DeferredTask[str](size)
+    at_leisure, at_once = BackgroundTask[str](size), BackgroundTask[str](size)
     ways: tuple[list[int], list[int]] = ([], [])
     found: dict[str, int] = {}
     for task, done in zip((at_leisure, at_once), ways, strict=True):
@@ -60,13 +59,13 @@ def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, si
 
 def test_a_slice_is_bounded_and_larger_states_take_fewer_steps() -> None:
     done: list[int] = []
-    task = DeferredTask[str](24)
+    task = BackgroundTask[str](24)
     task.begin(bits([1] * 500, done))
     task.owe(400)
     task.work_off()
     assert len(done) == SLICE
     larger: list[int] = []
-    task = DeferredTask[str](140)
+    task = BackgroundTask[str](140)
     task.begin(bits([1] * 500, larger))
     task.owe(400)
     task.work_off()
@@ -79,7 +78,7 @@ def test_what_fails_is_over() -> None:
         yield 1
         raise np.linalg.LinAlgError
 
-    task = DeferredTask[str](24)
+    task = BackgroundTask[str](24)
     task.begin(failing())
     task.owe(10)
     with pytest.raises(np.linalg.LinAlgError):
@@ -162,16 +161,16 @@ class Young:
         following.update(windows(observe(truth, HIGH, 3))[:16], 0)
         run = some(following._runs.run)
         self.windows: list[Window] = run._young.windows
-        self.passes: Passes = run._start.passes
+        self.passes: BatchIteration = run._start.passes
         self.point = run.point
 
-    def passed(self, point: Point) -> tuple[Track, Moments]:
+    def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
         """Return what all windows lead to, linearised at a point."""
         passed = returned(self.passes.over(in_stacks(self.windows), point))
         (track,) = returned(self.passes.run(passed, (self.passes.fresh(UNDISTURBED),)))
-        return track, Moments.of(track.belief, self.passes.variables)
+        return track, MeanAndCovariance.of(track.belief, self.passes.variables)
 
-    def at(self, moments: Moments) -> Point:
+    def at(self, moments: MeanAndCovariance) -> Point:
         """Return the point that moments lead to."""
         return self.passes.layout.point(moments.mean, moments.deviation)
 
@@ -214,7 +213,7 @@ def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
     track, moments = young.passed(young.far())
     covariance = moments.covariance(BODY_PLACES)
-    linearity = Linearity(young.passes)
+    linearity = LinearityCheck(young.passes)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
         linearity.begin(None, before, track, anew=True)

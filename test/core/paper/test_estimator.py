@@ -13,7 +13,7 @@ from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.paper.rls import RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, kernel, observe, windows
 
 # What a motion in the plane determines: m, x_c, y_c, Izz.

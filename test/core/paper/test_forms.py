@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array, bracket, cross, rotate_back, skew
 from mbaid_ros.core.paper import forms
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import BodyStates
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, drifting, kernel, observe
 
 

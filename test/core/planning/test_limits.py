@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ModelError, ParameterError
-from mbaid_ros.core.planning.collisions import Collisions, no_mesh
-from mbaid_ros.core.planning.efforts import Efforts
-from mbaid_ros.core.planning.limits import BaseLimits
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.simulation.dynamics import Dynamics, State
-from mbaid_ros.session.meshes import mesh_points
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.planning.collisions import Collisions, Efforts, no_mesh
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.session.robot import mesh_points
+from mbaid_ros.simulation.dynamics import Dynamics, State
 from planned import Begun, planner
 from simulated import robot
 

@@ -7,10 +7,10 @@ import pytest
 
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.limits import BaseLimits, JointLimits, joint_limits
-from mbaid_ros.core.planning.simple import SIMPLE, simple_motion
-from mbaid_ros.core.planning.splines import Splines
-from mbaid_ros.core.simulation.steered import Followed
+from mbaid_ros.planning.limits import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.splines import Splines
+from mbaid_ros.planning.unplanned import SIMPLE, simple_motion
+from mbaid_ros.simulation.steered import Followed
 from planned import FASTEST, Begun, planner
 from simulated import robot
 

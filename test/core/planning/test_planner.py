@@ -11,22 +11,22 @@ from checked import same
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.identifier import knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.planning.collisions import Collisions, no_mesh
-from mbaid_ros.core.planning.information import Grid
-from mbaid_ros.core.planning.legs import drawn_legs, speeds_of
-from mbaid_ros.core.planning.limits import BaseLimits
-from mbaid_ros.core.planning.plan import Plan
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.simulation.run import Truth, total_momentum
-from mbaid_ros.core.trajectory.knowledge import End
-from mbaid_ros.core.trajectory.state import BODY
-from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.trajectory.posterior import End
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.planning.collisions import Collisions, no_mesh
+from mbaid_ros.planning.information import Grid
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.plan import Plan
+from mbaid_ros.planning.search import drawn_legs, speeds_of
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import advice
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, estimator, kernel, observe, windows
 from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
 from simulated import state
@@ -132,7 +132,7 @@ def test_before_any_motion_what_is_known_is_what_the_run_says(identified: Begun)
     drawn = np.array([point.body for point in knowledge.drawn(4000, 0)])
     spread = drawn.std(axis=0) / knowledge.deviation[BODY]
     assert spread == pytest.approx(1.0, abs=0.05)
-    assert isinstance(knowledge.layout.known, Carried)
+    assert isinstance(knowledge.layout.known, UnknownsPrior)
 
 
 def test_a_stuck_joint_is_left_out(identified: Begun) -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
-from mbaid_ros.core.results.consistency import is_physical, project, project_planar
-from mbaid_ros.core.results.debris import Frame, debris
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
+from mbaid_ros.core.results.publication import Frame, debris
 from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
 from mbaid_ros.core.robot.planar import Plane
 

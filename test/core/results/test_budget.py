@@ -10,9 +10,9 @@ import pytest
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, short
-from mbaid_ros.core.results.curvature import Curvature
-from mbaid_ros.core.results.ratios import inertia_ratios
-from mbaid_ros.core.results.rounding import rounded
+from mbaid_ros.core.results.parameters import rounded
+from mbaid_ros.core.results.physical_consistency import inertia_ratios
+from mbaid_ros.core.results.reporting import Curvature
 
 CAUSES = (SENSOR_NOISE, 'link:base_link', 'zero:joint6')
 STD = np.array([0.5, 1e-3, 2e-3, 1e-3, *[0.1] * 6])

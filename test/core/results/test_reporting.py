@@ -11,12 +11,18 @@ from checked import same, some
 from made_runs import BODY as MADE_BODY
 from made_runs import STD, estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.consistency import is_physical
-from mbaid_ros.core.results.course import DebrisCourse, InertiaCourse, is_complete, is_usable
-from mbaid_ros.core.results.debris import Debris, Frame
 from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.results.publication import (
+    Debris,
+    DebrisPublication,
+    Frame,
+    InertiaPublication,
+    IntervalConsistency,
+    is_complete,
+    is_usable,
+)
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverses
-from mbaid_ros.core.results.steadiness import Steadiness
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
 
@@ -219,7 +225,7 @@ CONTRADICTED = estimate(status='inconsistent')
 
 @pytest.mark.parametrize('useless', [NEGATIVE, NOTHING, CONTRADICTED], ids=['negative', 'nothing', 'contradicted'])
 def test_the_loss_of_usable_numbers_is_told_once(useless: Estimate) -> None:
-    course = InertiaCourse()
+    course = InertiaPublication()
     assert course.follow(useless) is None
     for usable in (estimate(), planar()):
         assert is_usable(usable)
@@ -237,7 +243,7 @@ def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:
 
 
 def test_the_loss_of_the_captured_body_is_told_once() -> None:
-    course = DebrisCourse()
+    course = DebrisPublication()
     assert course.follow(None) is None
     body = Debris(Frame('grasp', np.eye(3), np.zeros(3)), MADE_BODY, np.diag(STD**2))
     assert course.follow(body) is body
@@ -258,7 +264,7 @@ def moved(time: float, by: float) -> Estimate:
 
 @pytest.mark.parametrize(('by', 'status'), [(4.5, 'as it was'), (5.5, 'inconsistent'), (-5.5, 'inconsistent')])
 def test_an_estimate_that_leaves_its_interval_by_far_is_inconsistent(by: float, status: str) -> None:
-    steadiness = Steadiness()
+    steadiness = IntervalConsistency()
     first = steadiness.judged(moved(20.0, 0.0), early=False)
     assert first.status == estimate().status
     then = steadiness.judged(moved(25.0, by), early=False)
@@ -267,14 +273,14 @@ def test_an_estimate_that_leaves_its_interval_by_far_is_inconsistent(by: float, 
 
 
 def test_it_is_so_for_some_seconds() -> None:
-    steadiness = Steadiness()
+    steadiness = IntervalConsistency()
     steadiness.judged(moved(20.0, 0.0), early=False)
     found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
     assert found == ['inconsistent', 'inconsistent', estimate().status]
 
 
 def test_first_estimates_and_those_of_another_target_are_not_compared() -> None:
-    steadiness = Steadiness()
+    steadiness = IntervalConsistency()
     steadiness.judged(moved(3.0, 0.0), early=True)
     assert steadiness.judged(moved(5.0, 8.0), early=False).status == estimate().status
     changed = Event(5.5, 'target_changed', np.zeros(3), np.zeros(3), 'another body')
@@ -283,6 +289,6 @@ def test_first_estimates_and_those_of_another_target_are_not_compared() -> None:
 
 
 def test_what_was_inconsistent_anyway_is_no_measure() -> None:
-    steadiness = Steadiness()
+    steadiness = IntervalConsistency()
     steadiness.judged(replace(moved(20.0, 0.0), status='inconsistent'), early=False)
     assert steadiness.judged(moved(21.0, 8.0), early=False).status == estimate().status

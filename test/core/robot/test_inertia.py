@@ -9,11 +9,18 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian, pseudo_inertia, standard
+from mbaid_ros.core.robot.inertia import (
+    box_sizes,
+    ellipsoid_radii,
+    physical,
+    physical_jacobian,
+    principal,
+    pseudo_inertia,
+    standard,
+)
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.principal import box_sizes, ellipsoid_radii, principal
+from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 
 SEEDS = range(5)
 

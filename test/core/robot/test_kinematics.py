@@ -14,11 +14,10 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper.forms import angular_rows, linear_rows
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.locked_inertia import mobility_and_momentum
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
-from mbaid_ros.core.robot.sensitivity import sensitivity
+from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity
 from mbaid_ros.core.samples import Samples
 from peer import Motion, Peer
 from random_robots import random_state, random_storage, random_urdf

@@ -14,19 +14,17 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, skew, vec
-from mbaid_ros.core.intake.falling_frame import FallingFrame
-from mbaid_ros.core.intake.windows import Windows
-from mbaid_ros.core.orbit import Orbit, Turning
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum_rows import momentum_rows
-from mbaid_ros.core.robot.tide import about, brought, momentum_rates, of_bodies, of_link
+from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, momentum_rates, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.simulation import quaternions
-from mbaid_ros.core.simulation.orbital_view import seen_from_orbit
-from mbaid_ros.core.simulation.run import Truth, total_momentum
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
 from observed import MID, configured_motion, observe
 from orbiting import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from random_robots import random_state, random_urdf

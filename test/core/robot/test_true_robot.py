@@ -10,13 +10,12 @@ import pytest
 import observed
 from checked import same, some
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.results.consistency import are_physical, is_physical
-from mbaid_ros.core.robot.known_errors import declared
+from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, displaced, with_bodies
+from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, declared, displaced, with_bodies
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.drawn import ErrorSizes, draw, generator
-from mbaid_ros.core.simulation.sensors import Sensors
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
 from simulated import drawn, robot
 

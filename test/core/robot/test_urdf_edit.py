@@ -12,8 +12,7 @@ from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf import Inertial, read_description
-from mbaid_ros.core.robot.urdf_output import replace_inertial
-from mbaid_ros.core.robot.urdf_values import change_inertial
+from mbaid_ros.core.robot.urdf_edit import change_inertial, replace_inertial
 from simulated import CONFIG
 
 IDENTIFIED = np.array([157.25, 0.1, -0.2, 1 / 3, 30.1, 0.5, -0.25, 40.0, 1e-3, 50.0])

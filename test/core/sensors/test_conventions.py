@@ -9,14 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
+from mbaid_ros.core.filter.window import Window, window_noises, without_twist
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back
-from mbaid_ros.core.intake.twist_frame import TwistFrame
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.inquiry.misread_twists import misread_twist
-from mbaid_ros.core.trajectory.windows.knots import AFTER, BEFORE, averages
-from mbaid_ros.core.trajectory.windows.window import Window, without_twist
-from mbaid_ros.core.trajectory.windows.window_noise import window_noises
+from mbaid_ros.core.sensors.conventions import TwistFrame
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 
 
@@ -148,7 +147,7 @@ def read(samples: Samples, reading: Callable[[Array, Array, Array], tuple[Array,
 @pytest.mark.parametrize('name', READINGS)
 @pytest.mark.parametrize('seed', range(3))
 def test_a_twist_that_is_read_otherwise_is_told(name: str, seed: int) -> None:
-    assert name in misread_twist(knot_windows(read(seen(seed=seed), READINGS[name])))
+    assert name in twist_convention_error(knot_windows(read(seen(seed=seed), READINGS[name])))
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -156,7 +155,7 @@ def test_a_twist_of_another_point_tells_which(seed: int) -> None:
     def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
         return linear + cross(angular, rotation @ np.array([0.3, -0.2, 0.1])), angular
 
-    told = misread_twist(knot_windows(read(seen(seed=seed), reading)))
+    told = twist_convention_error(knot_windows(read(seen(seed=seed), reading)))
     assert 'that of a point' in told
     found = [float(each) for each in told.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(found, [300.0, -200.0, 100.0], atol=20.0)
@@ -169,7 +168,7 @@ def test_a_twist_in_turned_axes_tells_how_they_are_turned(degrees: float) -> Non
         return linear, angular
 
     turn = exp(np.deg2rad(degrees) * np.array([0.0, 1.0, 0.0]))
-    told = misread_twist(knot_windows(read(seen(), reading)))
+    told = twist_convention_error(knot_windows(read(seen(), reading)))
     assert f'turned by {degrees:.0f} degrees about (' in told
     axis = [float(each) for each in told.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(axis, [0.0, 1.0, 0.0], atol=0.05)
@@ -179,10 +178,10 @@ def test_a_twist_in_turned_axes_tells_how_they_are_turned(degrees: float) -> Non
 @pytest.mark.parametrize('declared', [1.0, 10.0])
 def test_the_rate_of_the_poses_is_no_other_however_noisy(robot: str, declared: float) -> None:
     for seed in range(5):
-        assert misread_twist(knot_windows(seen(robot, seed), declared)) == ''
+        assert twist_convention_error(knot_windows(seen(robot, seed), declared)) == ''
 
 
 def test_poses_alone_are_no_twist() -> None:
     wrong = knot_windows(read(seen(), READINGS['wrong sign']))
-    assert misread_twist([without_twist(each) for each in wrong]) == ''
-    assert misread_twist(wrong[:3]) == ''
+    assert twist_convention_error([without_twist(each) for each in wrong]) == ''
+    assert twist_convention_error(wrong[:3]) == ''

@@ -10,12 +10,12 @@ from scipy.signal import lfilter
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.intake.covariances import usable_covariance
-from mbaid_ros.core.intake.found_noise import FoundNoise
-from mbaid_ros.core.intake.noise_levels import Levels, NoiseLevels
-from mbaid_ros.core.intake.synchroniser import Synchroniser
+from mbaid_ros.core.results.innovations import seen_in
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.verdict.correlated import seen_in
+from mbaid_ros.core.sensors.base import usable_covariance
+from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 from observed import MID
 

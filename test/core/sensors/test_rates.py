@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED, Identifier
-from mbaid_ros.core.intake.rates import fit, with_rates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
-from mbaid_ros.core.simulation.run import Truth
+from mbaid_ros.core.sensors.rates import fit, with_rates
 from mbaid_ros.session import make_estimator
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 
 

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from checked import some
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.intake.joint_merge import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
-from mbaid_ros.core.intake.reorder import LATE, REPEATED, Reorder
-from mbaid_ros.core.intake.stream_gate import JUMPED_BACK, STRAY_STAMP, ZERO_STAMP, Gate
 from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
+from mbaid_ros.core.sensors.streams import JUMPED_BACK, LATE, REPEATED, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 
 SECOND = 1_000_000_000
 

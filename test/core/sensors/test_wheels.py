@@ -12,13 +12,12 @@ from scipy.stats import chi2
 from floating import float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.storage import Storage
+from mbaid_ros.core.robot.momentum import Storage
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
-from mbaid_ros.core.simulation.surroundings import Surroundings
-from mbaid_ros.core.simulation.wheels import Wheels
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import MID, estimator, identify, observe, windows
 from simulated import state
 from wheels import AXES, spinning, unaware, wheeled

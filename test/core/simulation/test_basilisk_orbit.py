@@ -21,21 +21,21 @@ import pytest
 from benchmarks.honesty.readings import Readings
 from benchmarks.honesty.runs import history, messages
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.known_side import EXACT
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.sensors import Sensors
-from mbaid_ros.core.simulation.steered import Followed
-from mbaid_ros.core.simulation.surroundings import Surroundings
 from mbaid_ros.session import Session
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.steered import Followed
 from simulated import CONFIG, robot
 
 pytest.importorskip('Basilisk', reason='Basilisk is not installed (pip install bsk)')

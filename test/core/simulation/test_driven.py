@@ -14,13 +14,11 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import Limit
-from mbaid_ros.core.simulation.motion import Sinusoids, random_sinusoids
-from mbaid_ros.core.simulation.steered import Steered, made_to_follow
-from mbaid_ros.core.simulation.within_limits import followed, within_limits
 from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
-from mbaid_ros.simulated_setup import make_initial_state, make_motion
+from mbaid_ros.simulation.motion import Sinusoids, followed, random_sinusoids, within_limits
+from mbaid_ros.simulation.steered import Steered, made_to_follow
 from simulated import CONFIG, robot
 
 NOTHING = np.zeros((0, 0))

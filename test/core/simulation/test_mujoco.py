@@ -10,19 +10,17 @@ import pytest
 
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, vec
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.effects import BodyPoses
-from mbaid_ros.core.simulation.misreading import misread
-from mbaid_ros.core.simulation.motion import Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth
-from mbaid_ros.core.simulation.surroundings import Surroundings
-from mbaid_ros.core.simulation.tide import Tide
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import BodyPoses, Surroundings, Tide
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.true_robot import misread
 from observed import MID, observe
 from orbiting import orbit
 from random_robots import random_urdf

@@ -13,10 +13,10 @@ from checked import same
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.simulation.dynamics import Dynamics, State
-from mbaid_ros.core.simulation.hermite import HermiteSpline
-from mbaid_ros.core.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum, without_linear_momentum
+from mbaid_ros.simulation.dynamics import Dynamics, State
+from mbaid_ros.simulation.hermite import HermiteSpline
+from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum, without_linear_momentum
 from random_robots import random_urdf
 from simulated import relative_drift, robot, state, table1
 

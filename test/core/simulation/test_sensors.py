@@ -12,16 +12,16 @@ from captured import LINK, alone, servicer_motion
 from checked import same
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, log, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.intake.thrust import Thrust
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.simulation.capture import CaptureSimulation, Target
-from mbaid_ros.core.simulation.dynamics import State
-from mbaid_ros.core.simulation.motion import Motion, Passive
-from mbaid_ros.core.simulation.run import Simulation, Truth, total_momentum
-from mbaid_ros.core.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
-from mbaid_ros.core.simulation.thrust import Pulse, ThrustSimulation
+from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Motion, Passive
+from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
 from simulated import robot, state, table1
 

@@ -11,21 +11,17 @@ import pytest
 from checked import some
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, log, rotate
-from mbaid_ros.core.intake.falling_frame import FallingFrame
-from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.known_errors import KnownErrors, declared
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.model_errors import KnownErrors, declared, displaced
+from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.tide import momentum_rates, of_bodies
 from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
-from mbaid_ros.core.unknowns.gravity import gravity, rate_of
-from mbaid_ros.core.unknowns.joint_placements import JointPlacements, joint_placements
-from mbaid_ros.core.unknowns.known_bodies import known_bodies
-from mbaid_ros.core.unknowns.orbit_shape import Circle, OrbitShape, orbit_shape
-from mbaid_ros.core.unknowns.spin_inertias import spin_inertias
+from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_shape, rate_of
+from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from observed import kernel
 from orbiting import orbit
 from random_robots import random_state, random_storage, random_urdf

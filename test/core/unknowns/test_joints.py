@@ -11,21 +11,25 @@ from scipy.stats import chi2
 
 from checked import some
 from floating import float_freely, make, normalised
+from mbaid_ros.core.filter.square_root import _wandered
+from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import parse
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.filter.square_root import _wandered
-from mbaid_ros.core.trajectory.state import BODY, Layout, layout_of
-from mbaid_ros.core.trajectory.variables import Variables, variables
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import JointMotion
-from mbaid_ros.core.unknowns.flexible_joints import FlexibleJoints, flexible_joints
-from mbaid_ros.core.unknowns.joint_placements import joint_placements
-from mbaid_ros.core.unknowns.joint_tracking import JointTracking, joint_tracking
+from mbaid_ros.core.unknowns.joints import (
+    FlexibleJoints,
+    JointTracking,
+    flexible_joints,
+    joint_placements,
+    joint_tracking,
+)
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe, windows
 from windowed import START as BEGIN
 from windowed import residuals, window_model, window_of

@@ -9,19 +9,19 @@ import pytest
 from scipy.stats import chi2
 
 from floating import DEFAULT, RATE, make, normalised
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.filter.belief import Belief, Moments
-from mbaid_ros.core.trajectory.state import BODY, Layout
-from mbaid_ros.core.trajectory.variables import variables
-from mbaid_ros.core.unknowns.calibrated_side import CalibratedSide
-from mbaid_ros.core.unknowns.carried import Carried
+from mbaid_ros.core.unknowns.base import OdometryMount
+from mbaid_ros.core.unknowns.bodies import TargetPrior
+from mbaid_ros.core.unknowns.calibrated import CalibratedSide
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.gyro import GyroErrors
-from mbaid_ros.core.unknowns.odometry_mount import OdometryMount
-from mbaid_ros.core.unknowns.target_body import TargetPrior
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.unknowns.sensors import GyroErrors
 from observed import HIGH, configured_motion, kernel, observe, windows
 
 MASS, MASS_STD = 160.0, 2.0  # kg
@@ -32,7 +32,7 @@ LIMIT = float(chi2.isf(1e-3, 4))
 def prior(robot: MomentumKernel, target: TargetPrior) -> tuple[Array, Array]:
     """Return mean (10,) and covariance (10, 10) that the filter starts with."""
     space = variables(Layout.of(robot, ()), PlaneDetector(robot.model), Uncertainty(target=target))
-    moments = Moments.of(Belief.prior(space), space)
+    moments = MeanAndCovariance.of(SquareRootInformation.prior(space), space)
     factor = moments.factor[BODY]
     return moments.mean[BODY], factor @ factor.T
 
@@ -70,8 +70,8 @@ def test_a_mass_that_is_held_takes_the_centre_of_mass_along(servicer7: MomentumK
     uncertainty = Uncertainty(target=TargetPrior(MASS, MASS_STD, COM, COM_STD))
     space = variables(Layout.of(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
     held = 100.0
-    belief = Belief.prior(space, mass=held)
-    moments = Moments.of(belief, space)
+    belief = SquareRootInformation.prior(space, mass=held)
+    moments = MeanAndCovariance.of(belief, space)
     assert moments.mean[BODY][:4] == pytest.approx([held, *(held * np.array(COM))])
     # Nearer than it would be held is what is known of it.
     assert moments.deviation[BODY.start] == pytest.approx(MASS_STD)
@@ -115,7 +115,7 @@ def test_an_imu_alone_has_no_odometry_mount(alone: bool) -> None:
 def test_numbers_without_variance_leave_the_others_as_they_are() -> None:
     factor = np.random.default_rng(0).normal(size=(4, 4))
     factor[[1, 3]] = 0.0
-    carried = Carried(np.zeros(4), factor)
+    carried = UnknownsPrior(np.zeros(4), factor)
     some = [0, 2]
     assert np.all(np.isfinite(carried.triangle))
     white = carried.whitening[np.ix_(some, some)] @ factor[some]

@@ -8,19 +8,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from mbaid_ros.core.filter.chain import WindowModel
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.run import Truth
-from mbaid_ros.core.trajectory.linearised.chain import WindowModel
-from mbaid_ros.core.trajectory.state import BODY, Layout
-from mbaid_ros.core.unknowns.clock_drift import clock_drift
+from mbaid_ros.core.unknowns.base import odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.gyro import GyroErrors, gyro
-from mbaid_ros.core.unknowns.odometry_mount import odometry_mount
-from mbaid_ros.core.unknowns.odometry_scale import odometry_scale
-from mbaid_ros.core.unknowns.time_offset import time_offset
-from mbaid_ros.core.unknowns.twist_bias import twist_bias
+from mbaid_ros.core.unknowns.sensors import GyroErrors, clock_drift, gyro, time_offset
+from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe
 from windowed import FIRST, JOINT, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong

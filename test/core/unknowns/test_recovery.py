@@ -9,16 +9,15 @@ import pytest
 from scipy.stats import chi2
 
 from floating import float_freely, make, normalised
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.known_errors import declared
-from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.model_errors import ModelErrors, declared
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.simulation.motion import Sinusoids
-from mbaid_ros.core.trajectory.state import BODY, Layout
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.simulation.motion import Sinusoids
 from observed import MID, configured_motion, identify, kernel, observe, true_body, windows
 from windowed import residuals, window_model, window_of
 from wrong_robots import DECLARED, LINKS, Wrong

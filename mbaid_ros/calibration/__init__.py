@@ -1,0 +1,1 @@
+"""Calibration of the robot itself, before a capture."""

@@ -1,0 +1,221 @@
+"""The calibration: the trajectory filter over all motions, with every link known as its prior says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mbaid_ros.calibration.iteration import (
+    CalibrationIteration,
+    Converged,
+    Motion,
+    converge,
+)
+from mbaid_ros.calibration.result import Calibration, Scale
+from mbaid_ros.calibration.structure import Mechanism, structure
+from mbaid_ros.calibration.unknowns import LinkPrior, Normals, Prior, make_prior
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.filter.state import MOMENTUM
+from mbaid_ros.core.geometry import Array, Flags, skew
+from mbaid_ros.core.results.physical_consistency import project
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.unknowns.bodies import KnownTarget
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+
+_NO_WINDOWS = 'the data hold no complete window; accepted: joint states and odometry that overlap in time'
+# Range of a joint's window means, in standard deviations of one, from which it moves.
+_MOVES = 20.0
+_SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as none: rounding
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What a calibration is told.
+
+    Attributes
+    ----------
+    noise : of the joint sensors (the base's stands in the samples)
+    priors : of each of the kernel's unknown links
+    uncertainty : of joints, mount, stamps and linear momentum
+    window : s, longest
+    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    orientation_measured : whether anything but that tells the orientation of the base
+    """
+
+    noise: SensorNoise
+    priors: tuple[LinkPrior, ...]
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    window: float = 0.5
+    gyro: float = 0.0
+    orientation_measured: bool = True
+
+
+def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
+    """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
+    settings : CalibrationSettings
+
+    Raises
+    ------
+    ModelError, ParameterError
+        The prior cannot be used.
+    DataError
+        There are no windows, or none that can be weighed.
+    """
+    prior = make_prior(kernel, settings.priors)
+    runs = [run for run in runs if run]
+    detectors, mechanism = _mechanism(kernel, runs, settings.noise)
+    settled, motions, normals = _filtered(prior, kernel.storage, (runs, detectors), settings)
+    belief = settled.passed.belief
+    told = normals.as_far_off()
+    values, covariance = told.blocks()
+    values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
+    size = len(prior.mean)
+    gained = _gained(normals.links)
+    momentum, momentum_covariance = _momenta(settled.passed, motions)
+    return Calibration(
+        prior=prior,
+        values=values,
+        block_covariance=covariance,
+        thrusters=told.thrusters(),
+        carried=told.carried,
+        corrections=corrections,
+        momentum=momentum,
+        momentum_covariance=momentum_covariance,
+        mechanism=mechanism,
+        structure=structure(mechanism),
+        gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
+        further_off=normals.sizes.sure,
+        scale=_scale(values[:size], covariance[:size, :size], prior, gained),
+        residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
+        settled=settled.stays,
+        redundancy=belief.measured,
+        located=bool(np.isfinite(runs[0][0].pose_covariance[0, 0, 0])),
+        samples=sum(len(window) for run in runs for window in run),
+        span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),
+    )
+
+
+def _filtered(
+    prior: Prior,
+    storage: Storage,
+    seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
+    settings: CalibrationSettings,
+) -> tuple[Converged, list[Motion], Normals]:
+    """Return what the filter comes to over all motions."""
+    runs, detectors = seen
+    # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
+    robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
+    robot = robot.storing(storage)
+    uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
+    sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
+    motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
+    if not any(motion.windows for motion in motions):
+        raise DataError(_NO_WINDOWS)
+    try:
+        settled = converge(motions, prior.mean[:10])
+    except np.linalg.LinAlgError as error:
+        raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
+    before = Normals.before(prior, robot, uncertainty)
+    return settled, motions, before.after(settled.passed, motions[0].variables, detectors[0])
+
+
+def _mechanism(
+    kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise
+) -> tuple[list[PlaneDetector], Mechanism]:
+    """Return the plane of each motion, if all of them are planar, and what moves."""
+    if not runs:
+        raise DataError(_NO_WINDOWS)
+    detectors = []
+    for run in runs:
+        detector = PlaneDetector(kernel.model)
+        for window in run:
+            detector.update(window)
+        detectors.append(detector)
+    spatial = next((detector for detector in detectors if not detector.planar), None)
+    if spatial is not None:
+        detectors = [spatial] * len(runs)
+    plane = detectors[0].plane(kernel.model.links[0])
+    posture, moving = _moving([window for run in runs for window in run], noise)
+    return detectors, Mechanism(kernel, moving, posture, None if plane is None else plane.normal)
+
+
+def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
+    """Return where the joints are on average and which of them move."""
+    means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
+    count = float(np.median([len(window) for window in windows]))
+    position = float(np.median([noise.found_in(window).joint_position for window in windows]))
+    return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
+
+
+def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:
+    """Return x with links that can exist, or are empty, and by how much each had to give way.
+
+    A link that is none moves in its own metric to the nearest that is; everything else follows as the covariance says.
+    """
+    scale = unknown_scale(kernel)[:10]
+    corrections = np.zeros(len(kernel.unknown))
+    fixed = np.zeros(len(x), dtype=bool)
+    for _ in range(len(kernel.unknown)):
+        for index in np.flatnonzero(~np.array(empty)).tolist():
+            place = np.arange(10 * index, 10 * index + 10)
+            body, distance = project(x[place], covariance[np.ix_(place, place)], scale)
+            if distance == 0.0:
+                continue
+            corrections[index] = max(corrections[index], distance)
+            fixed[place] = True
+            change = np.linalg.solve(covariance[np.ix_(place, place)], body - x[place])
+            follow = covariance[:, place] @ change
+            x = np.where(fixed, x, x + follow)
+            x[place] = body
+    return x, corrections
+
+
+def _gained(known: UnknownsPrior) -> Array:
+    """Return the data's information on some numbers in units of the prior's, all else minimised over."""
+    left, values, _ = np.linalg.svd(known.factor, full_matrices=False)
+    return np.asarray((left * (np.maximum(values, _SMALLEST) ** -2 - 1.0)) @ left.T)
+
+
+def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[Array, Array]:
+    """Return (P, L) of each motion, (R, 6), about the odometry origin, and their covariances, (R, 6, 6)."""
+    values, covariances = np.zeros((len(motions), 6)), np.zeros((len(motions), 6, 6))
+    for index, (motion, factor) in enumerate(zip(motions, passed.momentum_factors, strict=True)):
+        shift = np.eye(6)
+        shift[3:, :3] = skew(motion.origin)
+        values[index] = shift @ passed.momenta[index]
+        own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
+        covariances[index] = shift @ own @ shift.T
+    return values, covariances
+
+
+def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scale:
+    """Return how well the common factor is known, and what of prior and data says it."""
+    masses = np.arange(0, len(theta), 10)
+    total = float(np.sum(theta[masses]))
+    relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total
+    # Along theta itself: nothing but the factor changes.
+    along = np.concatenate(
+        [np.linalg.solve(root, link) for root, link in zip(prior.roots, theta.reshape(-1, 10), strict=True)]
+    )
+    parts = [('the known bodies', max(float(along @ gained @ along), 0.0))]
+    for index, (link, std) in enumerate(zip(prior.links, prior.stds, strict=True)):
+        if prior.given[index, 0]:
+            parts.append((f'mass of {link.name}', 1.0 / std.mass**2))
+        if prior.given[index, 4]:
+            # A factor changes the moments alike; the products are nearly zero.
+            parts.append((f'inertia of {link.name}', 3.0 / std.inertia**2))
+    whole = max(sum(part for _, part in parts), 1e-300)
+    shares = sorted(((name, part / whole) for name, part in parts), key=lambda each: -each[1])
+    return Scale(relative, tuple(each for each in shares if each[1] > 0.01))

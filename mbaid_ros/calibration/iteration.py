@@ -1,0 +1,296 @@
+"""The trajectory filter with the target link known: passes over all motions until the point that they stand on stays.
+
+The motions come one after the other. Pose error and momentum are new in each; the target link, whose prior is that of a
+known body, and all other unknowns carry over with all their correlations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.filter.averaging import KnotAveraging
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.square_root import (
+    advance,
+    new_motion,
+    pose_reset,
+    update,
+)
+from mbaid_ros.core.filter.start import angular_momentum
+from mbaid_ros.core.filter.state import (
+    BODY,
+    MOMENTUM,
+    Layout,
+    Point,
+    layout_of,
+    near_part,
+)
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
+from mbaid_ros.core.filter.window import Window, in_stacks
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+
+_PASSES = 24  # at most: Newton's steps, halved where they turn back
+_SETTLED = 0.1  # standard deviations: further passes change nothing that is published
+_TOGETHER = 30  # windows linearised in one call: the arrays of all of a long motion would fill the memory
+_FEW = 60  # windows of the first passes, which take most of the way for a part of the work
+# An eighth, a quarter, half of the windows are passed first where no pose holds the base; windows it takes at least.
+_PARTS, _FEWEST = (8, 4, 2), 3
+_HALVINGS = 20  # of a step that would leave a body no mass: by then a millionth of it is left
+_BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion, its momentum constant.
+
+    Attributes
+    ----------
+    layout : of the state
+    windows : of knots, in order
+    origin : (3,) m, which positions and angular momentum are relative to
+    variables : of the filter
+    """
+
+    layout: Layout
+    windows: list[Window]
+    origin: Array
+    variables: Variables
+
+    @staticmethod
+    def of(
+        run: list[Samples],
+        kernel: MomentumKernel,
+        detector: PlaneDetector,
+        uncertainty: Uncertainty,
+        sensing: tuple[SensorNoise, float, float, bool],
+    ) -> Motion:
+        """Return the motion in some windows of samples.
+
+        Parameters
+        ----------
+        run : windows
+        kernel : of the robot, the errors of its known bodies included
+        detector : decides whether the motion is planar, and in which plane
+        uncertainty : of the known side, the target link included
+        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything
+            else tells the orientation of the base
+        """
+        layout = layout_of(kernel, uncertainty, detector)
+        noise, length, gyro, orientation_measured = sensing
+        averaging = KnotAveraging(kernel.model.joints, noise, length, gyro, orientation_measured=orientation_measured)
+        taken = averaging.take(run)
+        windows = [each.ready for each in taken if each.ready is not None]
+        if taken[-1].still_open is not None:
+            windows.append(taken[-1].still_open)
+        return Motion(layout, windows, averaging.origin, variables(layout, detector, uncertainty))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationIteration:
+    """What a pass over all motions has come to.
+
+    Attributes
+    ----------
+    belief : at the end of the last motion
+    mean, factor : (v - h,), (v - h, v - h) of what all motions share: target link and unknowns
+    momenta : (R, 6) of each motion, about its origin
+    momentum_factors : R factors of their covariances, (6, w) each
+    """
+
+    belief: SquareRootInformation
+    mean: Array
+    factor: Array
+    momenta: Array
+    momentum_factors: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Converged:
+    """The last pass, whether it has left the point that it was linearised at where it was, and the next point.
+
+    Attributes
+    ----------
+    passed : Passed
+    stays : whether the pass moved nothing by more than a tenth of its standard deviation
+    common, momenta : (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
+    """
+
+    passed: CalibrationIteration
+    stays: bool
+    common: Array
+    momenta: Array
+
+
+def converge(motions: Sequence[Motion], start: Array) -> Converged:
+    """Pass over all motions until what they lead to is where they were linearised.
+
+    Parameters
+    ----------
+    motions : Motion
+    start : (10,) standard parameters of the target link to begin at
+
+    Raises
+    ------
+    LinAlgError
+        The windows cannot be weighed at the start.
+    """
+    first = motions[0]
+    common = np.concatenate((start, first.layout.known.mean))
+    momenta: Array = np.zeros((len(motions), 6))
+    for momentum, motion in zip(momenta, motions, strict=True):
+        momentum[3:] = angular_momentum(first.layout.kernel, start, motion.windows)
+    for count in _beginnings(motions):
+        near = _repeat([replace(first, windows=first.windows[:count])], common, momenta[:1])
+        if near.stays:
+            common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
+    return _repeat(motions, common, momenta)
+
+
+def _beginnings(motions: Sequence[Motion]) -> list[int]:
+    """Return of how many of the first windows passes begin.
+
+    A part of the windows takes most of the way, for a part of the work. Where no pose holds the base, what the start is
+    off by grows with the time, until nothing of it is linear: then each part is twice the one before.
+    """
+    windows = motions[0].windows
+    if windows and not np.isfinite(windows[0].noise.pose[:3, :3]).all():
+        return [count for count in (len(windows) // part for part in _PARTS) if count >= _FEWEST]
+    return [_FEW] if sum(len(motion.windows) for motion in motions) > 2 * _FEW else []
+
+
+def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Converged:
+    layout = motions[0].layout
+    deviation: Array = np.zeros(len(common))
+    before: Array = np.zeros(len(common))
+    pace = 1.0
+    result: Converged | None = None
+    for _ in range(_PASSES):
+        points = [_point(layout, common, momentum, deviation) for momentum in momenta]
+        try:
+            passed = _pass(motions, points)
+        except np.linalg.LinAlgError:
+            if result is None:
+                raise
+            return result  # its step has led to where nothing can be linearised
+        step, deviation = _step(motions[0].variables, passed, common)
+        near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
+        part = min(_massive(layout, common, step), near)
+        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
+        still = np.all(np.abs(step) <= _SETTLED * deviation)
+        still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
+        stays = bool(still) and part == 1.0
+        pace = 0.5 * pace if _turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
+        part *= pace
+        common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
+        result = Converged(passed, stays, common, momenta)
+        if result.stays:
+            break
+    assert result is not None, 'there was a pass'
+    return result
+
+
+def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
+    """Tell whether a step goes back the way that the one before came: that one was too long."""
+    scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
+    return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
+
+
+def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tuple[Array, Array]:
+    """Return where a pass leads to from its point, and the standard deviations there."""
+    spread = shared.spread[BODY.start :, shared.head :]
+    # What the variables leave out of a planar target link stays where it was.
+    step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
+    return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
+
+
+def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
+    state, deviations = np.zeros((2, layout.size))
+    state[MOMENTUM], state[BODY.start :], deviations[BODY.start :] = momentum, common, deviation
+    return layout.point(state, deviations)
+
+
+def _massive(layout: Layout, common: Array, step: Array) -> float:
+    """Return what part of a step leaves each moving body a mass."""
+    part = 1.0
+    body = layout.kernel.target.body
+    for _ in range(_HALVINGS):
+        there = common + part * step
+        masses = _point(layout, there, np.zeros(6), np.zeros(len(there))).side.kernel.known[:, 0].copy()
+        masses[body] += there[0]
+        before = layout.kernel.known[:, 0].copy()
+        before[body] += common[0]
+        if np.all((masses > 0.0) | (before <= 0.0)):
+            break
+        part *= 0.5
+    return part
+
+
+def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIteration:
+    belief: SquareRootInformation | None = None
+    heads = []
+    for motion, point in zip(motions, points, strict=True):
+        own = motion.variables
+        belief = SquareRootInformation.prior(own) if belief is None else new_motion(belief, own)
+        for window, white in _linearised(motion, point):
+            belief = update(pose_reset(belief, own) if window.fresh else belief, white)
+            if window is not motion.windows[-1]:
+                belief = advance(belief, white, own, UNDISTURBED)
+        heads.append(_of_momentum(belief, own))
+    assert belief is not None, 'there is a motion'
+    head = motions[0].variables.head
+    rest = belief.with_root(belief.root[head:, head:])
+    mean, factor = rest.moments()[0], rest.factor
+    found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
+    momenta = np.array([momentum for momentum, _ in found])
+    return CalibrationIteration(belief, mean, factor, momenta, [each for _, each in found])
+
+
+def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
+    """Yield windows, each as it is and linearised, some at a time: those of a long motion would fill the memory."""
+    linearised = LinearisationCache(motion.layout, motion.variables)
+    for part in in_stacks(motion.windows, _TOGETHER):
+        yield from linearised.all_whitened(part, point)
+
+
+def _of_momentum(belief: SquareRootInformation, own: Variables) -> Array:
+    """Return the (p, v + 2) rows that tell the momentum at a motion's end, given all that other motions share.
+
+    What the motion has of its own is eliminated: its columns are zero, as those of the next motion are other numbers.
+    """
+    root, mine = belief.root, own.renewed.any(axis=1)
+    if own.times.size:
+        mine = mine | np.isfinite(own.times)
+    if not mine.any():
+        return root[own.poses : own.head]
+    first = np.concatenate((np.zeros(own.own, dtype=bool), mine, np.zeros(2, dtype=bool)))
+    count = int(np.sum(mine))
+    order = np.concatenate((np.flatnonzero(first), np.flatnonzero(~first)))
+    triangle = np.asarray(np.linalg.qr(root[:, order], mode='r'))
+    rows = np.zeros((own.head - own.poses, root.shape[1]))
+    rows[:, ~first] = triangle[count + own.poses : count + own.head, count:]
+    return rows
+
+
+def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[Array, Array]:
+    """Return the momentum of a motion, (6,), and a covariance factor (6, w), from what is known of all else at last.
+
+    Parameters
+    ----------
+    rows : (p, v + 2) of the triangle at the motion's end: what is known of the momentum, given all else
+    own : variables of the motion
+    mean, factor : (v - h,), (v - h, v - h) of all else
+    """
+    back = np.linalg.inv(rows[:, own.poses : own.head])
+    others = rows[:, own.head : -2]
+    value = back @ (rows[:, -2:].sum(axis=1) - others @ mean)
+    spread = own.spread[MOMENTUM, own.poses : own.head]
+    return spread @ value, spread @ np.concatenate((back, -back @ others @ factor), axis=1)

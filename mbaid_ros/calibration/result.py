@@ -1,0 +1,205 @@
+"""What a calibration leads to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.calibration.structure import Mechanism, Structure
+from mbaid_ros.calibration.unknowns import Prior
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import Thruster
+from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
+
+# Part of a prior variance that the data have to take away for a value to count as theirs.
+_MOVED = 0.5
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How well the common factor of all masses is known, and by what.
+
+    Attributes
+    ----------
+    relative_std : of the unknown links' total mass
+    fixed_by : (name, part of the information), the largest first
+    """
+
+    relative_std: float
+    fixed_by: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class LinkResult:
+    """One link before and after.
+
+    Attributes
+    ----------
+    name : of the link
+    cad : (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
+    parameters, covariance : (10,), (10, 10) the same, calibrated
+    prior_std : (10,) before the data; infinite where nothing was known
+    consistency_correction : size of the projection on a body that can exist, in standard deviations; 0 is none
+    """
+
+    name: str
+    cad: Array
+    parameters: Array
+    covariance: Array
+    prior_std: Array
+    consistency_correction: float
+
+    @property
+    def std(self) -> Array:
+        """One standard deviation of each parameter after the data, (10,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def ratios(self) -> InertiaRatios:
+        """The ratios of its moments of inertia after the data."""
+        return inertia_ratios(self.parameters, self.covariance)
+
+    @property
+    def learnt(self) -> Array:
+        """Part of each parameter's prior variance that the data took away, (10,): 0 nothing, 1 all of it."""
+        return np.clip(1.0 - (self.std / self.prior_std) ** 2, 0.0, 1.0)
+
+    @property
+    def moved(self) -> Array:
+        """How far the data moved each parameter, in standard deviations of the prior, (10,); NaN without a prior."""
+        with np.errstate(invalid='ignore'):
+            return np.where(np.isfinite(self.prior_std), (self.parameters - self.cad) / self.prior_std, np.nan)
+
+    @property
+    def stayed(self) -> Flags:
+        """(10,) True where the data say little: by itself the value is as uncertain as before."""
+        return np.asarray(self.learnt < _MOVED)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The unknown links after the data.
+
+    Attributes
+    ----------
+    prior : what was known before
+    values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
+        their covariance
+    thrusters : by how much those are off their commands that may be
+    carried : what is known of the unknowns of the trajectory filter, to go on with
+    corrections : (k,) sizes of the projections on bodies that can exist
+    momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
+    mechanism : what moves
+    structure : what momentum can tell at all
+    gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
+        the largest first
+    further_off : (kind of thing, times as far off as its prior says) of what surely is; covariances allow for it
+    scale : how well the common factor is known
+    residual : root mean square of the normalised innovations: 1 is as the noise says
+    settled : whether the passes have come to a point that stays
+    redundancy : number of innovations
+    located : whether anything locates the base
+    samples : number used
+    span : s, length of all motions
+    """
+
+    prior: Prior
+    values: Array
+    block_covariance: Array
+    thrusters: tuple[Thruster, ...]
+    carried: UnknownsPrior
+    corrections: Array
+    momentum: Array
+    momentum_covariance: Array
+    mechanism: Mechanism
+    structure: Structure
+    gains: Array
+    further_off: tuple[tuple[str, float], ...]
+    scale: Scale
+    residual: float
+    settled: bool
+    redundancy: int
+    located: bool
+    samples: int
+    span: float
+
+    @property
+    def planar(self) -> bool:
+        """Whether only what shows in a plane was used."""
+        return self.mechanism.normal is not None
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of the joints that do not move."""
+        names = self.mechanism.kernel.model.joint_names
+        return tuple(name for name, moves in zip(names, self.mechanism.moving, strict=True) if not moves)
+
+    @property
+    def theta(self) -> Array:
+        """Standard parameters (m, h, I_o) of the links, each in its own frame, (10 k,)."""
+        return self.values[: len(self.prior.mean)]
+
+    @property
+    def covariance(self) -> Array:
+        """Of these, (10 k, 10 k)."""
+        size = len(self.prior.mean)
+        return self.block_covariance[:size, :size]
+
+    @property
+    def joints(self) -> Array:
+        """(n, 6) of each joint: zero, displacement of its frame (3), tilts of its axis (2)."""
+        return self.values[len(self.prior.mean) : -6].reshape(-1, 6)
+
+    @property
+    def displacements(self) -> tuple[Array, Array]:
+        """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
+        across = Kinematics(self.mechanism.kernel.model).axial[1:, :, :2]
+        return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
+
+    @property
+    def mount(self) -> Array:
+        """(6,) rotation vector and position of the base's frame in the one that the odometry locates."""
+        return self.values[-6:]
+
+    @property
+    def stds(self) -> Array:
+        """One standard deviation of each of the values."""
+        return np.sqrt(np.diag(self.block_covariance))
+
+    @property
+    def determined(self) -> int:
+        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none.
+
+        A body that nothing locates need not move its joints: how it tumbles tells the ratios of its moments.
+        """
+        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
+
+    @cached_property
+    def links(self) -> tuple[LinkResult, ...]:
+        """Each link before and after."""
+        return tuple(self._link(index) for index in range(len(self.prior.links)))
+
+    def _link(self, index: int) -> LinkResult:
+        link = self.prior.links[index]
+        place = slice(10 * index, 10 * index + 10)
+        jacobian = physical_jacobian(self.theta[place])
+        cad: Array = np.full(10, np.nan)
+        prior_std: Array = np.full(10, np.inf)
+        if link.parameters[0] > 0.0:
+            cad = physical(link.parameters)
+            before = physical_jacobian(link.parameters)
+            variance = np.diag(before @ self.prior.covariance[place, place] @ before.T)
+            prior_std = np.where(self.prior.given[index], np.sqrt(variance), np.inf)
+        return LinkResult(
+            name=link.name,
+            cad=cad,
+            parameters=physical(self.theta[place]),
+            covariance=jacobian @ self.covariance[place, place] @ jacobian.T,
+            prior_std=prior_std,
+            consistency_correction=float(self.corrections[index]),
+        )

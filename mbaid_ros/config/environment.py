@@ -1,0 +1,207 @@
+"""The parameters about what the robot description does not have: the orbit, and wheels inside the base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.config.parameters import parameter
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.robot.orbit import Frame, Orbit
+
+FRAMES = ('inertial', 'lvlh', 'hill')
+TWISTS = ('relative', 'inertial')
+_ACROSS = 0.02  # rad, by how much nadir and normal may miss a right angle
+
+
+@dataclass(frozen=True)
+class SimulatedOrbitConfig:
+    """An orbit, and how the frame of the odometry stands to it."""
+
+    mean_motion: float = parameter(
+        0.0, 'Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit.', unit='rad/s', minimum=0.0, maximum=0.1
+    )
+    frame: str = parameter(
+        'inertial',
+        'Frame of the odometry, its origin on the orbit: inertial, which falls along and does not turn, or with the '
+        'orbit turning lvlh or hill, as CCSDS 500.0-G has them.',
+        choices=FRAMES,
+    )
+    nadir: tuple[float, ...] = parameter(
+        (), 'Direction to the centre at the epoch in an inertial frame of the odometry.', lengths=(0, 3)
+    )
+    normal: tuple[float, ...] = parameter(
+        (), "Direction of the orbit's angular momentum in an inertial frame of the odometry.", lengths=(0, 3)
+    )
+    eccentricity: float = parameter(0.0, 'Eccentricity of the orbit; 0 is a circle.', minimum=0.0, maximum=0.9)
+    true_anomaly: float = parameter(
+        0.0, 'Where on it the epoch is, from its lowest point on; of no matter on a circle.', unit='rad'
+    )
+    twist: str = parameter(
+        'relative',
+        'Twist of odometry in a frame that turns: relative to it, as ROS has it, or inertial, as a gyro measures it.',
+        choices=TWISTS,
+    )
+
+
+@dataclass(frozen=True)
+class OrbitConfig(SimulatedOrbitConfig):
+    """The same with the time at which the directions are as given."""
+
+    epoch: float = parameter(
+        0.0,
+        'Stamp at which an inertial frame has nadir where it is said to be, and at which one that turns has the axes '
+        'that momentum is reported in; 0 is the first sample.',
+        unit='s',
+        minimum=0.0,
+    )
+    undeclared_rate: float = parameter(
+        1.2e-3,
+        'Without orbit.mean_motion: rate up to which there may be an orbit all the same, whose gravity gradient is '
+        'estimated along; 0 for a robot that is in none.',
+        unit='rad/s',
+        minimum=0.0,
+        maximum=0.1,
+    )
+    undeclared_eccentricity: float = parameter(
+        0.002,
+        'With orbit.mean_motion but no orbit.eccentricity: up to which the orbit may be no circle all the same, which '
+        'is estimated along; 0 for one that is.',
+        minimum=0.0,
+        maximum=0.02,
+    )
+
+
+def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
+    """Return the orbit that the parameters describe, None where there is none.
+
+    Raises
+    ------
+    ParameterError
+        Directions are missing, not at right angles, or given for a frame that has its own.
+    """
+    if config.mean_motion == 0.0:
+        return None
+    frame: Frame = 'lvlh' if config.frame == 'lvlh' else 'hill' if config.frame == 'hill' else 'inertial'
+    given = [name for name in ('nadir', 'normal') if getattr(config, name)]
+    if frame != 'inertial':
+        if given:
+            raise ParameterError(
+                f"parameter 'orbit.{given[0]}' is given with orbit.frame: {frame}, which has its own; accepted: none"
+            )
+        return Orbit.turning_with(config.mean_motion, frame).eccentric(config.eccentricity, config.true_anomaly)
+    if len(given) < 2:
+        missing = 'normal' if 'nadir' in given else 'nadir'
+        raise ParameterError(
+            f"parameter 'orbit.{missing}' is empty with an orbit.frame that is inertial; accepted: three numbers, in "
+            'the axes of the odometry'
+        )
+    nadir, normal = np.array(config.nadir), np.array(config.normal)
+    size = float(np.linalg.norm(nadir) * np.linalg.norm(normal))
+    if size == 0.0 or abs(float(nadir @ normal)) > _ACROSS * size:
+        raise ParameterError(
+            f"parameters 'orbit.nadir' {list(config.nadir)} and 'orbit.normal' {list(config.normal)} are not at right "
+            'angles; accepted: directions that are'
+        )
+    return Orbit.inertial(config.mean_motion, nadir, normal).eccentric(config.eccentricity, config.true_anomaly)
+
+
+@dataclass(frozen=True)
+class WheelsConfig:
+    """Wheels and gyros that are no joints of the robot description."""
+
+    names: tuple[str, ...] = parameter(
+        (), 'Names of the wheels in JointState, whose velocities are read; none may be a joint of the robot.'
+    )
+    axes: tuple[float, ...] = parameter(
+        (), "Axis of each wheel in the base link's frame, three numbers each; any length but zero."
+    )
+    spin_inertias: tuple[float, ...] = parameter(
+        (),
+        'Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked.',
+        unit='kg m^2',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    spin_inertia_relative_std: float = parameter(
+        0.0,
+        'Relative standard deviation of each spin inertia, estimated along (trajectory); 0 takes them as exact.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    speed_std: float = parameter(0.05, "Standard deviation of a wheel's speed.", unit='rad/s', minimum=0.0)
+    momentum_frame: str = parameter(
+        '',
+        'Link in whose axes stored_momentum tells the angular momentum of wheels or gyros, wheels.names left out; '
+        'samples without one are not used. Empty: the topic is not used.',
+    )
+    momentum_std: float = parameter(
+        0.0, 'Standard deviation of each coordinate of that momentum.', unit='N m s', minimum=0.0
+    )
+
+
+@dataclass(frozen=True)
+class SimulatedWheelsConfig:
+    """Wheels inside the base of the simulated robot that are no joints of its description."""
+
+    names: tuple[str, ...] = parameter((), 'Names of the wheels; empty means that there are none.')
+    axes: tuple[float, ...] = parameter((), "Axis of each wheel in the base link's frame, three numbers each.")
+    spin_inertias: tuple[float, ...] = parameter(
+        (),
+        'Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked.',
+        unit='kg m^2',
+        minimum=0.0,
+        exclusive_minimum=True,
+    )
+    speeds: tuple[float, ...] = parameter(
+        (), 'Speed of each wheel relative to the base at time 0; empty means zero.', unit='rad/s'
+    )
+    accelerations: tuple[float, ...] = parameter(
+        (), 'Change of that speed, constant: held without, ramped with one; empty means zero.', unit='rad/s^2'
+    )
+    wander: float = parameter(
+        0.0, 'Largest amplitude of what each speed wanders beside, as drawn sinusoids.', unit='rad/s', minimum=0.0
+    )
+    seed: int = parameter(0, 'The same seed gives the same wander.', minimum=0)
+    speed_noise: float = parameter(0.0, 'Noise of the speeds that are read.', unit='rad/s', minimum=0.0)
+    publish: str = parameter(
+        'joint_states',
+        'Where the wheels are told: as velocities in joint_states (positions are 0, which nobody reads), as their '
+        'momentum on stored_momentum with every JointState, or nowhere.',
+        choices=('joint_states', 'stored_momentum', 'none'),
+    )
+
+
+def make_storage(
+    names: Sequence[str], axes: Sequence[float], spin_inertias: Sequence[float], model: RobotModel, noise: float = 0.0
+) -> Storage:
+    """Return wheels inside the base, whose speeds are read with a noise (rad/s).
+
+    Raises
+    ------
+    ParameterError
+        Names, axes and spin inertias differ in number, an axis is zero, or a name is that of a joint.
+    """
+    count = len(names)
+    for name, values, wanted in (('axes', axes, 3 * count), ('spin_inertias', spin_inertias, count)):
+        if len(values) != wanted:
+            raise ParameterError(
+                f"parameter 'wheels.{name}' has {len(values)} numbers; accepted: {wanted}, for the {count} of "
+                "'wheels.names'"
+            )
+    if len(set(names) - set(model.joint_names)) < count:
+        raise ParameterError(
+            f"parameter 'wheels.names' is {listing(names)}; accepted: names that differ, none of them a joint's: "
+            f'{listing(model.joint_names)}'
+        )
+    directions = np.array(axes, dtype=float).reshape(count, 3)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    if np.any(lengths == 0.0):
+        raise ParameterError(
+            f"parameter 'wheels.axes' is {list(axes)}; accepted: three numbers each, not all of them 0"
+        )
+    return Storage.wheels(model.link(model.base_link), names, directions / lengths, spin_inertias, noise)

@@ -1,0 +1,1 @@
+"""Fault isolation: what is wrong with a run that contradicts its model."""

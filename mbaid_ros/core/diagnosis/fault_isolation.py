@@ -1,0 +1,146 @@
+"""When a run is asked what may be wrong with it: while it contradicts its model, bit by bit, ever more rarely."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+
+import numpy as np
+
+from mbaid_ros.core.diagnosis.candidates import CandidateCauses
+from mbaid_ros.core.diagnosis.left_out import FEWEST
+from mbaid_ros.core.diagnosis.ranking import Change, IsolationResult, ranked, roughness
+from mbaid_ros.core.diagnosis.wider_priors import SLIPPING
+from mbaid_ros.core.filter.batch import BackgroundTask
+from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.results.innovations import seen_in
+from mbaid_ros.core.results.verdict import Cause
+from mbaid_ros.core.samples import Samples, SensorNoise
+
+_FIRST = 24  # windows before the first inquiry: of fewer, causes cannot be told apart
+_AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since what may be a change of the target: what tells of it is there
+# Windows, at most, that a jump is left open while an inquiry is under way: by then it has been told what became of
+# it.
+_OPEN = 16
+_APART = 16  # windows from one inquiry to the next, at least: what fewer new ones tell is lost in the noise
+# Windows that one is over: what has begun to be wrong is seldom longer ago, and work and memory stay bounded.
+_KEPT = 80
+_LATEST = 8  # windows whose samples tell how noisy the sensors are: as noisy as they are now
+_SHORT = 0.12  # of a window, below which a time of correlation is none: poses between two others look like that, too
+# Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
+_SHARE_BESIDE, _SHARE = 700, 1200
+
+
+class FaultIsolation:
+    """Asks a run again and again what may be wrong with it, over its latest windows.
+
+    Attributes
+    ----------
+    suspicious : whether the run was, when it was last followed
+
+    Parameters
+    ----------
+    suspicion : what is asked
+    noise : that is declared
+    """
+
+    def __init__(self, suspicion: CandidateCauses, noise: SensorNoise) -> None:
+        self._suspicion = suspicion
+        self._noise = noise
+        self._samples: deque[Samples] = deque(maxlen=_LATEST)
+        self._windows: deque[Window] = deque(maxlen=_KEPT)
+        self._seen = 0
+        self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
+        self.suspicious = False
+        self._inquiry = BackgroundTask[IsolationResult](suspicion.layout.size)
+        self._found: IsolationResult | None = None
+        self._over = False  # whether what it was found about has ended since
+        self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
+
+    def take(self, window: Window | None, samples: Samples) -> None:
+        """Take the next window into those that an inquiry is over, and the samples of the one after it."""
+        self._samples.append(samples)
+        if window is not None:
+            self._windows.append(window)
+            self._seen += 1
+
+    def follow(self, run: FilterRun, *, suspicious: bool) -> None:
+        """Begin an inquiry into a run that is suspicious, if one is due; owe a part of one that is under way."""
+        self.suspicious = suspicious
+        if not suspicious:
+            self._over = True
+            self._onset, self._next = self._seen, max(_FIRST, self._seen)
+        early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
+        # A walk that leads has taken the jump up: it is there all the same.
+        walks = run.started and not run.best.hypothesis.physical
+        early = early or (walks and self._since_a_jump(run) < _AFTER_A_JUMP)
+        if not self._inquiry.under_way and suspicious and self._seen >= self._next and not early:
+            self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
+            point = run.point if run.started else None
+            since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
+            self._about = tuple(time for time in run.jumped if time >= since)
+            self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
+        self._inquiry.owe(_SHARE_BESIDE if run.searching else _SHARE)
+
+    def work_off(self) -> bool:
+        """Do a part of what an inquiry has to do before the next window; return whether some is left."""
+        with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
+            found = self._inquiry.work_off()
+            # What a run still contradicts may have died down: the latest windows know nothing of it any more.
+            if found is not None and (found.causes or self._over or self._found is None):
+                self._found, self._over = found, False
+        return self._inquiry.owing
+
+    def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
+        """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was.
+
+        A constant force that leads explains what are jumps without it.
+        """
+        if not self._inquiry.under_way:
+            return ()
+        latest = self._windows[-1]
+        since = latest.start - _OPEN * latest.length
+        left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jumped)
+        return tuple(time for time in run.jumped if time in self._about and time > since and time in left)
+
+    def _since_a_jump(self, run: FilterRun) -> float:
+        """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
+        if not run.jumped or not self._windows:
+            return np.inf
+        return (self._windows[-1].start - run.jumped[0]) / self._windows[-1].length
+
+    @property
+    def change(self) -> Change | None:
+        """What has become of the target, if the latest inquiry has found that to be what is wrong."""
+        leading = None if self._found is None else self._found.leading
+        return None if leading is None else leading.change
+
+    @property
+    def wrong_twist(self) -> str:
+        """What is wrong with the base's twist, if the latest inquiry has found that to be it; else empty."""
+        leading = None if self._found is None else self._found.leading
+        return leading.text if leading is not None and leading.of_twist else ''
+
+    def since(self, time: float) -> list[Window]:
+        """Return the windows that begin at a time, s, or later."""
+        return [window for window in self._windows if window.start >= time]
+
+    def causes(self, run: FilterRun) -> tuple[Cause, ...]:
+        """Return what the latest inquiry has found to be wrong with a run, the likeliest first; nothing before one."""
+        found = self._found
+        if found is None:
+            return ()
+        inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        leading = run.best.hypothesis if run.started else None
+        if leading is not None and leading.disturbed:  # the run may know more by now
+            # Over all of the run, not its latest windows alone: what explains anything is no likelier for that.
+            least = min((cause.gain for cause in found.causes), default=run.lead)
+            lead = run.lead if leading.physical else min(run.lead, least)
+            inquired.setdefault(leading.cause, (lead, leading.physical))
+        latest = self._noise.found_in(self._samples[-1])
+        rough = roughness(self._samples, latest.joint_position)
+        correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else seen_in(self._samples[-1])
+        if correlated[0] < _SHORT * self._windows[-1].length:  # poses between two others look like that, too
+            correlated = (0.0, 0.0)
+        return ranked(inquired, found.innovations, found.misfit, rough, correlated)

@@ -1,0 +1,232 @@
+"""Windows of the error chain: how the true pose drifts from the measured one, and what a window measures of it.
+
+The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From knot to knot it
+changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
+twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first knot.
+
+The state is that of `state`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
+from mbaid_ros.core.filter.measured_window import (
+    integrated_twist,
+    pose_measurement,
+    readings,
+    state_rows,
+    telescoped,
+    twist_covariance,
+    twist_measurement,
+)
+from mbaid_ros.core.filter.prediction import Bodies, Prediction, by_deflections, predict
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.window import Stack
+from mbaid_ros.core.geometry import Array, Integers, cross, exp
+from mbaid_ros.core.robot.model import express
+
+_IDENTITY = np.eye(6)
+
+
+@dataclass(frozen=True)
+class WindowModel:
+    """A window, linear in the state x at its first knot: measurements, and the way to the next window.
+
+    Models of several windows share one, with the windows along a first axis that the shapes below leave out.
+
+    Attributes
+    ----------
+    pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
+    twist_value, twist_rows, twist_covariance : the same of the twist, and where there is an IMU of its angular velocity
+        after it, (9,), (9, s), (9, 9); NaN value of what is not measured
+    transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
+    process : (6, n) factor of the covariance of the joint noise that accumulates on the way
+    joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the part of the pose's noise that the joints' makes
+        (`JointNoise`)
+    joints_of_gyro : (3, n) what of it a gyro on a link that joints move has more
+    joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
+    length : () s
+    rotation, position : (3, 3), (3,) m, of the base at the window's end
+    brought : (6, s) what the unknowns make of (P, L) on the way to the next window
+    stepped : (6, f) how far the base goes there with each of the unknowns' numbers that wander, when that grows by one
+    body : (10,) standard parameters of the target that it is linearised at
+    integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
+    """
+
+    pose_value: Array
+    pose_rows: Array
+    pose_covariance: Array
+    twist_value: Array
+    twist_rows: Array
+    twist_covariance: Array
+    transition: Array
+    drift: Array
+    process: Array
+    joints: Array
+    joints_by_unknowns: Array
+    joints_of_gyro: Array
+    joints_in_twist: Array
+    length: Array
+    rotation: Array
+    position: Array
+    brought: Array
+    stepped: Array
+    body: Array
+    integrated: Array = field(default_factory=lambda: np.array(None))
+
+    def __getitem__(self, index: int | Integers) -> WindowModel:
+        """Return the model of one of several windows, or of some."""
+        return WindowModel(*(part[index] for part in vars(self).values()))
+
+    @staticmethod
+    def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
+        """Return the models of several windows, joined in order."""
+        return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
+
+
+def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:
+    """Return the models of windows, linearised at the same point, in their order before they were stacked.
+
+    Below, arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
+
+    Parameters
+    ----------
+    layout : of the state
+    stacks : of windows of one shape each; their motion is predicted in one call
+    point : windows that follow each other share its readings: the chain is that of the motion as they correct it
+    """
+    motions = [stack.motion(point.side, layout.imu) for stack in stacks]
+    flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
+    whole, bodies = predict(layout, flat, point)
+    for unknown, place in layout.of_joints:
+        spacings = [stack.windows[0].spacing for stack in stacks]
+        each = [motion for motion, _ in motions]
+        whole.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, each, spacings, bodies)
+    predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
+    noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
+    models, begin = [], 0
+    for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
+        around, inside = motion
+        rows, windows = around.turn.shape[:2]
+        last = begin + (inside.stop - 1) * windows + np.arange(windows)
+        begin += rows * windows
+        brought = _brought(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        models.append(_models(layout, stack, motion, prediction, point, (noise, brought)))
+    if len(stacks) == 1:
+        return models[0]
+    return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
+
+
+def _models(
+    layout: Layout,
+    stack: Stack,
+    motion: tuple[Midpoints, slice],
+    predicted: Prediction,
+    point: Point,
+    effects: tuple[JointNoise, Array],
+) -> WindowModel:
+    """Return a stack's models from its motion, the prediction, what the joints' noise does and what is brought."""
+    noise, brought = effects
+    around, inside = motion
+    parameters, spacing = point.parameters, stack.windows[0].spacing
+    around_slope = gradient(predicted.twist) / spacing
+    integral = _integral(predicted.twist, around_slope, spacing)[inside]
+    middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
+    errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
+    # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
+    errors[..., -1] -= errors[..., 6:-1] @ parameters
+    of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
+    change = stack.whitening
+    # What is carried from window to window knows of no joints that wander.
+    integrated = stack.integrates_twist & (layout.times.size == 0)
+    # The joints' errors, independent from knot to knot, are in the change by those of two knots.
+    ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
+    in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
+    if middle.gyro_gain.shape[-1]:
+        in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
+    pose, twist = readings(layout, stack, predicted, motion, slope)
+    ways: Array = np.full(len(stack.windows), None)
+    if integrated.any():
+        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
+        ways[integrated] = whole.each()[integrated]
+    return WindowModel(
+        *pose_measurement(errors, change, pose, point.readings),
+        stack.pose_covariance / stack.samples + ends * of_joints,
+        *twist_measurement(errors, prediction, middle, point, twist),
+        twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored),
+        transition=state_rows(errors[-1], np.zeros_like(pose)),
+        drift=errors[-1][..., -1],
+        process=noise.process,
+        joints=np.sqrt(ends) * noise.pose,
+        joints_by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns,
+        joints_of_gyro=np.sqrt(ends) * in_gyro,
+        joints_in_twist=telescoped(len(middle), spacing) / ends[:, 0, 0],
+        length=np.full(len(stack.windows), len(middle) * spacing),
+        rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
+        position=middle.base_position[-1] + 0.5 * middle.step[-1],
+        brought=brought,
+        stepped=noise.stepped,
+        body=np.tile(point.body, (len(stack.windows), 1)),
+        integrated=ways,
+    )
+
+
+def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> Array:
+    """Return what the unknowns make of the momentum from a stack's windows to the next, (B, 6, s).
+
+    Parameters
+    ----------
+    layout, stack : of the state, of B windows
+    bodies : near the end of each
+    position : (B, 3) m, of the base then
+    """
+    brought = np.zeros((len(position), 6, layout.size))
+    pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
+    if pushing:
+        placed = bodies.states.configuration
+        whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+        length = stack.windows[0].length
+        for unknown, place in pushing:
+            ends = stack.middles + 0.5 * length
+            rates = unknown.momentum_rates(whole, stack.windows[0].origin, ends, placed.rotation[:, 0])
+            brought[..., place] = length * rates @ unknown.factor
+    return brought
+
+
+def _integral(twist: Array, slope: Array, spacing: float) -> Array:
+    """Return the (m, B, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
+    change = twist[1:] - twist[:-1]
+    bend = np.zeros_like(twist)
+    bend[1:-1] = change[1:] - change[:-1]
+    bend[0], bend[-1] = bend[1], bend[-2]
+    integral = spacing * (twist + bend / 24.0)
+    integral[..., 3:] += spacing**3 / 12.0 * cross(slope[..., 3:], twist[..., 3:])
+    return integral
+
+
+def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
+    """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
+    gain = np.empty((*middle.turn.shape[:-1], 6, prediction.by_parameters.shape[-1] + 1))
+    gain[..., :-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
+    gain[..., :3, -1] = integral[..., 3:] - middle.turn
+    gain[..., 3:, -1] = integral[..., :3] - middle.step
+    # xi acts at mid-interval, the mean of both ends: (1 - D F~ / 2) xi' = (1 + D F~ / 2) xi + gain
+    back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
+    return 2.0 * back - _IDENTITY, back @ gain
+
+
+def _compose(transition: Array, gain: Array) -> Array:
+    """Return xi at every knot, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first knot, parameters, 1)."""
+    count, windows = transition.shape[:2]
+    errors = np.zeros((count + 1, windows, 6, 6 + gain.shape[-1]))
+    errors[0, ..., :6] = np.eye(6)
+    for index in range(count):
+        np.matmul(transition[index], errors[index], out=errors[index + 1])
+        errors[index + 1, ..., 6:] += gain[index]
+    return errors

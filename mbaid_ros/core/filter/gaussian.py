@@ -1,0 +1,251 @@
+"""What is believed of the state: a Gaussian in square-root information form, and how well the data agree with it.
+
+R x = z with unit covariance (Bierman 1977, chapter 5; docs/trajectory.md, eq. 4): a window adds rows to R, Householder
+reflections make it triangular again, and what no window has seen of an unknown stays at its prior exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
+
+from mbaid_ros.core.filter.joint_noise import InformationCorrection, no_bias
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.results.innovations import Innovations
+
+
+@dataclass(frozen=True, eq=False)
+class SquareRootInformation:
+    """The state in scaled variables.
+
+    The variables are those of `Variables`, then those of a constant force where a hypothesis has one.
+
+    Attributes
+    ----------
+    root : (v, v + 2), its columns one after the other as LAPACK has them: the triangle R, and beside it z of the
+        correction for noise that rows and values share, and z of the least squares' mean: x = R^-1 (their sum);
+        innovations are those of the mean itself
+    innovations : what they were, sensor by sensor
+    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
+    nis, measured : sum of the normalised innovations squared over all windows, no mean, and how many there were
+    last_nis, last_measured : the same of the last update
+    log_likelihood : of all measurements, up to a constant
+    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
+        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
+    """
+
+    root: Array
+    innovations: Innovations
+    feigned: Array
+    nis: float = 0.0
+    measured: int = 0
+    last_nis: float = 0.0
+    last_measured: int = 0
+    log_likelihood: float = 0.0
+    carried: Array | None = None
+
+    @staticmethod
+    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
+        """Return the belief before the first measurement.
+
+        Parameters
+        ----------
+        variables : of the filter
+        extra : how many numbers of unit variance a hypothesis has beside them
+        mass : kg that the target body is held near
+        """
+        mean, triangle, likelihood = variables.prior(mass)
+        size = len(mean) + extra
+        root = np.zeros((size, size + 2), order='F')
+        root[: len(mean), : len(mean)] = triangle
+        root[: len(mean), -1] = triangle @ mean
+        root[len(mean) :, len(mean) : -2] = np.eye(extra)
+        nothing = Innovations.none(variables.poses), no_bias(variables)
+        return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
+
+    @property
+    def misfit(self) -> float:
+        """The log-likelihood that is missing where innovations are larger than they should be."""
+        return 0.5 * (self.nis - self.measured)
+
+    @property
+    def size(self) -> int:
+        """Number v of variables."""
+        return len(self.root)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return the mean (v,), and what of it is the correction for shared noise (v,).
+
+        Raises
+        ------
+        LinAlgError
+            The information has a direction without any.
+        """
+        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
+        if info:
+            raise np.linalg.LinAlgError('a direction of the state has no information')
+        return both[:, 0] + both[:, 1], both[:, 0]
+
+    @property
+    def factor(self) -> Array:
+        """A factor of the covariance, (v, v)."""
+        return np.asarray(dtrtri(self.root[:, :-2])[0])
+
+    @property
+    def least_squares(self) -> Array:
+        """The mean without the correction for shared noise, (v,)."""
+        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+
+    def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
+        """Return the same with other variables, (v, v + 2), and what is carried: what has been measured stays."""
+        return replace(self, root=root, carried=carried)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanAndCovariance:
+    """Mean and covariance of a belief, SI units.
+
+    Attributes
+    ----------
+    belief, variables : Belief, Variables
+    mean : (s,) of the state
+    shift : (s,) what of the mean is the correction for shared noise
+    force : (6,) a constant one, and a torque; zero where there is none
+    """
+
+    belief: SquareRootInformation
+    variables: Variables
+    mean: Array
+    shift: Array
+    force: Array
+
+    @staticmethod
+    def of(belief: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
+        """Return the moments of a belief."""
+        mean, shift = belief.moments()
+        count, spread = len(variables.scale), variables.spread
+        force = variables.force[:, : belief.size - count] @ mean[count:]
+        return MeanAndCovariance(belief, variables, spread @ mean[:count], spread @ shift[:count], force)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Of the covariance of the state, (s, v), without what the variables leave out."""
+        return self.variables.of_state(self.belief.factor[: len(self.variables.scale)])
+
+    @property
+    def force_factor(self) -> Array:
+        """Of the covariance of the constant force, (6, v)."""
+        count = len(self.variables.scale)
+        return np.asarray(self.variables.force[:, : self.belief.size - count] @ self.belief.factor[count:])
+
+    @cached_property
+    def variance(self) -> Array:
+        """Of the state, with what the variables leave out, (s,)."""
+        return np.add.reduce(self.factor**2, axis=1) + self.variables.outside.diagonal()
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations, (s,)."""
+        return np.sqrt(self.variance)
+
+    def factor_of(self, numbers: Array) -> Array:
+        """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
+        right = np.zeros((self.belief.size, len(numbers)), order='F')
+        right[: numbers.shape[1]] = numbers.T
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+
+    def by_force(self, pushed: Array) -> Array:
+        """Return the (6,) change of the momentum by a constant force, of (p, f) `pushed` as of a hypothesis' track."""
+        variables, count = self.variables, len(self.variables.scale)
+        if self.belief.size == count:
+            return np.zeros(6)
+        numbers = self.belief.moments()[0][count:]
+        change = np.broadcast_to(pushed, (variables.head - variables.poses, len(numbers))) @ numbers
+        return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
+
+    def covariance(self, rows: Integers) -> Array:
+        """Return the (r, r) covariance of some numbers (r,) of the state."""
+        part = self.factor_of(self.variables.spread[rows])
+        return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
+
+    def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
+        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w): as published.
+
+        The windows linearised at the estimate itself, the unknowns so many times as far off as declared, and noise in
+        the rows no information. What the variables leave out is not in the factor.
+        """
+        body, attenuation = self._attenuated
+        part = self.factor_of(self.variables.spread[rows])
+        times = self.amplification(part, rows)
+        columns = [times @ part, self.by_score(part)]
+        if not sizes.as_declared:
+            columns.append(times @ sizes.beside(self.contributions(part, layout)))
+        return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
+
+    def amplification(self, part: Array, rows: Integers) -> Array:
+        """Return the (r, r) factor from errors as they seem to errors, of numbers (r,), the body's among them.
+
+        Parameters
+        ----------
+        part : (r, v) a covariance factor of them, as of `factor_of`
+        rows : (r,) their places in the state
+        """
+        body, attenuation = self._attenuated
+        more = part @ body.T @ attenuation.gain
+        return np.asarray(np.eye(len(rows)) + more @ self.variables.gather[self.variables.body, rows])
+
+    def by_score(self, part: Array) -> Array:
+        """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
+        body, attenuation = self._attenuated
+        return np.asarray(part @ body.T @ attenuation.score)
+
+    @cached_property
+    def _attenuated(self) -> tuple[Array, InformationCorrection]:
+        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 14)."""
+        variables = self.variables
+        body = self.factor_of(np.eye(variables.own)[variables.body])
+        mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
+        return body, InformationCorrection.of(body @ body.T, self.belief.feigned, mean)
+
+    def with_variables(self, own: Array) -> Array:
+        """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
+
+    def unknowns(self, layout: Layout) -> tuple[Array, Array]:
+        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and their covariance (e, e).
+
+        They and a force come last: below the rows of what comes first the triangle is the root of their information.
+        """
+        own, known = self.variables.own, layout.known
+        count = len(self.variables.scale) - own
+        if not count:  # LAPACK complains of empty triangles, on the terminal
+            return np.zeros(0), np.zeros((0, 0))
+        upper = dpotri(self.belief.root[own:, own:-2])[0][:count, :count]
+        values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
+        if known.independent:
+            return values, covariance
+        return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
+
+    def sizes(self, layout: Layout) -> PriorScaleFactors:
+        """Return how many times as far off as declared the unknowns look."""
+        return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
+
+    def contributions(self, own: Array, layout: Layout) -> Array:
+        """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.
+
+        An estimate errs by what noise and priors contribute, which are independent. What the prior of a number of unit
+        variance contributes is the covariance of that number with the estimate.
+
+        Parameters
+        ----------
+        own : (m, v) a covariance factor of the numbers, as of `factor_of`
+        layout : of the state
+        """
+        with_unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

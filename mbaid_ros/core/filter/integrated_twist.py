@@ -1,0 +1,175 @@
+"""The twist where the errors of poses are correlated: its integral, from window to window.
+
+Integrated over whole windows, what the joints' noise makes of the predicted twist telescopes from one window to the
+next: c, what it makes of the pose at a window's first knot, is all that they have in common. It is carried from window
+to window, as the change of the measured way less the predicted one says (docs/trajectory.md, eqs. 9 and 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.geometry import Array
+
+
+@dataclass(frozen=True)
+class IntegratedTwist:
+    """What a window's twist adds up to, from its first knot on; of several windows with these along a first axis.
+
+    Attributes
+    ----------
+    way_value, way_rows : (6,), (6, s): value - rows x = c - c' + noise, over the window; c' is the next window's
+    mean_value, mean_rows : (6,), (6, s): value - rows x = c - the joints' noise in the mean pose + noise, the mean of
+        the way until each knot
+    white : (6, 6) covariance of the noise in the way
+    share, left : () how much of that noise is in the mean, and variance of what else is there, over that
+    change : () as `Stack.whitening`
+    """
+
+    way_value: Array
+    way_rows: Array
+    mean_value: Array
+    mean_rows: Array
+    white: Array
+    share: Array
+    left: Array
+    change: Array
+
+    def each(self) -> Array:
+        """Return several as an array (B,) of single ones."""
+        parts = [getattr(self, field.name) for field in fields(self)]
+        single = np.empty(len(self.white), dtype=object)
+        single[:] = [IntegratedTwist(*each) for each in zip(*parts, strict=True)]
+        return single
+
+    @staticmethod
+    def stack(parts: Sequence[IntegratedTwist]) -> IntegratedTwist:
+        """Return single ones together."""
+        return IntegratedTwist(*(np.stack([getattr(part, field.name) for part in parts]) for field in fields(parts[0])))
+
+
+def weights_of_ways(count: int) -> tuple[Array, Array]:
+    """Return the (m,) weights of a window's twists in its way, and in the mean of the ways until its knots; sums 1."""
+    remaining = count - 1.0 - np.arange(count)
+    return np.full(count, 1.0 / count), remaining / np.sum(remaining)
+
+
+@dataclass(frozen=True)
+class TwistLink:
+    """How a window's measurements depend on what is carried, and what that is for the next one.
+
+    k numbers c are carried, and q are k independent ones of unit variance.
+
+    Attributes
+    ----------
+    by_noise, by_carried : (w, k) what q and c make of a window's w measurements, in units of their noise
+    way_value, way_rows, back : (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
+    process : (k, n) of that noise, as in `WhitenedWindow`
+    """
+
+    by_noise: Array
+    by_carried: Array
+    way_value: Array
+    way_rows: Array
+    back: Array
+    process: Array
+
+
+@dataclass(frozen=True)
+class Linked:
+    """Measurements of B windows by pose and integrated twist, in units of their noise.
+
+    Attributes
+    ----------
+    value, rows, log_noise : (B, w), (B, w, v), (B,) as in `WhitenedWindow`
+    precision : (B, 6, 6) S^-1 of the measurements as the joints' noise is in them
+    carried : B of them
+    """
+
+    value: Array
+    rows: Array
+    log_noise: Array
+    precision: Array
+    carried: list[TwistLink]
+
+
+def linked(
+    twist: IntegratedTwist,
+    pose: tuple[Array, Array, Array],
+    joints: tuple[Array, Array],
+    variables: Variables,
+) -> Linked:
+    """Return what B windows measure by pose and integrated twist.
+
+    The change of a pose error by which its mean is whitened is that of the measured way, free of the joints' noise.
+
+    Parameters
+    ----------
+    twist : of the B windows
+    pose : value (B, 6), rows (B, 6, s) and covariance (B, 6, 6) of the pose measurements
+    joints : (B, 6, n), (B, 6, n') factors of the covariances of their noise in the mean pose, and on the way
+    variables : of the filter
+    """
+    select, (value, rows, covariance), (of_joints, process) = variables.measured, pose, joints
+    size, change = len(select), twist.change[:, None]
+    values = np.concatenate(
+        ((value - change * twist.way_value) @ select.T, twist.mean_value @ select.T),
+        axis=1,
+    )
+    by_state = np.concatenate(
+        (select @ (rows - change[..., None] * twist.way_rows), select @ twist.mean_rows),
+        axis=1,
+    )
+    common = of_joints @ np.swapaxes(of_joints, -1, -2)
+    factor = np.linalg.cholesky(select @ twist.white @ select.T)
+    noise = np.zeros((len(value), 2 * size, 2 * size))
+    noise[:, :size, :size] = select @ covariance @ select.T
+    noise[:, :size, size:] = noise[:, size:, :size] = select @ common @ select.T
+    noise[:, size:, size:] = select @ (common + twist.left[:, None, None] * twist.white) @ select.T
+    by_noise = np.concatenate((-change[..., None] * factor, twist.share[:, None, None] * factor), axis=1)
+    by_carried = np.concatenate((np.zeros((size, size)), np.eye(size)))
+    triangle = np.linalg.cholesky(noise)
+    whiten = np.linalg.inv(triangle)
+    carried = zip(
+        whiten @ by_noise,
+        whiten @ by_carried,
+        twist.way_value @ select.T,
+        select @ variables.rows(twist.way_rows),
+        np.linalg.inv(factor),
+        select @ process,
+        strict=True,
+    )
+    both = block_diag(select, select).reshape(2, size, 2, 6).sum(axis=2).reshape(2 * size, 6)
+    certain = _certain(noise + by_noise @ np.swapaxes(by_noise, -1, -2), by_carried, factor)
+    return Linked(
+        value=(whiten @ values[..., None])[..., 0],
+        rows=whiten @ variables.rows(by_state),
+        log_noise=2.0 * np.add.reduce(np.log(np.diagonal(triangle, axis1=1, axis2=2).T.copy()), axis=0),
+        precision=both.T @ certain @ both,
+        carried=[TwistLink(*each) for each in carried],
+    )
+
+
+def _certain(noise: Array, by_carried: Array, walk: Array) -> Array:
+    """Return the (B, w, w) inverse of the covariance of the measurements, c as uncertain as all windows leave it.
+
+    c walks at random. Along each direction in which the windows measure it with a variance r for every 1 it walks, that
+    leaves 1 / sqrt(1 + 4 r) of r: the smoothed variance far from the ends of a run.
+
+    Parameters
+    ----------
+    noise : (B, w, w) covariance of the measurements where c is known
+    by_carried : (w, k) what c makes of them
+    walk : (B, k, k) factor of the covariance of what c changes by in a window
+    """
+    inverse = np.linalg.inv(noise)
+    seen = inverse @ by_carried @ walk
+    size, along = np.linalg.eigh(np.swapaxes(by_carried @ walk, -1, -2) @ seen)
+    size = np.maximum(size, 1e-12)
+    left = (seen @ along) / np.sqrt(np.sqrt(size * (size + 4.0)))[:, None]
+    return np.asarray(inverse - left @ np.swapaxes(left, -1, -2))

@@ -1,0 +1,182 @@
+"""What the noise of the joint encoders does to a window.
+
+An error dq of the joints moves the predicted pose by A dq, A = dV/dq', at that instant only: noise of what is measured,
+and hardly any of what accumulates. As A depends on bodies and joints, the same dq is in the window's rows, by dA/dphi
+dq: that makes least squares prefer bodies of small A (errors in variables), and is why the filter has to know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.filter.prediction import (
+    Bodies,
+    Prediction,
+    gains_by_unknowns,
+    joint_gains,
+)
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.filter.window import Stack
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.robot.kernel import MomentumKernel
+
+
+@dataclass(frozen=True)
+class JointNoise(ArrayRecord):
+    """The joints' noise in B windows, (angular, linear).
+
+    Attributes
+    ----------
+    pose : (B, 6, n) factor of the covariance of the mean pose
+    by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the unknowns that the prediction depends on
+    process : (B, 6, n + c) factor of the covariance of what accumulates on the way to the next window, by the noise of
+        joints and of the c readings of what stores momentum
+    stored : (B, 6, c) factor of the covariance of the twist, by the noise of one reading of each of these, and by what
+        wanders within a window
+    stepped : (B, 6, f) how far the base goes with each of the unknowns' numbers that wander, when that grows by one
+    """
+
+    pose: Array
+    by_unknowns: Array
+    process: Array
+    stored: Array
+    stepped: Array
+
+
+def joint_noise(
+    layout: Layout,
+    kernel: MomentumKernel,
+    stacks: Sequence[Stack],
+    inside: Sequence[slice],
+    predictions: Sequence[Prediction],
+    bodies: Bodies,
+) -> list[JointNoise]:
+    """Return the noise of stacks of windows, followed at their first, middle and last intervals.
+
+    Parameters
+    ----------
+    layout : of the state
+    kernel : of the robot where it is linearised
+    stacks : Sequence of Stack
+    inside : the windows' own intervals among those of each stack
+    predictions : of each stack and the intervals beside, (m, B, ...)
+    bodies : of all these intervals, one after the other
+    """
+    places = [_places(each) for each in inside]
+    begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
+    index = np.concatenate(  # (3, all windows)
+        [
+            begin + len(stack.windows) * place[:, None] + np.arange(len(stack.windows))
+            for begin, place, stack in zip(begins, places, stacks, strict=False)
+        ],
+        axis=1,
+    )
+    gains = (gain[:, ANGULAR_FIRST] for gain in joint_gains(kernel, bodies[index.ravel()]))
+    by_rate, by_position = (gain.reshape(*index.shape, *gain.shape[1:]) for gain in gains)
+    first, middle, last = by_rate
+    slope = np.concatenate([each[place[1]].error_slope for each, place in zip(predictions, places, strict=True)])
+    size = [np.full((len(each.windows), 1, 1), each.windows[0].spacing) for each in stacks]
+    apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
+    length = apart + np.concatenate(size)
+    deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
+    # What is left behind at position level: the turn of A itself, and what F~ makes of A dq.
+    remainder = by_position[1] + slope @ middle - (last - first) / apart
+    by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
+    process, stored = deviation * length * remainder, np.zeros((*middle.shape[:-1], 0))
+    if kernel.storage.count:
+        stored = _by_readings(bodies[index[1]])
+        samples = np.concatenate([stack.samples for stack in stacks])
+        process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
+    stepped = np.zeros((*last.shape[:-1], 0))
+    if layout.times.size:
+        samples = np.concatenate([stack.samples for stack in stacks])
+        stepped = last @ layout.joint_steps
+        # The rate of what wanders is white, its density twice the variance over the time constant.
+        times = layout.times[np.isfinite(layout.times)]
+        within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
+        stored = np.concatenate((stored, within), axis=-1)
+    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
+    ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
+    return [whole[begin:end] for begin, end in pairwise(ends)]
+
+
+def _by_readings(bodies: Bodies) -> Array:
+    """Return what the noise of one reading of each that stores momentum makes of the twist, (N, 6, c)."""
+    storage, placed = bodies.states.storage, bodies.states.configuration
+    columns = bodies.mobility @ storage.columns(placed.rotation)
+    return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
+
+
+def _places(inside: slice) -> Integers:
+    """Return a window's first, middle and last intervals."""
+    count = inside.stop - inside.start
+    return inside.start + np.array([0, count // 2, count - 1])
+
+
+_MOST = 0.99  # part of what is known that may be feigned: beyond, intervals are a hundred times as wide
+
+
+def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variables: Variables) -> Array:
+    """Return the information of the target body that the joints' noise in the rows makes, in the filter's variables.
+
+    Parameters
+    ----------
+    precision : (B, 6, 6) S^-1 of what B windows measure, the joints' noise in pose and twist together
+    slope : (B, 6, 10 + e, n) that noise in the rows, of the target body and the unknowns
+    body : (B, 10) standard parameters of the target that they are linearised at
+    variables : of the filter
+
+    Returns
+    -------
+    (B, b, b + 1) array, of the b variables of the body: the information M, and M times where they are linearised
+    """
+    of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.spread[BODY, variables.body]
+    weighed = precision[:, None] @ of_body  # (B, n, 6, b)
+    windows, joints, numbers, count = of_body.shape
+    flat = of_body.reshape(windows, joints * numbers, count)
+    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of docs/trajectory.md, eq. 13
+    at = variables.gather[variables.body, BODY] @ body[..., None]
+    return np.concatenate((information, information @ at), axis=-1)
+
+
+def no_bias(variables: Variables) -> Array:
+    """Return the same, (b, b + 1), of no window."""
+    count = variables.own - variables.head
+    return np.zeros((count, count + 1))
+
+
+@dataclass(frozen=True)
+class InformationCorrection:
+    """What noise in the rows makes of the errors of the body's b variables, P their covariance as it seems.
+
+    M is that of docs/trajectory.md, eq. 13; what is published by these that of docs/trajectory.md, eq. 14.
+
+    Attributes
+    ----------
+    gain : (b, b) N of (1 - P M)^-1 = 1 + P N, which errors are larger by
+    score : (b, b) K: their covariance has (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P beside, of the score itself
+    shift : (b,) s: the estimate would be P s elsewhere if windows had been linearised there
+    """
+
+    gain: Array
+    score: Array
+    shift: Array
+
+    @staticmethod
+    def of(covariance: Array, feigned: Array, mean: Array) -> InformationCorrection:
+        """Return it for mean (b,) and covariance (b, b) as they seem, and what is feigned (b, b + 1)."""
+        root, (information, at) = np.linalg.cholesky(covariance), np.split(feigned, [-1], axis=1)
+        # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
+        part, along = np.linalg.eigh(root.T @ information @ root)
+        part = np.clip(part, 0.0, _MOST)
+        back = solve_triangular(root, along, trans='T', lower=True)
+        gain = (back * (part / (1.0 - part))) @ back.T
+        score = information @ mean - at[:, 0]
+        return InformationCorrection(gain, back * (np.sqrt(part) / (1.0 - part)), score + gain @ covariance @ score)

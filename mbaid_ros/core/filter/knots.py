@@ -1,0 +1,191 @@
+"""Samples averaged to knots.
+
+A knot is the mean of the raw samples of a few hundredths of a second. A mean is not the value at the centre: what
+`midpoints` makes of knots corrects that. So it does for samples that come unevenly, or are lost, whose mean time is not
+the knot's centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
+from mbaid_ros.core.samples import Samples
+
+# Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
+BEFORE, AFTER = 3, 4
+# Weights of the two or four knots around an empty one, which is filled in: exact for straight lines and cubics.
+_LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
+
+
+@dataclass(frozen=True)
+class Knots(ArrayRecord):
+    """J consecutive knots, equally spaced; all NaN where one has no sample.
+
+    Attributes
+    ----------
+    joint_position : (J, n)
+    base_rotation : (J, 3, 3)
+    base_position : (J, 3) m, relative to the run's origin
+    base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
+    spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
+    offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
+    impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
+    stored : (J, c) readings of what stores momentum inside bodies
+    tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
+    gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
+    course : (J, 36) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
+        axes, for each of the gyro's errors (3 x 12, rows first): bias, scale, turn, what pairs of
+        axes have in common; none where it is measured
+    """
+
+    joint_position: Array
+    base_rotation: Array
+    base_position: Array
+    base_twist: Array
+    spread: Array
+    offset: Array
+    impulse: Array
+    stored: Array
+    tide: Array
+    thrust: Array
+    gyro: Array
+    course: Array
+
+    @property
+    def empty(self) -> Flags:
+        """Which knots have no sample, (J,)."""
+        return np.isnan(self.spread)
+
+    @staticmethod
+    def stack(parts: list[Knots]) -> Knots:
+        """Return as many knots of each part, side by side along the second axis."""
+        return Knots(*(np.stack([getattr(part, field.name) for part in parts], axis=1) for field in fields(Knots)))
+
+
+def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: int, origin: Array) -> Knots:
+    """Return the knots of W windows, one after the other.
+
+    Parameters
+    ----------
+    windows : W of them
+    starts : (W,) s, times at which they begin
+    spacing : s, between knots
+    count : number of knots in each
+    origin : (3,) m, subtracted from the positions
+    """
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(each, name) for each in windows])
+
+    stamps, rotation = joined('time'), joined('base_rotation')
+    window = np.repeat(np.arange(len(windows)), [len(each) for each in windows])
+    inside = np.clip(np.floor((stamps - starts[window] + 1e-9) / spacing).astype(int), 0, count - 1)
+    number = window * count + inside
+    first = np.searchsorted(number, np.arange(len(windows) * count))
+    sizes = np.diff(np.append(first, len(stamps)))
+    empty = sizes == 0
+    share = sizes[~empty].astype(float)
+
+    def mean(values: Array) -> Array:
+        result = np.full((len(sizes), *values.shape[1:]), np.nan)
+        total = np.add.reduceat(values, first[~empty], axis=0)
+        result[~empty] = total / share.reshape(-1, *(1,) * (values.ndim - 1))
+        return result
+
+    time = mean(stamps)
+    middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
+    turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
+    moving = [joined('joint_position'), joined('base_position') - origin]
+    moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
+    joints = moving[0].shape[1]
+    stored = joined('stored')
+    columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
+    means = mean(np.concatenate((*moving, turns, stored, *columns, joined('gyro')), axis=1))
+    end = joints + 18
+    places = np.cumsum([end, stored.shape[1], columns[0].shape[1], columns[1].shape[1]])
+    return Knots(
+        joint_position=means[:, :joints],
+        base_rotation=exp(means[:, joints + 15 : end]) @ middle,
+        base_position=means[:, joints : joints + 3],
+        base_twist=means[:, joints + 3 : joints + 9],
+        spread=mean((stamps - time[number]) ** 2) / spacing**2,
+        offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
+        impulse=means[:, joints + 9 : joints + 15],
+        stored=means[:, end : places[1]],
+        tide=means[:, places[1] : places[2]],
+        thrust=means[:, places[2] : places[3]],
+        gyro=means[:, places[3] :],
+        course=np.zeros((len(sizes), 0)),
+    )
+
+
+def at_the_base(knots: Knots, mount: Array) -> Knots:
+    """Return the knots of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
+    twist = knots.base_twist.copy()
+    rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
+    return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
+
+
+def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
+    """Return knots of a base whose orientation is that of the gyro alone, with what its errors have made of it.
+
+    And what they have by the end of the last knot, (36,).
+
+    Parameters
+    ----------
+    knots : in a row
+    spacing : s
+    begin : (36,) before the first of them
+    """
+    rate = np.gradient(knots.gyro, spacing, axis=0)
+    errors = np.zeros((len(knots), 3, 12))
+    errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
+    errors[:, [0, 1, 2], [3, 4, 5]] = rate
+    # Where a knot is empty nothing is known: the chain begins anew after it.
+    steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
+    sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
+    return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
+
+
+def turned_back(knots: Knots, errors: Array) -> Knots:
+    """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
+    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
+    return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
+
+
+def bridged(knots: Knots) -> Knots:
+    """Return knots with the empty ones, each between two others, filled in from the two or four around it."""
+    if not np.any(knots.empty):
+        return knots
+    values = {field.name: getattr(knots, field.name).copy() for field in fields(Knots)}
+    for index in np.flatnonzero(knots.empty):
+        far = 2 <= index < len(knots) - 2 and not np.any(knots.empty[[index - 2, index + 2]])
+        around = index + (np.array([-2, -1, 1, 2]) if far else np.array([-1, 1]))
+        weights = _CUBIC if far else _LINEAR
+        for name, value in values.items():
+            if name == 'base_rotation':
+                back = value[index - 1].T
+                value[index] = exp(weights @ log(value[around] @ back)) @ value[index - 1]
+            else:
+                value[index] = np.tensordot(weights, value[around], axes=1)
+    return Knots(**values)
+
+
+def _about(impulse: Array, origin: Array) -> Array:
+    """Return (N, 6) impulses with L about a point."""
+    moved = impulse.copy()
+    moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
+    return moved
+
+
+def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
+    """Return columns of (P, L), one for each of so many numbers, with L about a point."""
+    if not brought.shape[1]:
+        return brought
+    return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)

@@ -1,0 +1,251 @@
+"""What a window measures of the error chain: its mean pose, its twist, and how far both are to be believed.
+
+A window's pose measurement says that xi vanishes on average; its twist measurement compares predicted and measured
+velocities. Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
+from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.prediction import Prediction
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.window import Stack
+from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
+from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
+
+
+def readings(
+    layout: Layout,
+    stack: Stack,
+    predicted: Prediction,
+    motion: tuple[Midpoints, slice],
+    slope: Array,
+    weights: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read.
+
+    Weights (m,) of the twists are those of `twist_measurement`.
+    """
+    around, inside = motion
+    weights = _weights(inside.stop - inside.start) if weights is None else weights
+    windows, weight = predicted.twist.shape[1], weights[:, None, None]
+    twist = _at_knots(predicted.twist, inside)
+    change = stack.whitening
+    own = predicted.twist[inside]
+    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
+    linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
+    rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
+    seen = Reading(
+        twist=_mean(twist, change)[..., ANGULAR_FIRST],
+        slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rotation=_mean(rotation, change[..., None]),
+        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
+        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
+        time=stack.middles,
+        position=_mean(_at_knots(around.base_position, inside), change),
+        axes=_total(weight[..., None] * axes),
+        origin=stack.windows[0].origin,
+    )
+    gyro = around.gyro.shape[-1] > 0
+    if gyro:
+        seen = replace(seen, imu=_turning_imu(motion, own, seen, slope, stack.windows[0].spacing))
+    poses: list[Array] = [np.zeros((windows, 6, 0))]
+    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+    for unknown in layout.read:
+        nothing = np.zeros((windows, 6, len(unknown.factor)))
+        pose, turned = unknown.reading(seen) or (nothing, nothing)
+        if gyro:
+            own_part = unknown.gyro_reading(seen)
+            turned = np.concatenate((turned, nothing[:, :3] if own_part is None else own_part), axis=1)
+        poses.append(pose @ unknown.factor)
+        rates.append(turned @ unknown.factor)
+    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+
+
+def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slope: Array, spacing: float) -> ImuMotion:
+    """Return how a stack's IMU turns where the base has its predicted twist `own` (m, B, 6) and its slope."""
+    around, inside = motion
+    weight = _weights(inside.stop - inside.start)[:, None, None]
+    relative = around.imu_rate
+    rate, axes = own[..., 3:] + relative[inside], around.imu_axes[inside]
+    changing = slope[..., 3:] + gradient(relative)[inside] / spacing
+    within = rotate_back(axes, rate)
+    return ImuMotion(
+        rate=seen.twist[..., :3] + _total(weight * relative[inside]),
+        slope=_total(weight * changing),
+        axes=_total(weight[..., None] * axes),
+        stretching=_total(weight[..., None] * axes * within[..., None, :]),
+        turning=_total(weight[..., None] * (skew(rate) @ axes)),
+        crossing=_total(weight[..., None] * (axes @ crossed(within))),
+    )
+
+
+def state_rows(errors: Array, readings: Array) -> Array:
+    """Return the state's rows (..., r, s) of a composition (..., r, p + 1): the constant goes, the readings come."""
+    return np.concatenate((errors[..., :-1], readings), axis=-1)
+
+
+def _at_knots(values: Array, inside: slice) -> Array:
+    """Return what is known midway, at the knots of the intervals inside; without one before or after, that midway."""
+    around = np.concatenate(
+        (values[max(inside.start - 1, 0) : inside.start or 1], values[inside.start : inside.stop + 1])
+    )
+    around = around if len(values) > inside.stop else np.concatenate((around, values[-1:]))
+    return 0.5 * (around[:-1] + around[1:])
+
+
+def _mean(knots: Array, change: Array) -> Array:
+    """Return the mean of values (m + 1, B, ...) at a window's knots and the next, with some of their change."""
+    mean = _total(knots[:-1]) / (len(knots) - 1)
+    return mean + change * (knots[-1] - knots[0]) if change.any() else mean
+
+
+def pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
+    """0 = mean of xi over the knots + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
+
+    With some of what xi changes by, where its errors are correlated: the noise is then independent of other windows'.
+
+    The twist in the readings is that at the knots themselves. Its noise is the joints', as that of xi is, and cancels
+    in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
+    by that half.
+    """
+    mean = _mean(errors, change[..., None])
+    return readings @ point - mean[..., -1], state_rows(mean, readings)
+
+
+def twist_measurement(
+    errors: Array,
+    prediction: Prediction,
+    middle: Midpoints,
+    point: Point,
+    readings: Array,
+    weights: Array | None = None,
+) -> tuple[Array, Array]:
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
+
+    What a gyro measures is turned by the measured pose, as the twist is; on a link it is what the joints leave of it.
+    Weights (m,) are a parabola's, where none are given.
+    """
+    weight = (_weights(len(middle)) if weights is None else weights)[:, None, None]
+    gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
+    model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
+    model[..., 6:-1] += gain
+    model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
+    mean = _total(weight[..., None] * model)
+    measured = _total(weight * middle.base_twist[..., ANGULAR_FIRST])
+    if middle.gyro.shape[-1]:
+        mean = np.concatenate((mean, mean[:, :3]), axis=1)
+        turned = _total(weight * (rotate(middle.imu_axes, middle.gyro) - middle.imu_rate))
+        measured = np.concatenate((measured, turned), axis=1)
+    return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
+
+
+def integrated_twist(
+    layout: Layout,
+    stack: Stack,
+    motion: tuple[Midpoints, slice],
+    predicted: Prediction,
+    errors: Array,
+    point: Point,
+    *,
+    slope: Array,
+    stored: Array,
+) -> IntegratedTwist:
+    """Return what the twists of a stack's windows add up to; arguments as of `readings` and `twist_measurement`."""
+    (around, inside), spacing = motion, stack.windows[0].spacing
+    middle, count = around[inside], inside.stop - inside.start
+    of_way, of_mean = weights_of_ways(count)
+    parts: list[Array] = []
+    share = 0.5 * (count - 1.0) / count
+    for weights, size in ((of_way, count * spacing), (of_mean, share * count * spacing)):
+        rates = readings(layout, stack, predicted, motion, slope, weights)[1]
+        value, rows = twist_measurement(errors, predicted[inside], middle, point, rates, weights)
+        parts += [size * value, size * rows]
+    white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
+    nothing = np.ones(len(stack.windows))
+    left = count * np.sum((share * of_mean) ** 2) - share**2
+    return IntegratedTwist(
+        parts[0], parts[1], parts[2], parts[3], white, share * nothing, left * nothing, stack.whitening[:, 0]
+    )
+
+
+def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance of the white noise of one twist, and of what is read of stored momentum."""
+    axes = np.zeros((len(rotation), 6, 6))
+    axes[..., :3, :3] = axes[..., 3:, 3:] = rotation
+    return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))
+
+
+def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array) -> Array:
+    """Return the (B, 6, 6) covariance: white noise of the twist, and that of the joints, which telescopes.
+
+    Factors `joints` are those of a mean: (B, 6, n), and (B, 3, n) what a gyro on a link has more of it. That of what is
+    read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
+    velocity, (B, 9, 9) then, has noise of its own and the other two in common with the twist.
+    """
+    count, weight = len(middle), _weights(len(middle))
+    by_joints, in_gyro = joints
+    of_joints = by_joints @ np.swapaxes(by_joints, -1, -2)
+    axes = np.zeros_like(of_joints)
+    axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
+    white = count * np.sum(weight**2) / stack.samples
+    growth = telescoped(count, stack.windows[0].spacing)
+    of_mean = growth * of_joints
+    covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + of_mean
+    common = of_mean
+    if stored.shape[-1]:
+        by_readings = white * (stored @ np.swapaxes(stored, -1, -2))
+        covariance, common = covariance + by_readings, common + by_readings
+    if not middle.gyro.shape[-1]:
+        return covariance
+    of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
+    beside, own = common[:, :, :3], common[:, :3, :3] + of_gyro
+    if in_gyro.any():
+        more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
+        beside = beside + more
+        own = own + more[:, :3] + np.swapaxes(more[:, :3], 1, 2) + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
+    whole = np.zeros((len(common), 9, 9))
+    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, beside, np.swapaxes(beside, 1, 2)
+    whole[:, 6:, 6:] = own
+    return whole
+
+
+@cache
+def telescoped(count: int, spacing: float) -> float:
+    """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
+    return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
+
+
+@cache
+def _preintegrated(count: int, spacing: float) -> float:
+    """Return the variance of a window's weighted angular velocity by white noise of unit density, 1/s.
+
+    The integral at a knot is a mean over the knot's time, so that the rate from one knot to the next is one over two of
+    them, sharpened by the neighbours': the weights of the gyro's readings are a convolution of all that.
+    """
+    fine = 20  # pieces of a knot
+    between = np.zeros(count + 4)  # of the steps from knot to knot, those of two neighbours on either side among them
+    between[2:-2] = _weights(count) / spacing
+    between[1:-1] -= np.diff(between, 2) / 24.0
+    steps = np.repeat(np.diff(np.pad(between, 1)), fine)  # of the knots' means
+    readings = np.cumsum(-steps) / fine
+    return float(np.sum(readings**2) * spacing / fine)
+
+
+def _total(values: Array) -> Array:
+    """Return the sum along the intervals, one after the other: numpy chooses another order for other layouts."""
+    return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
+
+
+@cache
+def _weights(count: int) -> Array:
+    """Return the (m,) weights of a window's twists: a parabola that vanishes at its ends."""
+    place = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    parabola = 1.0 - place**2
+    return np.asarray(parabola / np.sum(parabola))

@@ -1,0 +1,266 @@
+"""What unknowns do that add to the joints' motion, by how these move and what they bear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.geometry import Array, Integers, cross, skew
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.orbit import (
+    OF_A_THRUSTER,
+    about,
+    of_bodies,
+    of_link,
+)
+from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
+from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
+
+
+def by_deflections(
+    unknown: Unknown, kernel: MomentumKernel, motions: Sequence[Midpoints], spacings: Sequence[float], bodies: Bodies
+) -> Array:
+    """Return how the predicted twist (v, w) depends on an unknown of the joints, at N instants, (N, 6, e).
+
+    Parameters
+    ----------
+    unknown : that is of the joints
+    kernel : of the robot where it is linearised
+    motions, spacings : of each stack of windows, and s between its instants
+    bodies : of all instants, one after the other
+    """
+    # About the base's origin: momentum of all that a joint moves, (N, n, 6).
+    states = bodies.states
+    carried = kernel.kinematics.ancestors.T @ states.momenta
+    origin, axes = states.body_twist[:, 0, :3], states.configuration.joint_twist
+    ends = np.cumsum([0, *(motion.turn[..., 0].size for motion in motions)])
+    parts = [
+        _joint_motion(motion, spacing, *(part[begin:end] for part in (carried, origin, axes)))
+        for (begin, end), motion, spacing in zip(pairwise(ends), motions, spacings, strict=True)
+    ]
+    position, rate = unknown.deflections(JointMotion.concatenate(parts))
+    by_rate, by_position = joint_gains(kernel, bodies)
+    return np.asarray((by_position @ position + by_rate @ rate) @ unknown.factor)
+
+
+def _joint_motion(motion: Midpoints, spacing: float, carried: Array, origin: Array, axes: Array) -> JointMotion:
+    """Return what the joints do in a stack, one instant after the other; others are per instant, as above."""
+    shape = motion.turn.shape[:2]
+    momenta, velocity, axis = (part.reshape(*shape, *part.shape[1:]) for part in (carried, origin, axes))
+    # The force and moment about the base's origin, which moves, that change momenta about it.
+    force = gradient(momenta) / spacing
+    force[..., 3:] += cross(np.broadcast_to(velocity[..., None, :], momenta[..., :3].shape), momenta[..., :3])
+    torque = np.sum(axis * force, axis=-1)
+    rate = motion.joint_velocity
+    values = (motion.joint_position, rate, gradient(rate) / spacing, torque, gradient(torque) / spacing)
+    return JointMotion(*(value.reshape(-1, value.shape[-1]) for value in values))
+
+
+@dataclass(frozen=True)
+class Prediction(ArrayRecord):
+    """The predicted twist (v, w) of the base at N instants, odometry axes.
+
+    Attributes
+    ----------
+    twist : (N, 6)
+    by_parameters : (N, 6, u) derivative by the parameters
+    by_pose_error : (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, the turn of V itself
+        left out
+    """
+
+    twist: Array
+    by_parameters: Array
+    by_pose_error: Array
+
+    @property
+    def error_slope(self) -> Array:
+        """Return F~, the (..., 6, 6) rate of change of a pose error xi = (theta, rho) by itself.
+
+        F~ xi = (F_w xi, F_v xi - v x theta): the rows of F with the angular ones first, and what its turn makes of V.
+        """
+        slope = self.by_pose_error[..., ANGULAR_FIRST, :]
+        slope[..., 3:, :3] -= skew(self.twist[..., :3])  # the predicted velocity turns with the true base
+        return slope
+
+    def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
+        """Return parts of the instants, each laid out along several axes instead of one."""
+        ends = np.cumsum([np.prod(shape) for shape in shapes])
+        parts = [self[int(end - np.prod(shape)) : int(end)] for shape, end in zip(shapes, ends, strict=True)]
+        return [
+            Prediction(*(values.reshape(*shape, *values.shape[1:]) for values in vars(part).values()))
+            for part, shape in zip(parts, shapes, strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a robot that moves as predicted, at N instants; all of them are known.
+
+    Attributes
+    ----------
+    parameters : (n + 1, 10) standard parameters of each, in its own frame
+    mobility : (N, 6, 6) M^-1
+    states : as the momentum equations need them
+    """
+
+    parameters: Array
+    mobility: Array
+    states: BodyStates
+
+    def __getitem__(self, index: Integers) -> Bodies:
+        """Return those of some instants."""
+        return Bodies(self.parameters, self.mobility[index], self.states[index])
+
+
+def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction, Bodies]:
+    """Return the twist that conservation predicts at midpoints, and the bodies of a robot that moves so.
+
+    Parameters
+    ----------
+    layout : of the state
+    middle : Midpoints of N intervals, as the point's known side has them
+    point : its momentum is that before any known thrust or orbit, L about the run's origin
+    """
+    parameters, kernel = point.parameters, point.side.kernel
+    target, kinematics = kernel.target, kernel.kinematics
+    known = kernel.with_target(parameters[6:16])
+    placed = kinematics.configure(middle.base_rotation, middle.joint_position)
+    body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
+    mobility, moving = mobility_and_momentum(known, placed, body_twist)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
+    if layout.plane is not None:
+        mobility = in_plane(mobility, layout.plane)
+    tide = about(middle.tide, middle.base_position)
+    thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
+    linear, about_base = _momentum(middle, point, known, (tide, thrust))
+    total = np.concatenate((linear, about_base), axis=1)
+    twist = (mobility @ (total - moving)[..., None])[..., 0]
+    body_twist += twist[:, None]
+    states = BodyStates(
+        placed,
+        body_twist,
+        express(known, placed.rotation, placed.position),
+        *placed.link(target),
+        body_twist[:, target.body],
+        kernel.storage,
+        middle.stored,
+        tide,
+        thrust,
+    )
+    # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
+    # motion changes by.
+    count = len(parameters)
+    right = np.zeros((len(twist), 6, count + 6))
+    right[..., :6] = np.eye(6)
+    right[:, 3:, :3] = -skew(middle.base_position)
+    right[..., 6:16] = -states.regressor
+    if tide.shape[1]:
+        right[..., 6:16] += of_link(tide, target)
+    column = 16
+    for unknown in layout.predicted:
+        columns = unknown.momentum_columns(kernel, states)
+        if columns is not None:
+            right[..., column : column + unknown.count] = -columns @ unknown.factor
+        column += unknown.count
+    # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
+    turned = skew(linear)
+    right[:, :3, count : count + 3] = turned
+    right[:, 3:, count : count + 3] = skew(about_base)
+    right[:, 3:, count + 3 :] = turned
+    solved = mobility @ right
+    return Prediction(twist, solved[..., :count], solved[..., count:]), Bodies(known, mobility, states)
+
+
+def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, and what is known to have come since.
+
+    Parameters
+    ----------
+    middle, point : Midpoints, Point
+    known : (n + 1, 10) standard parameters of all bodies
+    brought : by tide and by thrusters that are off, as in `Bodies`
+    """
+    parameters, (tide, thrust) = point.parameters, brought
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    about_base = angular - cross(middle.base_position, linear)
+    parts = [(tide, known)] if tide.shape[1] else []
+    if thrust.shape[1] and point.side.thrust.any():
+        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
+    for columns, numbers in parts:
+        more = of_bodies(columns, numbers)
+        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
+    return linear, about_base
+
+
+def in_plane(mobility: Array, plane: Array) -> Array:
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
+
+    What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the
+    twist and the momentum equations are those of the (3, 6) rows.
+    """
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
+
+
+def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
+    """Return the Jacobians of the predicted twist by the joints: how errors of these move the prediction.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    bodies : at N instants, as predicted
+
+    Returns
+    -------
+    (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
+    """
+    by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
+    back = -bodies.mobility
+    return back @ by_rate, back @ by_position
+
+
+def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
+    """Return the Jacobian, by the target body and the unknowns, of A, the derivative of the twist by the joint rates.
+
+    A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
+    every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
+
+    Parameters
+    ----------
+    layout : of the state
+    kernel : of the robot where it is linearised
+    bodies : at N instants, as predicted
+    by_rate : (N, 6, n) A there
+
+    Returns
+    -------
+    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
+    """
+    count, joints = len(by_rate), by_rate.shape[-1]
+    each = bodies.states[np.repeat(np.arange(count), joints)]  # once for every joint
+    alone = np.tile(np.arange(joints), count)
+    added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
+    twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
+    readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
+    of_target = twist[:, kernel.target.body]
+    motion = replace(each, body_twist=twist, twist=of_target, readings=readings, tide=each.tide[:, :0], thrust=thrust)
+    columns = [motion.regressor]
+    for unknown in layout.predicted:
+        of_momentum = unknown.momentum_columns(kernel, motion)
+        nothing = np.zeros((len(alone), 6, unknown.count))
+        columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
+    both = np.concatenate(columns, axis=-1)
+    right = -both.reshape(count, joints, 6, both.shape[-1]).transpose(0, 2, 3, 1)
+    return (bodies.mobility @ right.reshape(count, 6, -1)).reshape(right.shape)
+
+
+def _of(joint_twist: Array, joints: Integers) -> Array:
+    """Return the (N, 6) twist of one joint at each instant."""
+    return joint_twist[np.arange(len(joints)), joints]

@@ -1,0 +1,297 @@
+"""The square-root information filter over windows: one update and one step on each, in scaled variables.
+
+Bierman 1977, chapters 5 and 6. Only pose error and momentum change on the way from window to window, and they come
+first among the variables: a step reworks the first rows of the triangle, an update adds a window's rows to all of it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
+
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.integrated_twist import TwistLink
+from mbaid_ros.core.filter.state import MOMENTUM, POSE
+from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
+from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+_BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
+
+
+def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
+    """Return the belief after a window's measurements.
+
+    One factorisation gives all: of R above the rows H, beside 0 above 1, beside z above the values. What it makes of
+    the 1 is a triangle U with U^T U the inverse of the innovations' covariance, and U times the innovations, which is
+    left of the values, is the innovations normalised, each given those after it. So the rows are taken in reverse.
+    """
+    before = belief.root if window.carried is None else _linked_before(belief, window.carried)
+    size, (count, columns), link = len(before), window.rows.shape, len(before) - belief.size
+    inner = size + count
+    triangle = np.zeros((inner + 2, inner + 2), order='F')
+    triangle[:size, :size], triangle[:size, inner:] = before[:, :size], before[:, size:]
+    rows = np.zeros((count, inner + 2), order='F')
+    rows[:, link : link + columns], rows[:, size:inner] = window.rows[::-1], _identity(count)
+    rows[:, -1] = window.value[::-1]
+    if window.carried is not None:
+        rows[:, :link] = np.concatenate((window.carried.by_noise, window.carried.by_carried), axis=1)[::-1]
+    triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
+    root = np.empty((belief.size, belief.size + 2), order='F')
+    root[:, :-2], root[:, -2:] = triangle[link:size, link:size], triangle[link:size, inner:]
+    carried = None
+    if window.carried is not None:
+        carried = np.concatenate((triangle[:link, :size], triangle[:link, inner:]), axis=1)
+    score = np.zeros(belief.size)
+    score[:columns] = window.shared
+    root[:, -2] += dtrtrs(root[:, :-2], score, trans=1)[0]
+    left, diagonal = triangle[-count - 2 : -2, -1], triangle.diagonal()[-count - 2 : -2]
+    nis = float(left @ left)
+    growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
+    return SquareRootInformation(
+        root,
+        belief.innovations.after((left * np.sign(diagonal))[::-1], window.places),
+        belief.feigned + window.feigned,
+        belief.nis + nis,
+        belief.measured + count,
+        nis,
+        count,
+        belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
+        carried,
+    )
+
+
+def advance(
+    belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
+) -> SquareRootInformation:
+    """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
+    if window.carried is not None and belief.carried is not None:
+        return _advanced_with_link(belief, belief.carried, window, window.carried, variables, hypothesis)
+    root = belief.root
+    advanced = belief.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
+    if variables.walks.shape[1]:
+        walk = np.sqrt(window.length) * variables.walks
+        advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
+    if variables.times.size:
+        after = _wandered(advanced.root, variables.wandering, variables.kept(window.length), window.stepped)
+        return advanced.with_root(after)
+    return advanced
+
+
+def _stepped(
+    rows: Array, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
+) -> tuple[Array, Array, Array]:
+    """Return rows (r, v + 2) at the next window's first knot, as `_eliminated` takes them: back, noise and rest."""
+    head, poses, columns = variables.head, variables.poses, len(variables.scale)
+    # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
+    back = rows[:, :head] @ window.back
+    of_poses = back[:, :poses]
+    rest = rows[:, head:].copy()
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ window.brought[:, head:]
+    if hypothesis.force != 'none':
+        rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
+    rest[:, -1] += of_poses @ window.drift
+    noise = of_poses @ window.process
+    if hypothesis.walking.size:
+        noise = np.concatenate((noise, np.sqrt(window.length) * (back @ _walk(hypothesis, variables))), axis=1)
+    return back, noise, rest
+
+
+def _linked_before(belief: SquareRootInformation, carried: TwistLink) -> Array:
+    """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
+
+    Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
+    """
+    count, size = carried.by_carried.shape[1], belief.size
+    root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
+    root[:count, :count] = _identity(count)
+    own = slice(count, 2 * count)
+    if belief.carried is None:
+        root[own, own] = _identity(count) / OPEN_LENGTH
+    else:
+        root[own, count:] = belief.carried
+    root[2 * count :, 2 * count :] = belief.root
+    return root
+
+
+def _advanced_with_link(
+    belief: SquareRootInformation,
+    rows: Array,
+    window: WhitenedWindow,
+    carried: TwistLink,
+    variables: Variables,
+    hypothesis: Hypothesis,
+) -> SquareRootInformation:
+    """Return the belief at the next window's first knot with what is carried there (docs/trajectory.md, eq. 10).
+
+    Parameters
+    ----------
+    rows : (2 k, 2 k + v + 2) of the window's noise q and of what is carried, as the update has left them
+    belief, window, carried, variables, hypothesis : as for `advance`
+    """
+    root, head, columns, count = belief.root, variables.head, len(variables.scale), len(carried.way_value)
+    # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
+    gain = rows[:, :count] @ carried.back
+    state = np.concatenate((rows[:, 2 * count :], root[:head]))
+    state[: len(rows), :columns] -= gain @ carried.way_rows
+    state[: len(rows), -1] -= gain @ carried.way_value
+    back, noise, rest = _stepped(state, window, variables, hypothesis)
+    noise[: len(rows), : carried.process.shape[1]] += gain @ carried.process
+    walks = noise.shape[1]
+    wide = np.zeros((walks + len(state), walks + 2 * count + head + rest.shape[1]), order='F')
+    wide[:walks, :walks] = _identity(walks)
+    known = wide[walks:]
+    known[:, :walks], known[:, walks + 2 * count : -rest.shape[1]], known[:, -rest.shape[1] :] = -noise, back, rest
+    known[: len(rows), walks : walks + count] = rows[:, count : 2 * count] - gain
+    known[: len(rows), walks + count : walks + 2 * count] = gain
+    gone, ahead = walks + count, count + head
+    triangle = dgeqrf(wide, overwrite_a=True)[0][gone:, gone:]
+    whole: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
+    whole[:ahead, :ahead], whole[:ahead, ahead:] = triangle[:, :ahead] * _upper(ahead), triangle[:, ahead:]
+    whole[ahead:, ahead:] = root[head:, head:]
+    if variables.walks.shape[1]:
+        whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
+    return belief.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
+
+
+def pose_reset(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
+    """Return the belief with a pose error about which nothing is known: the chain was broken.
+
+    The rows below those of the pose error hold what is known of the rest, whatever it is.
+    """
+    root, poses = belief.root.copy(), variables.poses
+    root[:poses] = 0.0
+    root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+    return belief.with_root(_forgotten(root, variables))
+
+
+def new_motion(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
+    """Return the belief at the begin of another motion: of pose error and momentum nothing is known.
+
+    Their rows go, which leaves what is known of all else whatever they were, but of what every motion has of its own.
+    """
+    root, head = belief.root.copy(), variables.head
+    root[:head] = 0.0
+    root[:head, :head] = variables.prior()[1][:head, :head]
+    if variables.renewed.shape[1]:
+        root = _walked(root, variables.renewed, len(variables.scale))
+    return belief.with_root(_forgotten(root, variables))
+
+
+def momentum_inflation(
+    belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, sizes: Array
+) -> SquareRootInformation:
+    """Return the belief with a momentum that may have jumped in the window just before.
+
+    Parameters
+    ----------
+    belief : at the first knot of the window in which it is noticed
+    window : that one; the one before is much like it
+    variables : of the filter
+    sizes : (6,) standard deviations of the jump of (P, L)
+    """
+    change = np.zeros((12, 12))
+    change[MOMENTUM, :6] = np.diag(sizes)
+    # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
+    change[POSE, :6] = 0.5 * window.moved * sizes
+    change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
+    return inflated(belief, variables.gather[: variables.head, :12] @ change)
+
+
+def inflated(belief: SquareRootInformation, noise: Array) -> SquareRootInformation:
+    """Return the belief with more noise in its first h variables: (h, w), of independent numbers of unit variance."""
+    root, head = belief.root, len(noise)
+    back = root[:head, :head]
+    return belief.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
+
+
+def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
+    """Return the triangle when noise w in its first rows, back x - noise w + rest ..., has been eliminated.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    back : (h, h) the first rows, of the first variables
+    noise : (h, w) of independent w of unit variance
+    rest : (h, v - h + 2) the first rows, of the other variables, and their values
+    """
+    head, count = noise.shape
+    wide = np.zeros((count + head, count + head + rest.shape[1]), order='F')
+    wide[:count, :count] = _identity(count)
+    wide[count:, :count], wide[count:, count : count + head], wide[count:, count + head :] = -noise, back, rest
+    triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
+    after = root.copy(order='F')
+    after[:head, :head], after[:head, head:] = triangle[:, :head] * _upper(head), triangle[:, head:]
+    return after
+
+
+def _walked(root: Array, noise: Array, own: int) -> Array:
+    """Return the triangle after noise has been added to some of the variables.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    noise : (e, w) of the last e of the first `own` variables, of independent numbers of unit variance
+    own : number of variables without those of a force
+    """
+    size, count = len(root), noise.shape[1]
+    wide = np.zeros((count + size, count + size + 2), order='F')
+    wide[:count, :count] = _identity(count)
+    wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
+    wide[count:, count:] = root
+    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
+    triangle[:, :size] *= _upper(size)
+    return triangle
+
+
+def _forgotten(root: Array, variables: Variables) -> Array:
+    """Return the triangle when nothing is known any more of what wanders."""
+    if not variables.times.size:
+        return root
+    count = len(variables.wandering)
+    return _wandered(root, variables.wandering, np.zeros(count), np.zeros((variables.poses, count)))
+
+
+def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
+    """Return the triangle after some variables have become a part of themselves (docs/trajectory.md, eq. 11).
+
+    Of unit variance as before: v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
+    v, x' and v', of which v is eliminated.
+
+    Parameters
+    ----------
+    root : (v, v + 2)
+    places : (f,) of these variables
+    kept : (f,) parts, below 1
+    stepped : (p, f) how much further the first p variables go on with them
+    """
+    size, count = len(root), len(places)
+    own, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
+    along = root[:, : len(stepped)] @ stepped
+    wide = np.zeros((count + size, count + size + 2), order='F')
+    wide[own, own], wide[own, count + places] = -kept * certain, certain
+    wide[count:, count:] = root
+    wide[count:, :count] = root[:, places] + along
+    wide[count:, count + places] = -along
+    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
+    triangle[:, :size] *= _upper(size)
+    return triangle
+
+
+def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:
+    """Return the factor of the covariance of pose error and momentum that a hypothesis' walks make in a second."""
+    return np.asarray(variables.gather[: variables.head, hypothesis.walking] * hypothesis.intensities)
+
+
+@cache
+def _identity(size: int) -> Array:
+    return np.eye(size)
+
+
+@cache
+def _upper(size: int) -> Array:
+    """Return an upper triangle of ones: LAPACK leaves something else below that of a factor."""
+    return np.triu(np.ones((size, size)))

@@ -1,0 +1,230 @@
+"""The state at a window's first knot, and the point that windows are linearised at.
+
+State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the known side, each in
+units of its prior: first those that the predicted motion depends on, then those that only the readings do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.model_errors import body_sizes
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
+
+POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
+# Of the body's size, over which the prediction is near linear: one pass, or one move of the point, goes no further.
+_NEAR = 0.5
+MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
+# Rows of a twist (v, w) in the order (angular, linear) of a pose error.
+ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
+BODY_PLACES = np.arange(BODY.start, BODY.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where windows are linearised.
+
+    Attributes
+    ----------
+    parameters : (u,) what enters the prediction: (P, L, phi, unknowns in units of their prior)
+    readings : (r,) of the other unknowns
+    side : the known side there
+    """
+
+    parameters: Array
+    readings: Array
+    side: NominalModel
+
+    @property
+    def body(self) -> Array:
+        """Standard parameters of the target (10,)."""
+        return self.parameters[BODY.start - LINEAR.start : BODY.stop - LINEAR.start]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What the state is made of.
+
+    Attributes
+    ----------
+    kernel : of the robot as its URDF has it
+    unknowns : of the known side, those that are only read last
+    known : what is known of their numbers beforehand
+    plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
+    imu : the link that an IMU is on, where joints move it
+    """
+
+    kernel: MomentumKernel
+    unknowns: tuple[Unknown, ...]
+    known: UnknownsPrior
+    plane: Array | None = None
+    imu: Link | None = None
+
+    @staticmethod
+    def of(
+        kernel: MomentumKernel,
+        unknowns: Sequence[Unknown],
+        known: UnknownsPrior | None = None,
+        plane: Array | None = None,
+    ) -> Layout:
+        """Return the layout of a state with these unknowns, of which something may be known together.
+
+        Raises
+        ------
+        ValueError
+            What is known is of other numbers, or of unknowns in another order than that of the state: those of the
+            readings last.
+        """
+        count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
+        if known is None:
+            known = UnknownsPrior.nothing(count)
+        elif len(known.mean) != count or last != sorted(last):
+            raise ValueError(f'what is known of {len(known.mean)} numbers is not of the {count} unknown ones, in order')
+        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Of each unknown, its place in the state."""
+        ends = BODY.stop + np.cumsum([0, *(unknown.count for unknown in self.unknowns)])
+        return tuple(slice(*pair) for pair in pairwise(ends.tolist()))
+
+    @cached_property
+    def parameters(self) -> slice:
+        """What enters the prediction."""
+        return slice(LINEAR.start, BODY.stop + sum(each.count for each in self.predicted))
+
+    @cached_property
+    def readings(self) -> slice:
+        """What only the readings depend on."""
+        return slice(self.parameters.stop, self.size)
+
+    @cached_property
+    def size(self) -> int:
+        """Of the state."""
+        return BODY.stop + sum(each.count for each in self.unknowns)
+
+    @cached_property
+    def predicted(self) -> tuple[Unknown, ...]:
+        """The unknowns that the predicted motion depends on."""
+        return tuple(each for each in self.unknowns if not each.read)
+
+    @cached_property
+    def of_joints(self) -> tuple[tuple[Unknown, slice], ...]:
+        """The unknowns that add to the joints' motion, and their places among the parameters."""
+        first = self.parameters.start
+        return tuple(
+            (unknown, slice(place.start - first, place.stop - first))
+            for unknown, place in zip(self.unknowns, self.places, strict=True)
+            if unknown.of_joints
+        )
+
+    @cached_property
+    def read(self) -> tuple[Unknown, ...]:
+        """The others."""
+        return tuple(each for each in self.unknowns if each.read)
+
+    @cached_property
+    def causes(self) -> tuple[str, ...]:
+        """What the unknowns belong to in the error budget, c names."""
+        return tuple(dict.fromkeys(self.cause_of))
+
+    @cached_property
+    def cause_of(self) -> tuple[str, ...]:
+        """Which of them each of their e independent numbers does."""
+        return tuple(cause for unknown in self.unknowns for cause in unknown.causes)
+
+    @cached_property
+    def part_of(self) -> tuple[str, ...]:
+        """What of its cause each of these numbers is by itself; empty where nothing."""
+        return tuple(part for unknown in self.unknowns for part in unknown.parts)
+
+    @cached_property
+    def belongs(self) -> Array:
+        """The same as (e, c) of zeros and ones."""
+        return np.array([[float(own == cause) for cause in self.causes] for own in self.cause_of]).reshape(
+            len(self.cause_of), len(self.causes)
+        )
+
+    @cached_property
+    def alike(self) -> Array:
+        """Which of these numbers belong to the same, as (e, e) of zeros and ones."""
+        return np.asarray(self.belongs @ self.belongs.T)
+
+    def extended(self, more: Sequence[Unknown]) -> Layout:
+        """Return the layout with more unknowns, independent of those there are, each after its like."""
+        before = len(self.predicted)
+        predicted, read = (tuple(each for each in more if each.read is which) for which in (False, True))
+        unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
+        known = self.known.beside(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
+        known = known.beside(sum(each.count for each in read), before=len(known.mean))
+        return replace(self, unknowns=unknowns, known=known)
+
+    def point(self, state: Array, deviation: Array | None = None) -> Point:
+        """Return the linearisation point of a state (s,) with standard deviations (s,)."""
+        values = self.settled(state, deviation)
+        side = NominalModel.nominal(self.kernel)
+        for unknown, place in zip(self.unknowns, self.places, strict=True):
+            side = unknown.moved(side, unknown.factor @ values[place])
+        return Point(values[self.parameters], values[self.readings], side)
+
+    def settled(self, state: Array, deviation: Array | None = None) -> Array:
+        """Return what windows are linearised at (s,), of a state (s,) with standard deviations (s,)."""
+        values = state.copy()
+        for unknown, place in zip(self.unknowns, self.places, strict=True):
+            uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
+            values[place] = unknown.settled(values[place], uncertain)
+        return values
+
+    @cached_property
+    def times(self) -> Array:
+        """Time constants (e,) of the unknowns' numbers, s; inf where they stay. Empty where all do."""
+        times = np.concatenate([np.zeros(0), *(unknown.times for unknown in self.unknowns)])
+        return times if np.isfinite(times).any() else np.zeros(0)
+
+    @cached_property
+    def joint_steps(self) -> Array:
+        """How much further on than read the joints are by each of the unknowns' numbers that wander, (n, f)."""
+        steps = [
+            np.zeros((self.kernel.model.joints, each.count)) if each.joint_steps is None else each.joint_steps
+            for each in self.unknowns
+        ]
+        return np.concatenate(steps, axis=1)[:, np.isfinite(self.times)] if self.times.size else np.zeros((0, 0))
+
+    def beside(self, state: Array, point: Point) -> Point:
+        """Return the point of a state (s,) at the readings of another: windows that follow each other share these."""
+        values = state.copy()
+        values[self.readings] = point.readings
+        return self.point(values)
+
+
+def near_part(parameters: Array, step: Array) -> float:
+    """Return how much of a step from a point's (u,) parameters is near linear: the body stays much as large."""
+    body = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)
+    if parameters[body][0] == 0.0:
+        return 1.0  # nothing is known of a body that has no mass
+    far, size = np.abs(step[body]), body_sizes(parameters[body])
+    # What has no size, as a mass whose inertia is none, is not to be left at all.
+    change = float(np.max(np.divide(far, size, out=np.where(far > 0.0, np.inf, 0.0), where=size != 0.0)))
+    return min(1.0, _NEAR / max(change, _NEAR))
+
+
+def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
+    """Return the layout for what is uncertain of a robot, as the motion seen so far depends on it."""
+    unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
+    if detector.planar:
+        seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
+        known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
+        unknowns = seen
+    layout = Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
+    return replace(layout, imu=None if uncertainty.gyro is None else uncertainty.gyro.link)

@@ -1,0 +1,270 @@
+"""The variables of the filter: all of the state in space, what moves in the plane for a planar robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.filter.state import (
+    ANGULAR,
+    BODY,
+    LINEAR,
+    MOMENTUM,
+    POSE,
+    Layout,
+)
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+
+_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors, which make numbers comparable and decide nothing
+_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose's error: no prior, in effect
+_OPEN = 30.0  # typical sizes: standard deviation of momentum and body: no prior, in effect
+# Standard deviation of a constant force (N) and torque (N m), in typical sizes of the momentum: far above a leak's.
+_FORCE = 1e-3
+# Standard deviation of a mass that is held, relative: near enough to stay there, and loose enough to show where it
+# wants to go.
+_NEAR = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """The variables of the filter: state = spread variables.
+
+    Attributes
+    ----------
+    basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors come first, then the momentum
+    scale : (v,) typical size of each variable
+    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
+    force : (6, f) from independent numbers of unit variance to a constant force and torque that may act
+    mean, factor : (s,), (s, s) of the state when nothing has been measured, of the unknowns as if they were independent
+    known : (e, e) square-root information of the unknowns then
+    typical_momentum : (6,) typical sizes, whatever is known of it
+    walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
+    renewed : (e, w) factor of what they change by from one motion to the next
+    times : (e,) s, time constants of the unknowns' numbers, inf where they stay; empty where all do
+    left : (v, v + 1) square-root information that the run has left before its target changed, and beside it what that
+        makes of the mean; None where nothing has changed
+    """
+
+    basis: Array
+    scale: Array
+    measured: Array
+    force: Array
+    mean: Array
+    factor: Array
+    known: Array
+    typical_momentum: Array
+    walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    left: Array | None = None
+
+    @property
+    def typical_mass(self) -> float:
+        """Kg; a momentum of typical size is its at 1 m/s."""
+        return float(self.typical_momentum[0])
+
+    @property
+    def poses(self) -> int:
+        """How many variables are those of the pose error."""
+        return len(self.measured)
+
+    @cached_property
+    def head(self) -> int:
+        """How many are those of pose error and momentum: as many of either."""
+        return 2 * self.poses
+
+    @property
+    def own(self) -> int:
+        """How many are those of pose error, momentum and target body; the others are the unknowns themselves."""
+        return self.basis.shape[1] - (len(self.basis) - BODY.stop)
+
+    @property
+    def body(self) -> slice:
+        """Places of those of the target body."""
+        return slice(self.head, self.own)
+
+    @cached_property
+    def wandering(self) -> Integers:
+        """Places of those that forget what they were."""
+        return len(self.scale) - len(self.times) + np.flatnonzero(np.isfinite(self.times))
+
+    @cached_property
+    def lasting(self) -> Integers | slice:
+        """Places of all others but the pose error."""
+        if not self.times.size:
+            return slice(self.poses, None)
+        return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.wandering)
+
+    def kept(self, length: float) -> Array:
+        """Return what part of each of those that forget is left after a length in s, (f,)."""
+        return np.exp(-length / self.times[np.isfinite(self.times)])
+
+    @cached_property
+    def spread(self) -> Array:
+        """The (s, v) matrix from variables to state."""
+        return self.basis * self.scale
+
+    def rows(self, of_state: Array) -> Array:
+        """Return (..., s) rows of the state as (..., v) rows of the variables: those of unknowns are both."""
+        moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, : self.own]
+        return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
+
+    def of_state(self, columns: Array) -> Array:
+        """Return (v, m) columns of the variables as (s, m) of the state, where unknowns are both."""
+        moving = self.spread[: BODY.stop, : self.own] @ columns[: self.own]
+        return np.concatenate((moving, columns[self.own :]))
+
+    @cached_property
+    def open(self) -> Array:
+        """Standard deviations of momentum and body of which nothing is known, in their places of the state, (s,)."""
+        sizes = _OPEN * np.sqrt(np.add.reduce(self.spread**2, axis=1))
+        return np.where(np.isin(np.arange(len(sizes)), np.r_[MOMENTUM, BODY]), sizes, 0.0)
+
+    @cached_property
+    def gather(self) -> Array:
+        """The (v, s) matrix from state to variables."""
+        return self.basis.T / self.scale[:, None]
+
+    @cached_property
+    def outside(self) -> Array:
+        """The (s, s) covariance of what the variables leave out."""
+        outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
+        return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
+
+    def going_on(self, root: Array, mean: Array, *, exchanged: bool) -> Variables:
+        """Return these for a run with another target, or with the same elsewhere.
+
+        Parameters
+        ----------
+        root : (w, w + 2) as of `Belief`, of what is left of the run before; of w > v variables the last are a force's,
+            which is another one then
+        mean : (s,) that it leads to
+        exchanged : whether nothing is known of the target's mass
+        """
+        expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
+        expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
+        left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
+        count = len(self.scale)
+        if len(root) > count:
+            others = np.column_stack((left[:, count:-1], left[:, :count], left[:, -1]))
+            force = len(root) - count
+            left = np.asarray(np.linalg.qr(others, mode='r'))[force : len(root), force:]
+        return replace(self, mean=expected, left=left)
+
+    def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
+        """Return mean (v,), square-root information (v, v) and log-likelihood before the first measurement.
+
+        Parameters
+        ----------
+        mass : kg that the target body is held near; the log-likelihood is that of such bodies among all
+        """
+        mean, factor, likelihood = self.mean, self.factor, 0.0
+        before = factor[BODY.start, BODY.start]
+        deviation = before if mass is None else min(_NEAR * mass, before)
+        if mass is not None:
+            likelihood = float(np.log(deviation / before))
+        if self.left is not None:
+            held = np.append(self.spread[BODY.start], mass or 0.0) / deviation
+            both = np.vstack((self.left, held)) if mass is not None else self.left
+            root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
+            return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
+        if mass is not None:
+            along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
+            mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
+            factor[:, BODY.start] = deviation * along
+        own = self.own
+        root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
+        information = np.eye(len(self.scale))
+        information[:own, :own] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
+        information[own:, own:] = self.known
+        return self.gather @ mean, information, likelihood
+
+
+def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
+    """Return the filter's variables for the motion seen so far.
+
+    Parameters
+    ----------
+    layout : of the state; of unknowns as the motion depends on them
+    detector : decides whether the motion is planar
+    uncertainty : what is known of target and momentum beforehand
+    """
+    typical = _typical(layout, uncertainty)
+    sizes = np.ones(layout.size)
+    sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
+    sizes[LINEAR], sizes[ANGULAR], sizes[BODY] = typical[10:13], typical[13:16], typical[:10]
+    deviation = sizes.copy()
+    deviation[:3], deviation[3:6] = _OPEN_ANGLE, OPEN_LENGTH
+    deviation[MOMENTUM.start : BODY.stop] *= _OPEN
+    if uncertainty.linear_momentum > 0.0:
+        deviation[LINEAR] = uncertainty.linear_momentum
+    mean, factor = np.zeros(layout.size), np.diag(deviation)
+    uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
+    mean[BODY.stop :] = layout.known.mean
+    basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
+    force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
+    scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
+    return Variables(
+        basis,
+        scale,
+        measured,
+        force,
+        mean,
+        factor,
+        known,
+        typical[10:16],
+        _walks(layout),
+        _renewed(layout),
+        layout.times,
+    )
+
+
+def _walks(layout: Layout) -> Array:
+    """Return the (e, w) factor of what the unknowns' independent numbers change by in a second."""
+    if not any(unknown.walk.shape[1] for unknown in layout.unknowns):
+        return np.zeros((0, 0))
+    return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
+
+
+def _renewed(layout: Layout) -> Array:
+    """Return the (e, w) factor of by how much those that every motion has of its own are others than in the last.
+
+    What wanders is forgotten in between.
+    """
+    own = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
+    forgotten = np.isfinite(layout.times) if layout.times.size else False
+    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool) & ~np.asarray(forgotten)])
+
+
+def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
+    """Return the (16,) typical sizes of body and momentum; a target known to be the heavier part sets the momentum's.
+
+    Where the base is the target, what pulls on it is what pulls on nearly all there is.
+    """
+    typical = unknown_scale(layout.kernel)
+    mean = np.zeros(10)
+    uncertainty.target.apply(mean, np.eye(10))
+    typical *= max(1.0, mean[0] / typical[0])
+    return typical
+
+
+def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:
+    """Return the basis and the measured combinations of a planar motion."""
+    rows = detector.rows()
+    measured = np.zeros((3, 6))
+    measured[0, :3] = rows[2, 3:]  # the turn about the normal
+    measured[1:, 3:] = rows[:2, :3]  # the displacement in the plane
+    plane = detector.plane(layout.kernel.target)
+    body = np.eye(10) if plane is None else plane.basis
+    basis = np.zeros((layout.size, 6 + body.shape[1] + layout.size - BODY.stop))
+    basis[POSE, :3], basis[MOMENTUM, 3:6] = measured.T, rows.T
+    own = slice(6, 6 + body.shape[1])
+    basis[BODY, own] = body
+    basis[BODY.stop :, own.stop :] = np.eye(layout.size - BODY.stop)
+    return basis, measured

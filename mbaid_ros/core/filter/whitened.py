@@ -1,0 +1,309 @@
+"""Windows in the filter's variables, measurements in units of their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
+from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.filter.window import Stack, Window, stacked
+from mbaid_ros.core.geometry import Array, Integers, skew
+from mbaid_ros.core.unknowns.hypotheses import Axes
+
+
+@dataclass(frozen=True)
+class WhitenedWindow:
+    """A window in the filter's variables, measurements in units of their noise.
+
+    Attributes
+    ----------
+    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
+    log_noise : logarithm of the determinant of the noise's covariance
+    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first knot, which are
+        the first variables; what else there is stays, without force. The last is a factor of the covariance of what
+        joint noise adds on the way
+    back : (2 p, 2 p) the inverse of what the transition makes of pose error and momentum
+    shared : (v,) the score that noise makes on average because rows and value share it
+    feigned : (b, b + 1) the information M of the target body that noise in the rows makes, and beside it M times the
+        body that the window is linearised at
+    moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
+    brought : (p, v) what else the variables make of the momentum on the way
+    inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
+    stepped : (p, f) how much further the pose errors are at the next window's first knot by each of the unknowns'
+        numbers that wander, when that grows by one
+    length : s
+    places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
+    carried : where the twist is integrated, what links it to the windows before and after
+    """
+
+    value: Array
+    rows: Array
+    log_noise: float
+    transition: Array
+    drift: Array
+    process: Array
+    back: Array
+    shared: Array
+    feigned: Array
+    moved: Array
+    brought: Array
+    inertial: Array
+    in_base_axes: Array
+    stepped: Array
+    length: float
+    places: Integers
+    carried: TwistLink | None = None
+
+    def push(self, axes: Axes) -> Array:
+        """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
+        return self.in_base_axes if axes == 'body' else self.inertial
+
+
+def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
+    """Return B windows in the filter's variables."""
+    told = np.isfinite(windows.pose_covariance)
+    # In a run all windows tell the same parts: pose, orientation alone, or nothing.
+    missing = ~np.diagonal(told, axis1=1, axis2=2).all(axis=0)
+    select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
+    covariance = np.where(told, windows.pose_covariance, np.eye(6))
+    pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
+    precision = pose.precision
+    weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
+    places = np.arange(len(select))
+    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
+    integrated = np.array([each is not None for each in windows.integrated])
+    carried: list[TwistLink | None] = [None] * len(measured)
+    if integrated.any():
+        which = np.flatnonzero(integrated)
+        chosen = windows[which]
+        parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
+        joined = linked(
+            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
+        )
+        precision[which], weighed[which] = joined.precision, joined.precision @ chosen.joints
+        all_places = np.arange(joined.value.shape[1])
+        for place, index in enumerate(which.tolist()):
+            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
+            carried[index] = joined.carried[place]
+    alone = np.where(integrated[:, None], np.nan, windows.twist_value)
+    for moving, select, of_rates in _rates(alone, variables):
+        parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
+        value, rows, covariance = (part[moving] for part in parts)
+        value = np.nan_to_num(value)  # of what is not among these
+        twist = _whitened(value, rows, covariance, variables, select)
+        times = windows.joints_in_twist[moving, None, None]
+        precision[moving] += times * twist.precision
+        weighed[moving] += times * twist.weighed(windows.joints[moving], windows.joints_of_gyro[moving])
+        values = np.concatenate((pose.value[moving], twist.value), axis=1)
+        both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
+        log_noise = pose.log_noise[moving] + twist.log_noise
+        all_places = np.concatenate((places, of_rates))
+        for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
+            measured[index] = (*own, all_places)
+    turn = variables.gather[: variables.poses, POSE]
+    transition = turn @ variables.rows(windows.transition)
+    head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
+    head[:, : variables.poses] = transition[..., : variables.head]
+    return [
+        WhitenedWindow(value, rows, float(log_noise), *rest)
+        for (value, rows, log_noise), *rest in zip(
+            (each[:3] for each in measured),
+            transition,
+            (turn @ windows.drift[..., None])[..., 0],
+            turn @ windows.process,
+            np.linalg.inv(head),
+            _shared(weighed, windows.joints_by_unknowns, variables),
+            errors_in_variables_bias(precision, windows.joints_by_unknowns, windows.body, variables),
+            windows.transition[..., MOMENTUM],
+            variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
+            *_pushes(windows, variables),
+            turn @ windows.stepped,
+            windows.length.tolist(),
+            (each[3] for each in measured),
+            carried,
+            strict=True,
+        )
+    ]
+
+
+@dataclass(frozen=True)
+class _White:
+    """Measurements of B windows in units of their noise.
+
+    Attributes
+    ----------
+    value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
+    whiten : (B, k, 6) what made them so, of the noise that pose and twist have by the joints
+    whiten_gyro : (B, k, 3) and of what a gyro on a link has more; (B, k, 0) where there is no gyro
+    """
+
+    value: Array
+    rows: Array
+    log_noise: Array
+    whiten: Array
+    whiten_gyro: Array
+
+    @property
+    def precision(self) -> Array:
+        """S^-1 of these measurements as the joints' noise is in them, (B, 6, 6)."""
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ self.whiten)
+
+    def weighed(self, joints: Array, of_gyro: Array) -> Array:
+        """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S.
+
+        A gyro has (B, 3, n) more of it, which does not depend on the unknowns.
+        """
+        white = self.whiten @ joints
+        if self.whiten_gyro.shape[-1] and of_gyro.any():
+            white = white + self.whiten_gyro @ of_gyro
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ white)
+
+
+def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
+    """Yield which windows have a twist alone, a gyro alone, or both, what of it holds, and the places of that.
+
+    Parameters
+    ----------
+    value : (B, 6), or with a gyro (B, 9), NaN where it is not measured
+    variables : of the filter
+    """
+    poses, known = variables.poses, np.isfinite(value)
+    twist, gyro = known[:, :6].all(axis=-1), known[:, 6:].all(axis=-1) & (value.shape[1] > 6)
+    turns = variables.measured[variables.measured[:, :3].any(axis=1)]
+    select = np.zeros((poses + len(turns), value.shape[1]))
+    select[:poses, :6] = variables.measured
+    if value.shape[1] > 6:
+        select[poses:, 6:] = turns[:, :3]
+    places = poses + np.arange(len(select))
+    for which, of_it in (
+        (twist & ~gyro, slice(0, poses)),
+        (gyro & ~twist, slice(poses, None)),
+        (twist & gyro, slice(None)),
+    ):
+        windows = np.flatnonzero(which)
+        if len(windows):
+            yield windows, select[of_it], places[of_it]
+
+
+def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables, select: Array) -> _White:
+    """Return measurements (B, k), linear in the state by rows (B, k, s), with noise of a covariance (B, k, k).
+
+    Parameters
+    ----------
+    value, rows, covariance : of the pose, or of the rates: after the twist the angular velocity of a gyro
+    variables : of the filter
+    select : combinations that hold
+    """
+    factor = np.linalg.cholesky(select @ covariance @ select.T)
+    whiten = np.linalg.inv(factor) @ select
+    # The joints' noise is in what the gyro measures as it is in the angular part of the twist.
+    folded = whiten[..., :6]
+    if whiten.shape[-1] > 6:
+        folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
+    return _White(
+        value=(whiten @ value[..., None])[..., 0],
+        rows=whiten @ variables.rows(rows),
+        # One after the other along the first axis, in the same order for one window as for many.
+        log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
+        whiten=folded,
+        whiten_gyro=whiten[..., 6:],
+    )
+
+
+def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
+    """Return the (B, v) score that the joints' noise makes by itself: the mean of its product in values and in rows.
+
+    Parameters
+    ----------
+    weighed : (B, 6, n) the joints' noise in the values, as `_White.weighed`
+    slope : (B, 6, 10 + e, n) the same noise in the rows, of the target body and the unknowns
+    variables : of the filter
+    """
+    windows, _, numbers, _ = slope.shape
+    by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
+    score = np.zeros((windows, 1, len(variables.basis)))
+    score[:, 0, BODY.start : BODY.start + numbers] = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
+    return variables.rows(score)[:, 0]
+
+
+def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:
+    """Return the (B, p, f) change of the momentum by a force and torque on the base's origin, in inertial and its axes.
+
+    Inertial ones act at the run's origin: a tilted table pulls at the common centre of mass, which moves along the pull
+    at most. A window's momentum is that of its middle, so that the change within it cancels in the pose. The force acts
+    from there to the middle of the next window, on a base that is on average where the two meet.
+    """
+    push = np.zeros((len(windows.length), 6, 6))
+    push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
+    push[:, 3:, :3] = skew(windows.position) @ windows.rotation
+    to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
+    force = windows.length[:, None, None] * variables.force
+    return to_momentum @ force, to_momentum @ (push @ force)
+
+
+LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
+_MOST = 128  # windows linearised at once: more gain no time, and take memory
+# Windows linearised at once, at least, where as many are to come: the others cost little more than the first.
+_FEWEST = 8
+
+
+class LinearisationCache:
+    """Windows as the filter takes them, each linearised when it is asked for, or earlier together with another.
+
+    One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
+    linearised together at the point at which the first one is asked for. That is in vain where the point moves before
+    their turn: there are no more than it has served so far, or the one before did.
+
+    Parameters
+    ----------
+    layout : of the state
+    variables : of the filter
+    """
+
+    def __init__(self, layout: Layout, variables: Variables) -> None:
+        self._layout = layout
+        self._variables = variables
+        self._coming: Sequence[Window] = ()
+        self._turn: dict[Window, int] = {}
+        self._made: dict[Window, WhitenedWindow] = {}
+        self._point: Point | None = None
+        self._served = 0  # windows by this point
+        self._likely = 0  # by the one before
+
+    def expect(self, windows: Sequence[Window]) -> None:
+        """Take the windows that are going to be asked for, in the order of their turn."""
+        if windows is not self._coming:
+            self._coming = windows
+            self._turn = {window: turn for turn, window in enumerate(windows)}
+            self._made.clear()
+
+    def whitened(self, window: Window, point: Point) -> WhitenedWindow:
+        """Return a window, linearised at a point."""
+        if point is not self._point:
+            self._point, self._served, self._likely = point, 0, self._served
+            self._made.clear()
+        if window not in self._made:
+            together = self._next(window)
+            self._made.update(self.all_whitened(stacked(together), point))
+        self._served += 1
+        return self._made.pop(window)
+
+    def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
+        """Return stacked windows in their order before they were stacked, each as it is and linearised."""
+        models = window_models(self._layout, stacks, point)
+        placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
+        windows = [placed[place] for place in sorted(placed)]
+        return list(zip(windows, prepared(models, self._variables), strict=True))
+
+    def _next(self, window: Window) -> Sequence[Window]:
+        """Return a window and those that come after it, as many as the point is likely to serve."""
+        turn = self._turn.get(window)
+        if turn is None:
+            return [window]
+        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), _MOST)]

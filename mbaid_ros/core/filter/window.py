@@ -1,0 +1,231 @@
+"""An IMU on a link that joints move: it turns as the base does and as the joints between turn it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from mbaid_ros.core.filter.interpolation import Midpoints, midpoints, with_joints_later
+from mbaid_ros.core.filter.knots import Knots, at_the_base, turned_back
+from mbaid_ros.core.filter.state import ANGULAR_FIRST
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, rotate_back
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.unknowns.declaration import NominalModel
+
+
+def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
+    """Return a motion with where the IMU's axes are, and how fast each joint turns them.
+
+    Parameters
+    ----------
+    middle : of J - 1 intervals, of one window or several
+    kinematics : of the robot
+    link : that the IMU is on
+    """
+    flat, shape = middle.flat, middle.turn.shape[:-1]
+    placed = kinematics.configure(flat.base_rotation, flat.joint_position)
+    gain = np.swapaxes(placed.joint_twist[..., 3:] * kinematics.ancestors[link.body][:, None], 1, 2)
+    axes, _ = placed.link(link)
+    return replace(middle, gyro_axes=axes.reshape(*shape, 3, 3), gyro_gain=gain.reshape(*shape, *gain.shape[1:]))
+
+
+@dataclass(frozen=True)
+class WindowNoise:
+    """Noise of the means of a window's measurements.
+
+    Attributes
+    ----------
+    samples : number in the window
+    joint_position : one standard deviation of one sample, rad or m; (n,) where joints differ
+    pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
+    twist : (6, 6) of one sample, (angular, linear), base axes
+    gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
+    correlation_time : s, over which the errors of the poses are correlated; 0 for independent ones
+    """
+
+    samples: int
+    joint_position: float | Array
+    pose: Array
+    twist: Array
+    gyro: float = 0.0
+    correlation_time: float = 0.0
+
+
+def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
+    """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
+    poses, twists = (
+        np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
+            :, ANGULAR_FIRST[:, None], ANGULAR_FIRST
+        ]
+        for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
+    )
+    return [
+        WindowNoise(len(window), own.joint_position, pose, twist, gyro, own.base_correlation_time)
+        for window, pose, twist in zip(windows, poses, twists, strict=True)
+        for own in [noise.found_in(window)]
+    ]
+
+
+STACK = 10  # windows linearised at a time: one piece of work, of some milliseconds
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A window's knots, with the neighbours that its formulas need.
+
+    Attributes
+    ----------
+    knots : Knots
+    inside : the window's own intervals among theirs; each begins at a knot of the window
+    spacing : s, between knots
+    noise : WindowNoise
+    start : s since the first sample of the run
+    fresh : whether a gap (or the start) comes before it
+    origin : (3,) m, of the run in the odometry frame
+    """
+
+    knots: Knots
+    inside: slice
+    spacing: float
+    noise: WindowNoise
+    start: float
+    fresh: bool
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """What windows of one stack have in common: the number of knots, and which intervals are their own."""
+        return len(self.knots), self.inside.start, self.inside.stop
+
+    @property
+    def length(self) -> float:
+        """Of its own intervals, s."""
+        return (self.inside.stop - self.inside.start) * self.spacing
+
+
+@lru_cache(maxsize=256)
+def without_twist(window: Window) -> Window:
+    """Return a window of poses alone, the same one whenever it is asked for."""
+    nothing = np.full_like(window.knots.base_twist, np.nan)
+    return replace(window, knots=replace(window.knots, base_twist=nothing))
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Windows of one shape, side by side.
+
+    Attributes
+    ----------
+    windows : B of them
+    places : where they are in the list that was stacked
+    """
+
+    windows: tuple[Window, ...]
+    places: tuple[int, ...]
+
+    @cached_property
+    def knots(self) -> Knots:
+        """All knots, (J, B, ...)."""
+        return Knots.stack([window.knots for window in self.windows])
+
+    @cached_property
+    def middle(self) -> Midpoints:
+        """The motion midway between all knots as measured, (J - 1, B, ...)."""
+        return midpoints(self.knots, self.windows[0].spacing)
+
+    def motion(self, side: NominalModel, imu: Link | None = None) -> tuple[Midpoints, slice]:
+        """Return the motion of a robot whose known side is as given, and the windows' own part.
+
+        An IMU may be on a link that joints move (`imu`).
+
+        Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
+        """
+        middle = self.middle
+        if side.gyro.any() and self.knots.course.shape[-1]:
+            middle = midpoints(turned_back(self.knots, side.gyro), self.windows[0].spacing)
+            read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
+            bias, scale, turn, shared = side.gyro.reshape(4, 3)
+            errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
+            middle = replace(middle, gyro=middle.gyro - errors)
+        if side.mount.any():
+            middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
+        if side.delay != 0.0:
+            middle = with_joints_later(middle, side.delay, self.windows[0].spacing)
+        if side.zeros.any():
+            middle = replace(middle, joint_position=middle.joint_position + side.zeros)
+        first, last, _ = self.windows[0].inside.indices(len(middle))
+        begin = max(first - 1, 0)
+        middle = middle[begin : last + 1]
+        if imu is not None and middle.gyro.shape[-1]:
+            middle = on_link(middle, side.kernel.kinematics, imu)
+        return middle, slice(first - begin, last - begin)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of samples in each window, (B, 1, 1)."""
+        return np.array([float(window.noise.samples) for window in self.windows])[:, None, None]
+
+    @cached_property
+    def middles(self) -> Array:
+        """Time in the middle of each window, (B,) s."""
+        return np.array([window.start + 0.5 * window.length for window in self.windows])
+
+    @cached_property
+    def whitening(self) -> Array:
+        """Which share of a pose's change over each window makes the errors of its mean independent, (B, 1).
+
+        One number a window for all six of a pose, no matrix that divides by the noise: that share is added to the mean.
+        An autoregression x' = c x + e from knot to knot has the mean of e over m of them, over 1 - c: the mean of x and
+        1 / (m (1 - c)) of what x changes by. 0 where the errors are independent as they are.
+        """
+        times = np.array([window.noise.correlation_time for window in self.windows])
+        step = -np.expm1(-self.windows[0].spacing / np.where(times > 0.0, times, np.inf))
+        first, last, _ = self.windows[0].inside.indices(len(self.knots))
+        return np.where(times > 0.0, 1.0 / ((last - first) * np.where(times > 0.0, step, 1.0)), 0.0)[:, None]
+
+    @cached_property
+    def integrates_twist(self) -> Flags:
+        """Which windows' twist counts by its integral (B,): where poses are correlated, and there is no gyro beside."""
+        inside = self.windows[0].inside
+        twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
+        if self.knots.gyro.shape[-1]:
+            return np.zeros_like(twist)
+        return np.asarray((self.whitening[:, 0] > 0.0) & twist & np.isfinite(self.pose_covariance).all(axis=(1, 2)))
+
+    @cached_property
+    def joint_variance(self) -> Array:
+        """Of the joint positions' noise in one sample, (B, 1, 1) rad^2 or m^2; (B, 1, n) where joints differ."""
+        return np.stack([np.atleast_1d(window.noise.joint_position**2) for window in self.windows])[:, None, :]
+
+    @cached_property
+    def pose_covariance(self) -> Array:
+        """As in WindowNoise, (B, 6, 6)."""
+        return np.stack([window.noise.pose for window in self.windows])
+
+    @cached_property
+    def twist_covariance(self) -> Array:
+        """As in WindowNoise, (B, 6, 6)."""
+        return np.stack([window.noise.twist for window in self.windows])
+
+    @cached_property
+    def gyro_variance(self) -> Array:
+        """Power density of the gyro's noise, (B, 1, 1) rad^2/s."""
+        return np.array([window.noise.gyro**2 for window in self.windows])[:, None, None]
+
+
+def stacked(windows: Sequence[Window]) -> list[Stack]:
+    """Return windows in stacks of one shape each."""
+    alike: dict[tuple[int, int, int], list[int]] = {}
+    for place, window in enumerate(windows):
+        alike.setdefault(window.shape, []).append(place)
+    return [Stack(tuple(windows[place] for place in places), tuple(places)) for places in alike.values()]
+
+
+def in_stacks(windows: Sequence[Window], size: int = STACK) -> list[list[Stack]]:
+    """Return windows in order, so many at a time, each part in stacks of one shape."""
+    return [stacked(windows[first : first + size]) for first in range(0, len(windows), size)]

@@ -1,1 +1,0 @@
-"""What arrives, brought to common stamps and cut into windows."""

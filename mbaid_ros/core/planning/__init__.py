@@ -1,1 +1,0 @@
-"""Motions of the joints that tell most of what is still uncertain, within limits."""

@@ -1,0 +1,124 @@
+"""Noise that is correlated over a time, a first-order autoregression, as it shows in windows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.samples import Samples
+
+# Variance of second differences over that of white noise as declared, below which noise is correlated, and
+# correlation of neighbouring ones, above which it is not: noise has -2/3 to -1/2, interpolated poses, also small,
+# positive ones.
+_SMALL, _SMOOTH = 0.25, -0.25
+_FEWEST = 20  # samples: the variance of second differences of fewer is uncertain to a quarter
+
+
+def cause(time: float) -> str:
+    """Return the cause: over what time (s) the odometry's noise is correlated, and what to set."""
+    shown = f'{time:.2g}'
+    return f'the noise of the odometry is correlated over about {shown} s: set noise.base_correlation_time to {shown}'
+
+
+def seen_in(window: Samples) -> tuple[float, float]:
+    """Return over what time (s) the positions' errors are correlated, by how little they change, and what tells it.
+
+    With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance they have
+    without. 0 where they are about as large as declared; the second number is a log-likelihood.
+
+    Parameters
+    ----------
+    window : of samples with the noise that is declared
+    """
+    if len(window) < _FEWEST:
+        return 0.0, 0.0
+    deviation = np.sqrt(6.0 * np.mean(np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, :3], axis=0))
+    changes = np.diff(window.base_position, 2, axis=0) / deviation
+    ratio = float(np.mean(changes**2))
+    if not 0.0 < ratio < _SMALL or np.mean(changes[1:] * changes[:-1]) > _SMOOTH * ratio:
+        return 0.0, 0.0
+    correlation = 2.0 - math.sqrt(1.0 + 3.0 * ratio)
+    step = float(np.median(np.diff(window.time)))
+    return -step / math.log(correlation), 0.5 * changes.size * (ratio - 1.0 - math.log(ratio))
+
+
+SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """Sums over the windows of a run, of each of the m numbers that may be measured.
+
+    These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
+
+    Attributes
+    ----------
+    angular : how many of the k are angular: three, or one in a plane
+    sums, counts : (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
+    previous : (m,) those of the last window; NaN of what was not measured
+    """
+
+    angular: int
+    sums: Array
+    counts: Array
+    previous: Array
+
+    @staticmethod
+    def none(poses: int) -> Innovations:
+        """Return the sums before the first window, of k = 6 pose measurements, or 3 in a plane."""
+        angular = 3 if poses > 3 else 1
+        nothing = np.zeros((2, 2 * poses + angular))
+        return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
+
+    def after(self, normalised: Array, places: Integers) -> Innovations:
+        """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
+        latest = np.full(len(self.previous), np.nan)
+        latest[places] = normalised
+        products = np.array((latest, self.previous)) * latest
+        known = np.isfinite(products)
+        return Innovations(self.angular, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
+
+    @cached_property
+    def _of_sensors(self) -> tuple[Array, Array]:
+        """Sums and counts, (2, 5) each, in the order of SENSORS."""
+        poses = (len(self.previous) - self.angular) // 2
+        ends = (0, self.angular, poses, poses + self.angular, 2 * poses)
+        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), ends, axis=2)
+        return sums, counts
+
+    @property
+    def count(self) -> Array:
+        """How many innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][0]
+
+    @property
+    def pairs(self) -> Array:
+        """How many pairs of neighbouring windows' innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][1]
+
+    @cached_property
+    def ratio(self) -> Array:
+        """Mean normalised innovation squared of each sensor, (5,): 1 for noise as declared; NaN without any."""
+        return np.where(self.count > 0.0, self._of_sensors[0][0] / np.maximum(self.count, 1.0), np.nan)
+
+    @cached_property
+    def ratio_significance(self) -> Array:
+        """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (5,)."""
+        return (self.ratio - 1.0) * np.sqrt(0.5 * self.count)
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
+
+        0 where the noise is white. What is far below the declared noise is no matter, however correlated.
+        """
+        return np.where(self.pairs > 0.0, self._of_sensors[0][1] / np.maximum(self.pairs, 1.0), np.nan)
+
+    @cached_property
+    def correlation_significance(self) -> Array:
+        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (5,)."""
+        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)

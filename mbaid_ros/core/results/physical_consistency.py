@@ -1,0 +1,242 @@
+"""Physical consistency: the nearest real body to an estimate, in the metric of its information.
+
+Ten numbers are a rigid body's exactly when the pseudo-inertia matrix is positive definite (Wensing, Kim, Slotine 2018).
+Early estimates are not; the projection moves them least where the data are surest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags, unvec, vec
+from mbaid_ros.core.linear_algebra import inverse_factor, is_positive, solve_definite
+from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
+from mbaid_ros.core.robot.planar import Plane
+
+# Standard deviations of an estimate from the nearest real body, from which it is of none.
+IMPOSSIBLE = 4.0
+# Smallest eigenvalue of a projected pseudo-inertia (in a plane: mass and moment), in units of `scale`: a boundary body
+# would be flat, and no simulator accepts it.
+_FLOOR = 1e-9
+# Inverse variance, in typical sizes, below which data leave a direction open (ten sizes): it is drawn, with next to
+# no weight, towards a ball of the same mass.
+_OPEN = 1e-2
+_DRAW = 1e-3  # standard deviations that a typical size is worth where the data leave a direction open: next to none
+_EVALUATIONS = 50  # at most, of least squares in four coordinates
+_SMALLEST = 1e-24  # variance, in units of `scale` squared, that stands for none: a quotient by it stays finite
+# Of the weight of the boundary: at the last, an estimate is within a hundredth of a standard deviation of the nearest.
+_LEAST_WEIGHT = 1e-6
+_FALL = 0.03  # of the weight of the boundary, from one minimum to the next: a few steps of Newton's each
+_INTERIOR = 0.9  # of the way to the boundary that a step may go: beyond it there is no logarithm
+_STEPS = 100  # at most, of Newton's: a few for each weight
+_PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye(10)])
+
+
+def is_physical(standard_parameters: Array) -> bool:
+    """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
+    return bool(are_physical(standard_parameters[None])[0])
+
+
+def are_physical(standard_parameters: Array) -> Flags:
+    """Return which of (N, 10) standard parameters belong to a real body."""
+    finite = np.all(np.isfinite(standard_parameters), axis=1)
+    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
+    return np.array([is_positive(each) for each in matrices])
+
+
+def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:
+    """Return the real body nearest to an estimate and how far away it is.
+
+    Parameters
+    ----------
+    standard_parameters : (10,) (m, h, I_o)
+    covariance : (10, 10) of them, positive definite: its inverse is the metric
+    scale : (10,) typical size of each parameter, to condition the search
+
+    Returns
+    -------
+    (10,) standard parameters with positive definite pseudo-inertia, and the distance in standard deviations
+    (0 where the estimate is physical already)
+    """
+    if is_physical(standard_parameters):
+        return standard_parameters, 0.0
+    ball = _ball(standard_parameters, scale)
+    metric = _metric(covariance, scale)
+    rows = np.concatenate((metric, np.diag(_DRAW / scale)))
+    offset = np.concatenate((metric @ standard_parameters, _DRAW / scale * ball))
+    # Lengths in the unit that makes mass and second moment of the same size.
+    length = np.sqrt(scale[4] / scale[0])
+    unit = np.sqrt(scale[0]) * np.array([length, length, length, 1.0])
+    units = _PSEUDO_INERTIAS * scale[:, None, None] / (unit * unit[:, None])
+    nearest = scale * _nearest(rows * scale, offset, units, ball / scale)
+    return nearest, float(np.linalg.norm(metric @ (nearest - standard_parameters)))
+
+
+def project_planar(standard_parameters: Array, covariance: Array, scale: Array, plane: Plane) -> tuple[Array, float]:
+    """Return a real body for an estimate from planar motion, which leaves six directions open.
+
+    What a planar motion tells, (m, h in the plane, the moment about its normal), belongs to a real body exactly when
+    mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
+
+    Parameters
+    ----------
+    standard_parameters, covariance, scale : as for `project`
+    plane : of the motion, in the link's frame
+
+    Returns
+    -------
+    as for `project`
+    """
+    basis, across = plane.basis, plane.across.T
+    about = float(np.linalg.norm(vec(plane.normal[:, None] * plane.normal)))
+
+    def positive(coordinates: Array) -> tuple[float, float]:
+        """Return mass and moment about the CoM of (ln mass, CoM in the plane, ln moment), both off their limit."""
+        mass, moment = np.exp(np.clip(coordinates[[0, 3]], -50.0, 50.0)) + _FLOOR * scale[[0, 4]]
+        return float(mass), float(moment)
+
+    def planar(coordinates: Array) -> Array:
+        """Return the (4,) parameters."""
+        mass, moment = positive(coordinates)
+        com = coordinates[1:3]
+        return np.concatenate(([mass], mass * com, [(moment + mass * float(com @ com)) * about]))
+
+    estimate = basis.T @ standard_parameters
+    mass, com = estimate[0], estimate[1:3] / estimate[0]
+    moment = estimate[3] / about - mass * float(com @ com)
+    distance = 0.0
+    if not (mass > 0.0 and moment > 0.0):
+        from scipy.optimize import least_squares  # noqa: PLC0415 - takes a while, and few runs need it
+
+        size = np.abs(basis.T) @ scale
+        metric = _metric(basis.T @ covariance @ basis, size)
+        mass = max(mass, 1e-3 * scale[0])
+        com = np.clip(estimate[1:3] / mass, -scale[1] / scale[0], scale[1] / scale[0])
+        start = np.concatenate(([np.log(mass)], com, [np.log(1e-3 * mass * scale[4] / scale[0])]))
+        found = least_squares(
+            lambda coordinates: metric @ (planar(coordinates) - estimate),
+            start,
+            method='trf',
+            x_scale='jac',
+            max_nfev=_EVALUATIONS,
+        ).x
+        distance = float(np.linalg.norm(metric @ (planar(found) - estimate)))
+        com = found[1:3]
+        mass, moment = positive(found)
+    ball = np.array([moment, 0.0, 0.0, moment, 0.0, moment])
+    return standard(np.concatenate(([mass], across @ com, ball))), distance
+
+
+def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
+    """Return the x with the least |A x - b| for which the pseudo-inertia, linear in x, exceeds the floor.
+
+    Newton's steps on 1/2 |A x - b|^2 - w ln det(pseudo-inertia - floor), with w falling to next to nothing (Boyd,
+    Vandenberghe, Convex Optimization, 2004, chapter 11). There is one minimum only, mostly on the boundary, where
+    coordinates that cannot leave the cone would never arrive.
+
+    Parameters
+    ----------
+    rows, offset : (k, 10) A of full rank, (k,) b
+    units : (10, 4, 4) pseudo-inertias of unit x
+    start : (10,) inside the cone
+    """
+    orthonormal, triangle = np.linalg.qr(rows)
+    back = np.linalg.inv(triangle)  # z = R x, in which |A x - b| is the distance from a point
+    target = orthonormal.T @ offset
+    inside = x = start
+    weight = max(0.25 * float(np.sum((target - triangle @ x) ** 2)), _LEAST_WEIGHT)
+    identity, floor, flat = np.eye(len(x)), _FLOOR * np.eye(4), units.reshape(-1, 16)
+    for _ in range(_STEPS):
+        whiten = inverse_factor((x @ flat).reshape(4, 4) - floor)
+        if whiten is None:  # the boundary is nearer than rounding
+            return inside
+        inside = x
+        barrier = back.T @ (whiten @ units @ whiten.T).reshape(-1, 16)
+        slope = target - triangle @ x + weight * barrier[:, ::5].sum(axis=1)
+        step = solve_definite(identity + weight * (barrier @ barrier.T), slope)
+        change = step @ barrier
+        size = float(change @ change)
+        # No eigenvalue of the change is larger than its norm.
+        shrinking = 0.0 if size <= _INTERIOR**2 else -float(np.linalg.eigvalsh(change.reshape(4, 4))[0])
+        x = x + min(1.0, _INTERIOR / max(shrinking, 1e-300)) * (back @ step)
+        if float(step @ step) / weight + size < 1.0:  # close to this weight's minimum
+            if weight == _LEAST_WEIGHT:
+                break
+            weight = max(_FALL * weight, _LEAST_WEIGHT)
+    return inside
+
+
+def _ball(standard_parameters: Array, scale: Array) -> Array:
+    """Return a ball with the estimate's mass, CoM and mean moment of inertia, as far as those are physical."""
+    mass = max(standard_parameters[0], 1e-3 * scale[0])
+    com = standard_parameters[1:4] / mass
+    com = com * min(1.0, scale[1] / scale[0] / max(float(np.linalg.norm(com)), 1e-300))
+    inertia = standard_parameters[[4, 7, 9]].sum() / 3.0 - 2.0 / 3.0 * mass * float(com @ com)
+    moment = max(inertia, 1e-3 * mass * scale[4] / scale[0])
+    about_com = np.array([moment, 0.0, 0.0, moment, 0.0, moment])
+    return standard(np.concatenate(([mass], com, about_com)))
+
+
+def _metric(covariance: Array, scale: Array) -> Array:
+    """Return M with M^T M the inverse of the covariance, without the directions that are open."""
+    values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
+    # Beside variances that are far larger, small ones are rounding, of either sign.
+    least = max(float(np.finfo(float).eps * values[-1]), _SMALLEST)
+    weight = np.where(values < 1.0 / _OPEN, 1.0 / np.sqrt(np.maximum(values, least)), 0.0)
+    return np.asarray(weight[:, None] * vectors.T / scale)
+
+
+_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # of (ixx, ixy, ixz, iyy, iyz, izz)
+_CLEARER = 5.0  # times as well known as the scale, from which ratios say what the moments do not
+
+
+@dataclass(frozen=True)
+class InertiaRatios:
+    """Inertia about the centre of mass over its trace, with one standard deviation each.
+
+    Attributes
+    ----------
+    elements, std : (6,) (ixx, ixy, ixz, iyy, iyz, izz)
+    principal, principal_std : (3,) principal moments, the smallest first
+    scale_std : relative, of the trace
+    """
+
+    elements: Array
+    std: Array
+    principal: Array
+    principal_std: Array
+    scale_std: float
+
+    @property
+    def clearer(self) -> bool:
+        """Whether the ratios are known far better than the scale is."""
+        return bool(self.scale_std > _CLEARER * float(np.max(self.principal_std / self.principal)))
+
+
+def inertia_ratios(parameters: Array, covariance: Array) -> InertiaRatios:
+    """Return the ratios of a body of which something is known, to first order.
+
+    Parameters
+    ----------
+    parameters : (10,) mass, CoM, inertia about it
+    covariance : (10, 10) of these
+    """
+    inertia, of_inertia = parameters[4:], covariance[4:, 4:]
+    trace = float(_TRACE @ inertia)
+    elements = inertia / trace
+    slope = (np.eye(6) - np.outer(elements, _TRACE)) / trace
+    ratios = slope @ of_inertia @ slope.T
+    principal, axes = np.linalg.eigh(unvec(elements))
+    # A principal moment changes by what its axis has of the change: v^T dI v.
+    x, y, z = axes
+    along = np.stack((x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z), axis=1)
+    variance = np.diag(along @ ratios @ along.T)
+    return InertiaRatios(
+        elements=elements,
+        std=np.sqrt(np.maximum(np.diag(ratios), 0.0)),
+        principal=principal,
+        principal_std=np.sqrt(np.maximum(variance, 0.0)),
+        scale_std=float(np.sqrt(max(_TRACE @ of_inertia @ _TRACE, 0.0))) / trace,
+    )

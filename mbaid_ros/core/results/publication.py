@@ -1,0 +1,195 @@
+"""The captured body alone: what was identified less the target link's own inertia."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian, principal, standard
+from mbaid_ros.core.robot.model import express
+
+# Relative standard deviation from which a mass is no longer told from zero, at two standard deviations.
+_MASS_MAY_VANISH = 0.5
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame fixed to the target link.
+
+    Attributes
+    ----------
+    name : of the link it belongs to, or what it is called
+    rotation, position : (3, 3), (3,) m, its axes and origin in the target link's frame
+    """
+
+    name: str
+    rotation: Array
+    position: Array
+
+
+@dataclass(frozen=True)
+class Debris:
+    """Mass properties of the captured body.
+
+    Attributes
+    ----------
+    frame : that they are given in
+    parameters : (10,) mass, CoM, inertia about it, in that frame and its axes
+    covariance : (10, 10) of them; the frame itself counts as known
+    """
+
+    frame: Frame
+    parameters: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """One standard deviation of each parameter, (10,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def debris(
+    estimate: Estimate,
+    link: Array,
+    frame: Frame,
+    *,
+    in_principal_axes: bool = False,
+    link_covariance: Array | None = None,
+) -> Debris | None:
+    """Return the captured body, None where not all ten parameters are determined or its mass may as well be zero.
+
+    Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
+
+    Parameters
+    ----------
+    estimate : of link and captured body together
+    link : (10,) standard parameters (m, h, I_o) of the link itself
+    frame : to give it in
+    in_principal_axes : in the body's own principal axes through its centre of mass, instead; the frame gives the name
+    link_covariance : (10, 10) of the link's parameters; known exactly where not given
+    """
+    if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
+        return None
+    together = standard(estimate.parameters)
+    alone = together - link
+    if alone[0] <= 0.0:
+        return None
+    if in_principal_axes:
+        own = physical(alone)
+        frame = Frame(frame.name, principal(own).axes, own[1:4])
+    to_frame = _change(frame)
+    seen = to_frame @ alone
+    # Covariance of (m, h, I_o) from that of (m, r_c, I_c), then on to the captured body's own (m, r_c, I_c).
+    onward = physical_jacobian(seen) @ to_frame
+    change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
+    covariance = change @ estimate.covariance @ change.T
+    if link_covariance is not None:
+        covariance = covariance + onward @ link_covariance @ onward.T
+    if covariance[0, 0] > (_MASS_MAY_VANISH * alone[0]) ** 2:
+        return None
+    return Debris(frame, physical(seen), covariance)
+
+
+def _change(frame: Frame) -> Array:
+    """Return the (10, 10) matrix that takes standard parameters from the target link's frame to another."""
+    back = frame.rotation.T
+    return express(np.eye(10), back, -back @ frame.position).T
+
+
+_KEPT = 10.0  # s, that an estimate is compared with later ones
+_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
+
+
+class IntervalConsistency:
+    """Compares each estimate of a run with those of the latest seconds before it."""
+
+    def __init__(self) -> None:
+        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
+        self._changes = 0  # of the target
+
+    def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
+        """Return an estimate that is inconsistent where it has left the interval of one before it.
+
+        Parameters
+        ----------
+        estimate : the next one
+        early : whether it is one of the first, from which later ones are known to differ
+        """
+        changes = sum(event.kind == 'target_changed' for event in estimate.events)
+        if changes != self._changes:
+            self._earlier.clear()
+            self._changes = changes
+        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
+            self._earlier.popleft()
+        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
+            return estimate
+        moved = self._moved(estimate)
+        if not early:
+            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
+        return (
+            estimate
+            if moved is None
+            else replace(estimate, status='inconsistent', warnings=(*estimate.warnings, moved))
+        )
+
+    def _moved(self, estimate: Estimate) -> str | None:
+        """Return by how much an estimate has moved, in words, if that is too far."""
+        if not self._earlier:
+            return None
+        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
+        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
+        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
+        if distance[place, which] < _FAR:
+            return None
+        return (
+            f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
+            f'{times[place]:.1f} s: one of the two is wrong'
+        )
+
+
+def is_usable(estimate: Estimate) -> bool:
+    """Tell whether an estimate says enough to compute with, at least in a plane.
+
+    That is a positive mass, two coordinates of the centre of mass and a moment of inertia.
+    """
+    mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
+    known = mass > 0.0 and np.sum(np.isfinite(com)) >= 2 and np.any(moments > 0.0)
+    return bool(known) and estimate.status != 'inconsistent'
+
+
+def is_complete(estimate: Estimate) -> bool:
+    """Tell whether all ten parameters of a link are known."""
+    return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))
+
+
+class InertiaPublication:
+    """The mass properties of estimates that follow each other."""
+
+    def __init__(self) -> None:
+        self._told = False  # whether the last ones can be used
+
+    def follow(self, estimate: Estimate) -> Estimate | None:
+        """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
+        before, self._told = self._told, is_usable(estimate)
+        if self._told:
+            return estimate
+        return replace(estimate, parameters=np.full(10, np.nan)) if before else None
+
+
+class DebrisPublication:
+    """The captured body alone, as estimates that follow each other have it."""
+
+    def __init__(self) -> None:
+        self._told: Debris | None = None
+
+    def follow(self, found: Debris | None) -> Debris | None:
+        """Return the next one, without numbers where it is not determined any more; None where that is known."""
+        before, self._told = self._told, found
+        if found is None and before is not None:
+            return replace(before, parameters=np.full(10, np.nan), covariance=np.full((10, 10), np.nan))
+        return found

@@ -1,0 +1,191 @@
+"""The verdict on a run: whether a physical hypothesis explains the data, and if not, what the likeliest causes are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.results.innovations import SENSORS, Innovations, seen_in
+from mbaid_ros.core.results.innovations import cause as correlated_cause
+from mbaid_ros.core.results.variance_components import Distance
+from mbaid_ros.core.samples import Samples
+
+# Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
+LARGEST_NIS = 1.5
+# Standard deviations from which what the innovations show is no accident: one in a billion.
+_SIGNIFICANT = 6.0
+# Correlation of neighbouring windows from which the noise is not white enough for the intervals.
+_LARGEST_CORRELATION = 0.25
+# What is declared of a thing has to be wrong where neither it nor twice as much would have the data see it so far off
+# by these chances; and from that chance on it is a cause, if anything is wrong.
+_NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
+
+MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may be wrong, and how much likelier the data would be if it were right (log-likelihood)."""
+
+    text: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a run says of its model.
+
+    Attributes
+    ----------
+    nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
+    innovations : by sensor, and from window to window
+    distances : by what is declared, in words, how far off the data see it beside its prior; where a walk is reported,
+        those of the hypothesis that nothing drifts
+    jumps : of the momentum
+    unconfirmed : s, times of those that may be something else yet
+    hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
+    odometry_drifts : whether it lets the odometry wander
+    gain : log-likelihood of that hypothesis over the first
+    instead : what of the robot would explain most, in words, by being further off than declared if nothing acted, and
+        the log-likelihood gained by that
+    latest : the window that the run ends with
+    correlation_time : s, over which the errors of the base's poses are declared to be correlated
+    """
+
+    nis: float
+    innovations: Innovations
+    distances: Mapping[str, Distance]
+    jumps: int
+    unconfirmed: tuple[float, ...]
+    hypothesis: str
+    physical: bool
+    odometry_drifts: bool
+    gain: float
+    instead: tuple[str, float]
+    latest: Samples
+    correlation_time: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the model explains the data.
+
+    Attributes
+    ----------
+    adequate : whether it does
+    reasons : why not, one line each
+    causes : the likeliest first; also of a model that does, where something is suspicious
+    widening : factor for the covariance of what is published
+    """
+
+    adequate: bool
+    reasons: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    widening: float
+
+    def with_cause(self, cause: Cause) -> Verdict:
+        """Return the same with one more cause in its place, of which a reason tells; one that is there counts once."""
+        others = [each for each in self.causes if each.text != cause.text]
+        causes = tuple(sorted((*others, cause), key=lambda each: -each.gain))
+        return replace(self, causes=causes, reasons=(*self.reasons, cause.text))
+
+
+def judge(evidence: Evidence) -> Verdict:
+    """Return the verdict on a run."""
+    innovations, reasons = evidence.innovations, []
+    if evidence.nis > LARGEST_NIS or evidence.jumps > MOST_JUMPS:
+        reasons.append(
+            f'the model does not explain the data: innovations {np.sqrt(evidence.nis):.1f} times the noise, '
+            f'{evidence.jumps} jumps of the momentum'
+        )
+    elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > _SIGNIFICANT)):
+        reasons.append('the noise of a sensor is not as declared')
+    if evidence.unconfirmed:
+        times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
+    if not evidence.physical:
+        reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
+    what, gain = evidence.instead
+    if evidence.hypothesis and evidence.physical and gain > evidence.gain:
+        reasons.append(
+            f'{evidence.hypothesis}, or what is declared of {what} is too certain: so far either explains the data'
+        )
+    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
+        innovations.correlation_significance > _SIGNIFICANT
+    )
+    if np.any(correlated):
+        reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
+    far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
+    if far:
+        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
+    return Verdict(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+
+
+def _too_far(distance: Distance) -> bool:
+    """Tell whether something is further off than declared, beyond doubt."""
+    square, twice, degrees = distance
+    if not degrees:
+        return False
+    return square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
+
+
+def _widening(evidence: Evidence) -> float:
+    """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
+
+    The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
+    r_k = r^k that is (1 + r) / (1 - r).
+    """
+    innovations = evidence.innovations
+    significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
+    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
+    correlation = min(max(correlation, 0.0), 0.9)
+    return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
+
+
+def _causes(evidence: Evidence) -> tuple[Cause, ...]:
+    """Return what may be wrong, the likeliest first."""
+    causes = [
+        Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
+        for what, (square, _, degrees) in evidence.distances.items()
+        if degrees and square > chi_square.limit(_RARELY, degrees)
+    ]
+    innovations = evidence.innovations
+    for place, sensor in enumerate(SENSORS):
+        ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
+        if innovations.ratio_significance[place] > _SIGNIFICANT:
+            gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
+            parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
+            causes.append(Cause(f'{parameter} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
+        correlation = float(innovations.correlation[place])
+        if innovations.correlation_significance[place] > _SIGNIFICANT:
+            relative = correlation / max(ratio, 1.0)
+            gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
+            causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
+    # Means of correlated noise are larger than declared, too.
+    of_noise = sum(cause.gain for cause in causes if cause.text.startswith('noise.base_'))
+    causes += _correlated(evidence, of_noise)
+    if evidence.hypothesis and evidence.physical:
+        causes.append(Cause(evidence.hypothesis, evidence.gain))
+    causes.sort(key=lambda cause: -cause.gain)
+    # A walk gains more than anything else could, and names nothing: it comes last.
+    walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
+    return (*causes, *walk)
+
+
+def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
+    """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    of_noise : gain of larger noise of the odometry, which this explains as well
+    """
+    if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
+        return []
+    time, gain = seen_in(evidence.latest)
+    if time == 0.0:
+        return []
+    return [Cause(correlated_cause(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]

@@ -1,0 +1,184 @@
+"""An orbit, and the frames that go round with it.
+
+The frame that falls along and does not turn has the axes that the frame of the odometry has at the epoch. Up is away
+from the centre; the orbit turns about its normal, at the mean motion where it is circular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, bracket, cross, exp, rotate_back, skew
+from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.model import Link, express
+from mbaid_ros.core.samples import Samples
+
+Frame = Literal['inertial', 'lvlh', 'hill']
+Turning = Literal['lvlh', 'hill']
+
+# Direction of up, and of the orbit's normal, in the frames that turn. CCSDS 500.0-G: LVLH has z down and y against the
+# normal; Hill's frame (RSW, RTN, QSW) has x up and z along the normal.
+_TURNING: dict[Turning, tuple[Array, Array]] = {
+    'lvlh': (np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])),
+    'hill': (np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
+}
+_NEWTON = 20  # steps, enough for an eccentricity of 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """An orbit of one body about another (Kepler).
+
+    Attributes
+    ----------
+    mean_motion : rad/s
+    up, normal : (3,) unit vectors at the epoch, in the frame that falls along
+    turning : whether the frame of the odometry turns with the orbit
+    eccentricity : 0 is a circle
+    anomaly : rad, true anomaly at the epoch: how far past the lowest point
+    """
+
+    mean_motion: float
+    up: Array
+    normal: Array
+    turning: bool
+    eccentricity: float = 0.0
+    anomaly: float = 0.0
+
+    @staticmethod
+    def turning_with(mean_motion: float, frame: Turning) -> Orbit:
+        """Return the orbit of a frame of the odometry that turns with it."""
+        return Orbit(mean_motion, *_TURNING[frame], turning=True)
+
+    @staticmethod
+    def inertial(mean_motion: float, nadir: Array, normal: Array) -> Orbit:
+        """Return the orbit of a frame that does not turn, with (3,) nadir and normal at the epoch in its axes.
+
+        What the nadir has along the normal is taken off.
+        """
+        across = normal / np.linalg.norm(normal)
+        down = nadir - (nadir @ across) * across
+        return Orbit(mean_motion, -down / np.linalg.norm(down), across, turning=False)
+
+    def eccentric(self, eccentricity: float, anomaly: float) -> Orbit:
+        """Return the same with an eccentricity below 1, at a true anomaly (rad) at the epoch."""
+        return replace(self, eccentricity=eccentricity, anomaly=anomaly)
+
+    def swept(self, time: Array) -> Array:
+        """Return the (N,) angles that the direction to the centre has turned by, rad, (N,) s after the epoch."""
+        passed, e = self.mean_motion * np.asarray(time), self.eccentricity
+        if e == 0.0:
+            return passed
+        ratio = np.sqrt((1.0 + e) / (1.0 - e))
+        begin = 2.0 * np.arctan2(np.sin(0.5 * self.anomaly), ratio * np.cos(0.5 * self.anomaly))
+        mean = begin - e * np.sin(begin) + passed
+        eccentric = mean + e * np.sin(mean)
+        for _ in range(_NEWTON):  # Kepler's equation
+            eccentric = eccentric - (eccentric - e * np.sin(eccentric) - mean) / (1.0 - e * np.cos(eccentric))
+        true = 2.0 * np.arctan2(ratio * np.sin(0.5 * eccentric), np.cos(0.5 * eccentric))
+        return np.asarray(true - self.anomaly)
+
+    def strength(self, time: Array) -> Array:
+        """Return the (N,) mu / r^3, 1/s^2, (N,) s after the epoch."""
+        return np.asarray(self.mean_motion**2 * self._nearness(time) ** 3)
+
+    def rate(self, time: Array) -> Array:
+        """Return the (N, 3) angular velocities of what turns with the orbit, rad/s, in the axes of either frame."""
+        pace = self.mean_motion * np.sqrt(1.0 - self.eccentricity**2) * self._nearness(time) ** 2
+        return np.asarray(pace[:, None] * self.normal)
+
+    def _nearness(self, time: Array) -> Array:
+        """Return the (N,) ratios of the semi-major axis to the distance from the centre."""
+        course = self.anomaly + self.swept(time)
+        return np.asarray((1.0 + self.eccentricity * np.cos(course)) / (1.0 - self.eccentricity**2))
+
+    def later(self, time: float) -> Orbit:
+        """Return the same orbit with the epoch at a time (s) of this one; a frame that turns is not asked for here."""
+        begin = np.array([time])
+        return replace(self, up=self.upward(begin)[0], anomaly=self.anomaly + float(self.swept(begin)[0]))
+
+    def turned(self, time: Array) -> Array:
+        """Return the (N, 3, 3) rotations from the turning frame's axes to inertial ones, (N,) s after the epoch."""
+        return exp(self.swept(time)[:, None] * self.normal)
+
+    def upward(self, time: Array) -> Array:
+        """Return the (N, 3) unit vectors away from the centre, inertial axes, (N,) s after the epoch."""
+        angle = self.swept(time)[:, None]
+        return np.asarray(np.cos(angle) * self.up + np.sin(angle) * cross(self.normal, self.up))
+
+    def gradient(self, time: Array) -> Array:
+        """Return the (N, 3, 3) gradients G of gravity, 1/s^2: at x from the origin a body falls by G x faster."""
+        up = self.upward(time)
+        return np.asarray(self.strength(time)[:, None, None] * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
+
+
+def orbit_fixed_frame(rate: float) -> str:
+    """Return that the odometry's frame turns at a rate, rad/s, as those of an orbit do."""
+    return f'looks like gravity gradient or an orbit-fixed frame at about {rate:.2g} rad/s: set orbit.mean_motion'
+
+
+OF_A_THRUSTER = 5  # numbers that say how it is off its command: scale, turn about three axes, delay
+
+
+def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base_position: Array) -> Array:
+    """Return how fast (P, L) about the frame's origin change by each body's standard parameters, (N, n + 1, 6, 10).
+
+    Parameters
+    ----------
+    orbit : Orbit
+    time : (N,) s after the epoch
+    configuration : of all bodies at N instants
+    base_position : (N, 3) m
+    """
+    rotation, place = configuration.rotation, base_position[:, None] + configuration.position
+    gradient, up = orbit.gradient(time)[:, None], orbit.upward(time)[:, None]
+    pull = (gradient @ place[..., None])[..., 0]
+    first = gradient @ rotation
+    seen = rotate_back(rotation, np.broadcast_to(up, place.shape))
+    rates = np.zeros((*place.shape[:2], 6, 10))
+    rates[..., :3, 0], rates[..., :3, 1:4] = pull, first
+    rates[..., 3:, 0] = cross(place, pull)
+    rates[..., 3:, 1:4] = skew(place) @ first - skew(pull) @ rotation
+    strength = orbit.strength(time)[:, None, None, None]
+    rates[..., 3:, 4:] = 3.0 * strength * (rotation @ (skew(seen) @ bracket(seen)))
+    return rates
+
+
+def about(brought: Array, position: Array, numbers: int = 10) -> Array:
+    """Return (N, 60 b) columns of (P, L) about the origin as (N, b, 6, 10) ones about (N, 3) points.
+
+    Of what each has another number of instead of ten standard parameters, likewise.
+    """
+    columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
+    if not columns.size:
+        return columns
+    columns[..., 3:, :] -= skew(position)[:, None] @ columns[..., :3, :]
+    return columns
+
+
+def of_link(columns: Array, link: Link) -> Array:
+    """Return the (N, 6, 10) columns of a link's standard parameters in its own frame, from those of all bodies."""
+    to_body = express(np.eye(10), link.rotation, link.position).T
+    return np.asarray(columns[:, link.body] @ to_body)
+
+
+def of_bodies(columns: Array, parameters: Array) -> Array:
+    """Return the (N, 6) sum over (n + 1, 10) standard parameters of all bodies, each in its own frame."""
+    return np.asarray(np.einsum('nbij,bj->ni', columns, parameters))
+
+
+def brought(samples: Samples, parameters: Array) -> Array:
+    """Return what thrust and orbit have changed (P, L) by until the last sample, (6,), about the odometry's origin.
+
+    Parameters
+    ----------
+    samples : Samples
+    parameters : (n + 1, 10) standard parameters of all bodies, each in its own frame
+    """
+    impulse = samples.impulse[-1]
+    if not samples.tide.shape[1]:
+        return impulse
+    return np.asarray(impulse + of_bodies(about(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])

@@ -1,0 +1,253 @@
+"""New numbers in a link's <inertial>, everything else of it as it was written."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec, vec
+from mbaid_ros.core.robot.model import RobotModel
+
+_COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
+_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Parts of a value's size that count as no change: what was written stays.
+_SAME = 1e-12
+
+
+def change_inertial(urdf: str, link: str, parameters: Array) -> str:
+    """Return a URDF in which one link has the given inertia, written into the attributes that were there.
+
+    Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is written anew.
+
+    Parameters
+    ----------
+    urdf : str
+        A robot description that `load_model` accepts.
+    link : str
+        Name of the link.
+    parameters : (10,) array
+        Mass, centre of mass in the link's frame, inertia about it in the link's axes: kg, m, kg m^2.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such link.
+    """
+    start, old = part_text(urdf, link)
+    new = _with_values(old, parameters)
+    return urdf[:start] + new + urdf[start + len(old) :] if new else replace_inertial(urdf, link, parameters)
+
+
+def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
+    """Return a URDF in which one joint's frame is elsewhere; its <axis> stays, in a frame that is turned.
+
+    Parameters
+    ----------
+    urdf : str
+        A robot description that `load_model` accepts.
+    joint : str
+        Name of the joint.
+    origin, tilt : (3,), (3,) arrays
+        Displacement of the frame (m) and rotation vector that turns it (rad), in that frame.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such joint.
+    """
+    if not (np.any(origin) or np.any(tilt)):
+        return urdf
+    start, old = part_text(urdf, joint, 'joint', 'origin')
+    written = [_value(old, 'origin', key) for key in ('xyz', 'rpy')]
+    xyz, rpy = (np.array([float(x) for x in each[2].split()]) if each else np.zeros(3) for each in written)
+    rotation = pinocchio.rpy.rpyToMatrix(*rpy)
+    place, turn = xyz + rotation @ origin, pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy
+    xyz_text, rpy_text = (' '.join(f'{value:.12g}' for value in each) for each in (place, turn))
+    return f'{urdf[:start]}<origin xyz="{xyz_text}" rpy="{rpy_text}"/>{urdf[start + len(old) :]}'
+
+
+def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
+    """Return a URDF of one robot with the joints' frames of another that differs from it in these."""
+    back = np.swapaxes(before.rotations, -1, -2)
+    origins, tilts = rotate(back, after.positions - before.positions), log(back @ after.rotations)
+    for name, origin, tilt in zip(before.joint_names, origins, tilts, strict=True):
+        if max(np.abs(origin).max(), np.abs(tilt).max()) > _SAME:
+            urdf = displace_joint(urdf, name, origin, tilt)
+    return urdf
+
+
+def _with_values(text: str, parameters: Array) -> str:
+    """Return an <inertial> with other values; empty where it lacks one."""
+    rpy = _value(text, 'origin', 'rpy')
+    values = [float(each) for each in rpy[2].split()] if rpy else [0.0, 0.0, 0.0]
+    rotation = pinocchio.rpy.rpyToMatrix(*values)
+    # In the axes that the <origin> turns to.
+    inertia = vec(rotation.T @ unvec(parameters[4:]) @ rotation)
+    size = float(np.sum(np.abs(inertia)))
+    changes = [('mass', 'value', parameters[:1], float(parameters[0])), ('origin', 'xyz', parameters[1:4], 1.0)]
+    changes += [('inertia', name, inertia[k : k + 1], size) for k, name in enumerate(_INERTIA)]
+    for tag, attribute, numbers, unit in changes:
+        place = _value(text, tag, attribute)
+        if place is None:
+            return ''
+        begin, end, old = place
+        text = text[:begin] + _written(numbers, old, unit) + text[end:]
+    return text
+
+
+def _value(text: str, tag: str, attribute: str) -> tuple[int, int, str] | None:
+    """Return where an attribute's value begins and ends, and the value; None where no such attribute is."""
+    bare = _COMMENT.sub(lambda found: ' ' * len(found[0]), text)
+    found = re.search(rf'<{tag}\s(?:[^>]*\s)?{attribute}\s*=\s*(["\'])(.*?)\1', bare, re.DOTALL)
+    return (found.start(2), found.end(2), found[2]) if found else None
+
+
+def _written(numbers: Array, old: str, size: float) -> str:
+    """Return an attribute's value with other numbers; those that are the same stay as they were written."""
+    new = iter(numbers.tolist())
+
+    def number(found: re.Match[str]) -> str:
+        value = next(new)
+        return found[0] if abs(value - float(found[0])) <= _SAME * size else f'{value:.10g}'
+
+    return re.sub(r'\S+', number, old)
+
+
+_INERTIAL = """\
+<inertial>
+  <origin xyz="{x} {y} {z}" rpy="0 0 0"/>
+  <mass value="{m}"/>
+  <inertia ixx="{ixx}" ixy="{ixy}" ixz="{ixz}" iyy="{iyy}" iyz="{iyz}" izz="{izz}"/>
+</inertial>"""
+
+
+def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
+    """Return a URDF in which one link has the given inertia.
+
+    Only the link's <inertial> is replaced (or added): comments, extensions and layout of the rest stay.
+
+    Parameters
+    ----------
+    urdf : str
+        A robot description that `load_model` accepts.
+    link : str
+        Name of the link.
+    parameters : (10,) array
+        Mass, centre of mass in the link's frame, inertia about it in the link's axes: kg, m, kg m^2.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such link.
+    """
+    document = urdf.encode()
+    place = _find(document, link, 'link', 'inertial')
+    names = ('m', 'x', 'y', 'z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    # repr is the shortest text that reads back as the same number.
+    element = _INERTIAL.format(**{name: repr(float(value)) for name, value in zip(names, parameters, strict=True)})
+    if place.part_end:
+        indent = _indent(document, place.part_start)
+        return _joined(document, place.part_start, element.replace('\n', '\n' + indent), place.part_end)
+    outer = _indent(document, place.start)
+    inner = outer + '  '
+    text = f'\n{inner}' + element.replace('\n', '\n' + inner)
+    if place.self_closing:  # <link name="x"/> has to be opened
+        slash = document.rindex(b'/', place.start, place.content)
+        return _joined(document, slash, f'>{text}\n{outer}</link>', place.content)
+    return _joined(document, place.content, text, place.content)
+
+
+def part_text(urdf: str, name: str, kind: str = 'link', part: str = 'inertial') -> tuple[int, str]:
+    """Return where in a URDF a link's <inertial>, or a joint's <origin>, begins, or could, and its text.
+
+    That is empty where the link or joint has none.
+
+    Raises
+    ------
+    ModelError
+        The document is not XML or has no such link or joint.
+    """
+    document = urdf.encode()
+    place = _find(document, name, kind, part)
+    start = place.part_start if place.part_end else place.content
+    text = document[start : place.part_end].decode() if place.part_end else ''
+    return len(document[:start].decode()), text
+
+
+def _joined(document: bytes, start: int, text: str, end: int) -> str:
+    return (document[:start] + text.encode() + document[end:]).decode()
+
+
+def _indent(document: bytes, position: int) -> str:
+    """Return the white space that a line begins with, if nothing else stands before the position."""
+    before = document[document.rfind(b'\n', 0, position) + 1 : position].decode()
+    return before if not before.strip() else ''
+
+
+@dataclass
+class _Place:
+    """Byte offsets of a link and of its <inertial>, or of a joint and its <origin>; an end of 0 is not found."""
+
+    start: int = 0  # of <link ...> or <joint ...>
+    content: int = 0  # behind it
+    end: int = 0  # behind </link> or </joint>
+    self_closing: bool = False
+    part_start: int = 0
+    part_end: int = 0
+    path: list[str] = field(default_factory=list)
+
+
+def _find(document: bytes, name: str, kind: str, part: str) -> _Place:
+    """Return where a link and its <inertial> stand, or a joint and its <origin>."""
+    place = _Place()
+    # The text is Unicode already: what its XML declaration says about an encoding no longer holds.
+    parser = expat.ParserCreate('utf-8')
+
+    def inside() -> bool:
+        return bool(place.content) and not place.end
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        place.path.append(tag)
+        if place.path == ['robot', kind] and attributes.get('name') == name and not place.content:
+            place.start = parser.CurrentByteIndex
+            place.content = _end_of_tag(document, place.start)
+            place.self_closing = document[place.content - 2 : place.content] == b'/>'
+        elif place.path == ['robot', kind, part] and inside() and not place.part_end:
+            place.part_start = parser.CurrentByteIndex
+
+    def end(_tag: str) -> None:
+        if place.path == ['robot', kind, part] and inside() and not place.part_end:
+            opened = _end_of_tag(document, place.part_start)
+            empty = document[opened - 2 : opened] == b'/>'
+            place.part_end = opened if empty else _end_of_tag(document, parser.CurrentByteIndex)
+        elif place.path == ['robot', kind] and inside():
+            place.end = parser.CurrentByteIndex
+        place.path.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(document, True)  # noqa: FBT003 - expat's own signature
+    except expat.ExpatError as error:
+        raise ModelError(f'the robot description is not valid XML: {error}') from error
+    if not place.content:
+        raise ModelError(f"{kind} '{name}' is not in the robot description")
+    return place
+
+
+def _end_of_tag(document: bytes, start: int) -> int:
+    """Return the offset behind the tag that begins at `start`; a quoted value may hold a '>'."""
+    quote = 0
+    for position in range(start, len(document)):
+        char = document[position]
+        if quote:
+            quote = 0 if char == quote else quote
+        elif char in b'"\'':
+            quote = char
+        elif char == ord('>'):
+            return position + 1
+    return len(document)

@@ -1,0 +1,1 @@
+"""From readings to synchronised samples: streams, frames, noise, outliers."""

@@ -1,0 +1,185 @@
+"""The angular velocity that an IMU measures, preintegrated: how far it has turned between any two instants.
+
+The integral of a rate in axes that turn along is no rotation; but it is linear in what the gyro reads, so that bias and
+scale stay bias and scale in it, and its differences are exact means of the rate, whatever the rates of gyro and joints.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags, cross, exp
+from mbaid_ros.core.samples import BaseStream, ImuStream, Stamps
+from mbaid_ros.core.sensors.base import orientation_only
+
+IMU_OUT_OF_ORDER = 'IMU: stamp not after the one before'
+SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
+
+LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
+# Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
+# end.
+_STUCK, _FAST = 8, 0.5
+_NOWHERE = -1  # place of what has not been found
+
+
+class Gyro:
+    """Adds up what a gyro measures; the result does not depend on how the stream is cut into pieces.
+
+    Parameters
+    ----------
+    maximum_gap : ns, longest time between two measurements that is interpolated
+    largest : rad/s, range of the gyro; 0 where it is not known
+    on_base : whether it turns as the base does; else joints are between
+
+    Attributes
+    ----------
+    newest : ns, stamp of the latest measurement; None before the first
+    dropped : measurements that were not used, by cause
+    """
+
+    def __init__(self, maximum_gap: int, largest: float = 0.0, *, on_base: bool = True) -> None:
+        self.on_base = on_base
+        self._maximum_gap = maximum_gap
+        self._largest = largest
+        self._kept: tuple[Stamps, Array, Array, Stamps] = _nothing()  # stamps, rates, integrals, parts without a gap
+        self._parts = 0  # so far
+        self._sampled = _NOWHERE  # in which of them the last sample was
+        self._last: Array = np.full(3, np.nan)  # reading
+        self._alike = np.zeros(3, dtype=np.int64)  # readings in a row that were the same as this, by axis
+        self.newest: int | None = None
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: ImuStream | None) -> None:
+        """Take measurements in the order of their stamps."""
+        if stream is None or not len(stream.stamp):
+            return
+        first = np.iinfo(np.int64).min if self.newest is None else self.newest
+        before = np.maximum.accumulate(np.concatenate(([first], stream.stamp[:-1])))
+        later = stream.stamp > before
+        self.newest = max(int(before[-1]), int(stream.stamp[-1]))
+        self.dropped[IMU_OUT_OF_ORDER] += int(np.sum(~later))
+        stream = stream[later]
+        lost = self._at_the_end(stream.angular_velocity)
+        self.dropped[SATURATED] += int(np.sum(lost))
+        if len(stream.stamp):
+            self._add_up(stream, lost)
+            self.forget_before(np.iinfo(np.int64).min)
+
+    def sampled(self, stamps: Stamps) -> Array:
+        """Return the integral at the instants of samples, in order, (N, 3) rad.
+
+        It is NaN in a gap, and where there is none in it, at the first sample after: no difference is taken across.
+        """
+        turned, part = self.at(stamps)
+        if not len(stamps):
+            return turned
+        earlier = np.concatenate(([self._sampled], part[:-1]))
+        self._sampled = int(part[-1])
+        across = (part != earlier) & (earlier != _NOWHERE)
+        return np.where(across[:, None], np.nan, turned)
+
+    def at(self, stamps: Stamps) -> tuple[Array, Stamps]:
+        """Return the integral at instants (N, 3), rad, and in which part without a gap each is; NaN, -1 in a gap."""
+        known, rate, turned, parts = self._kept
+        if not len(known):
+            return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
+        right = np.minimum(np.searchsorted(known, stamps, side='left'), len(known) - 1)
+        left = np.where(known[right] == stamps, right, np.maximum(right - 1, 0))
+        length, since = (known[right] - known[left]) * 1e-9, (stamps - known[left]) * 1e-9
+        slope = (rate[right] - rate[left]) / np.where(length > 0.0, length, 1.0)[:, None]
+        value = turned[left] + since[:, None] * (rate[left] + 0.5 * since[:, None] * slope)
+        inside = (stamps >= known[0]) & (stamps <= known[-1]) & (parts[left] == parts[right])
+        return np.where(inside[:, None], value, np.nan), np.where(inside, parts[left], _NOWHERE)
+
+    def forget_before(self, stamp: int) -> None:
+        """Forget what no instant from a stamp on needs."""
+        known = self._kept[0]
+        surplus = int(np.searchsorted(known, stamp, side='right')) - 1
+        surplus = min(max(surplus, len(known) - LARGEST_BACKLOG), len(known) - 1)  # what comes is added to the last
+        if surplus > 0:
+            stamps, rate, turned, parts = self._kept
+            self._kept = stamps[surplus:], rate[surplus:], turned[surplus:], parts[surplus:]
+
+    def _add_up(self, stream: ImuStream, lost: Flags) -> None:
+        """Add measurements; from one to the next the rate changes evenly. Those that are lost make a gap."""
+        good = ~lost
+        if not np.any(good):
+            self._parts += 1
+            return
+        stamp, rate = stream.stamp[good], stream.angular_velocity[good]
+        breaks = np.cumsum(lost)[good]
+        gap = np.diff(breaks, prepend=0) > 0
+        old = tuple(values[-1:] for values in self._kept)
+        if len(old[0]):
+            apart = np.diff(np.concatenate((old[0], stamp)))
+            steps = 0.5e-9 * apart[:, None] * (np.concatenate((old[1], rate[:-1])) + rate)
+            gap |= apart > self._maximum_gap
+            # One after the other, from where it was: the same sums however the stream is cut.
+            turned = np.cumsum(np.concatenate((old[2], steps)), axis=0)[1:]
+        else:
+            apart = np.diff(stamp)
+            gap[1:] |= apart > self._maximum_gap
+            steps = 0.5e-9 * apart[:, None] * (rate[:-1] + rate[1:])
+            turned = np.cumsum(np.concatenate((np.zeros((1, 3)), steps)), axis=0)
+        parts = self._parts + np.cumsum(gap)
+        # Lost ones after the last good one part it from what will come.
+        self._parts = int(parts[-1]) + int(bool(lost[-1]))
+        kept = zip(self._kept, (stamp, rate, turned, parts), strict=True)
+        stamps, rates, sums, numbers = (np.concatenate(pair) for pair in kept)
+        self._kept = stamps, rates, sums, numbers
+
+    def _at_the_end(self, rate: Array) -> Flags:
+        """Return which readings are at the end of the gyro's range, (N,): how fast it turned then nobody knows."""
+        if self._largest > 0.0:
+            return np.asarray(np.any(np.abs(rate) >= self._largest * (1.0 - 1e-6), axis=1))
+        same = rate == np.concatenate((self._last[None], rate[:-1]))
+        place = np.arange(len(rate))[:, None]
+        # Readings since the last change, those of earlier calls among them.
+        changed = np.maximum.accumulate(np.where(same, -1, place), axis=0)
+        alike = np.where(changed < 0, self._alike + place + 1, place - changed)
+        if len(rate):
+            self._last, self._alike = rate[-1], alike[-1]
+        return np.asarray(np.any((alike >= _STUCK - 1) & (np.abs(rate) > _FAST), axis=1))
+
+
+def _nothing() -> tuple[Stamps, Array, Array, Stamps]:
+    none = np.zeros(0, dtype=np.int64)
+    return none, np.zeros((0, 3)), np.zeros((0, 3)), none
+
+
+_ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
+
+
+class DeadReckoning:
+    """Turns along; the result does not depend on how the stream is cut into pieces."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, Array, Array] | None = None  # stamp, rate, orientation
+        self._count = 0
+
+    def push(self, imu: ImuStream | None) -> BaseStream | None:
+        """Take measurements in the order of their stamps, and return the base's at each, in space without a place."""
+        if imu is None or not len(imu.stamp):
+            return None
+        rotations = []
+        for stamp, rate in zip(imu.stamp.tolist(), imu.angular_velocity, strict=True):
+            rotations.append(self._turned(stamp, rate))
+        return orientation_only(imu.stamp, np.array(rotations))
+
+    def _turned(self, stamp: int, rate: Array) -> Array:
+        """Return the orientation at the next measurement: with a rate that changes evenly, to fourth order."""
+        if self._last is None:
+            rotation: Array = np.eye(3)
+        else:
+            before, first, start = self._last
+            step = 1e-9 * (stamp - before)
+            turn = 0.5 * step * (first + rate) + step**2 / 12.0 * cross(first, rate)
+            rotation = start @ exp(turn)
+            self._count += 1
+            if self._count % _ONCE_MORE == 0:
+                left, _, right = np.linalg.svd(rotation)
+                rotation = left @ right
+        self._last = stamp, rate, rotation
+        return rotation

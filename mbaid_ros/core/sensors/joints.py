@@ -1,0 +1,217 @@
+"""Joint measurements from messages that each hold all joints, or only some: to one stream of all.
+
+Publishers that each know a part of the joints stamp their messages at different times. The messages that hold the first
+joints set the stamps; the others are interpolated to them, over no gap longer than is allowed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import JointStream, Stamps
+from mbaid_ros.core.sensors.streams import Reorder
+from mbaid_ros.core.sensors.synchroniser import LARGEST_BACKLOG
+
+NO_PARTNER = 'no message with the other joints around the stamp'
+PARTNER_GAP = 'gap in the messages with the other joints'
+OFTEN = 'more often than the messages with the other joints'
+REDUNDANT = 'joints that other messages hold, too'
+
+Joints = tuple[int, ...]  # indices in the model
+
+
+class _Part:
+    """The measurements of some joints: in order, angles without jumps of a turn."""
+
+    def __init__(self, joints: Joints, turning: npt.NDArray[np.bool_], reorder_limit: int) -> None:
+        self.joints = np.array(joints, dtype=np.intp)
+        self.reorder = Reorder[JointStream](reorder_limit)
+        self._turning = turning[self.joints]
+        self._last: Array | None = None
+        self._turns = np.zeros(len(joints))
+        self.waiting: JointStream | None = None
+        self.own: list[int] = []  # columns of the joints that this part is asked for
+
+    def push(self, stream: JointStream) -> JointStream | None:
+        """Return the measurements that are in order now, unwrapped."""
+        ordered = self.reorder.push(stream)
+        if ordered is None:
+            return None
+        before = ordered.position[:1] if self._last is None else self._last[None]
+        self._last = ordered.position[-1].copy()
+        # Whole turns are counted, not angles added up: the count is exact however the stream is cut.
+        steps = np.round(np.diff(ordered.position, axis=0, prepend=before) / (2.0 * np.pi))
+        turns = self._turns - np.cumsum(np.where(self._turning, steps, 0.0), axis=0)
+        self._turns = turns[-1]
+        return JointStream(ordered.stamp, ordered.position + 2.0 * np.pi * turns, ordered.velocity)
+
+
+class JointMerge:
+    """Turns what each kind of message holds into one stream of all joints.
+
+    Parameters
+    ----------
+    turning : (n,) True for joints that turn
+    maximum_gap, reorder_limit : ns, longest interpolated interval, and longest wait for late messages
+    beside : how many of the n, the last ones, are no joints: they never set the stamps, and may come less often
+
+    Attributes
+    ----------
+    dropped : measurements that were not used, by cause
+    """
+
+    def __init__(self, turning: npt.NDArray[np.bool_], maximum_gap: int, reorder_limit: int, beside: int = 0) -> None:
+        self._turning = turning
+        self._joints = len(turning) - beside
+        self._maximum_gap = maximum_gap
+        self._reorder_limit = reorder_limit
+        self._whole = _Part(tuple(range(len(turning))), turning, reorder_limit)
+        self._parts: dict[Joints, _Part] = {}
+        self._used: list[int] | None = None
+        self._own: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Measurements that were not used, by cause."""
+        return sum((part.reorder.dropped for part in self._all()), self._own)
+
+    @property
+    def hold(self) -> int:
+        """Longest time that measurements are held back now, ns."""
+        return max(part.reorder.hold for part in self._all())
+
+    @property
+    def partial(self) -> bool:
+        """Whether the joints come in parts."""
+        return bool(self._parts)
+
+    @property
+    def missing(self) -> Joints:
+        """Joints that no message has held."""
+        seen = {int(joint) for part in self._parts.values() for joint in part.joints}
+        return tuple(joint for joint in range(len(self._turning)) if joint not in seen)
+
+    @property
+    def newest(self) -> dict[Joints, int]:
+        """Latest stamp (ns) of each kind of message that holds a part."""
+        return {
+            joints: int(part.waiting.stamp[-1])
+            for joints, part in self._parts.items()
+            if part.waiting is not None and len(part.waiting.stamp)
+        }
+
+    def push(self, streams: dict[Joints, JointStream]) -> JointStream | None:
+        """Take measurements by the joints they hold, in the order of arrival; return those of all joints."""
+        whole = streams.get(tuple(range(len(self._turning))))
+        for joints, stream in streams.items():
+            if stream is not whole:
+                self._take(joints, stream)
+        merged = self._merge() if self._parts and not self.missing else None
+        complete = self._whole.push(whole) if whole is not None else None
+        if merged is None or complete is None:
+            return merged if complete is None else complete
+        return JointStream.concatenate((merged, complete))
+
+    def _all(self) -> list[_Part]:
+        return [self._whole, *self._parts.values()]
+
+    def _take(self, joints: Joints, stream: JointStream) -> None:
+        if joints not in self._parts:
+            new = [joint for joint in self.missing if joint in joints]
+            if not new:
+                self._own[REDUNDANT] += len(stream.stamp)
+                return
+            part = self._parts[joints] = _Part(joints, self._turning, self._reorder_limit)
+            part.own = [joints.index(joint) for joint in new]
+        part = self._parts[joints]
+        ordered = part.push(stream)
+        if ordered is None:
+            return
+        part.waiting = ordered if part.waiting is None else ordered.concatenate((part.waiting, ordered))
+        excess = len(part.waiting.stamp) - LARGEST_BACKLOG
+        if excess > 0:
+            self._own[NO_PARTNER] += excess
+            part.waiting = part.waiting[excess:]
+
+    def _merge(self) -> JointStream | None:
+        """Return the measurements at the first part's stamps around which every other part has some."""
+        leader, *others = sorted(self._parts.values(), key=self._is_beside)
+        streams = [part.waiting for part in others]
+        if leader.waiting is None or not len(leader.waiting.stamp):
+            return None
+        ready = len(leader.waiting.stamp)
+        for stream in streams:
+            if stream is None or not len(stream.stamp):
+                return None
+            ready = min(ready, int(np.searchsorted(leader.waiting.stamp, stream.stamp[-1], side='right')))
+        lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
+        once = [not self._is_beside(part) for part in others]
+        stamps = [stream.stamp for stream in streams if stream is not None]
+        chosen = lead.stamp[self._usable(lead.stamp, stamps, once)]
+        merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
+        for part in others:
+            if part.waiting is not None:
+                pending = leader.waiting.stamp[0] if len(leader.waiting.stamp) else part.waiting.stamp[-1]
+                first = max(int(np.searchsorted(part.waiting.stamp, pending, side='right')) - 1, 0)
+                part.waiting = part.waiting[first:]
+        return merged
+
+    def _is_beside(self, part: _Part) -> bool:
+        """Tell whether a part holds no joint."""
+        return bool(np.all(part.joints[part.own] >= self._joints))
+
+    def _usable(self, stamps: Stamps, others: list[Stamps], once: list[bool]) -> npt.NDArray[np.bool_]:
+        """Return which stamps every other part brackets closely, joints each time with a message not used before.
+
+        Otherwise the same error of one message would count as that of many.
+        """
+        right = [np.searchsorted(other, stamps, side='left') for other in others]
+        exact = [other[place] == stamps for other, place in zip(others, right, strict=True)]
+        left = [np.where(same, place, place - 1) for same, place in zip(exact, right, strict=True)]
+        early = np.any([place < 0 for place in left], axis=0)
+        gaps = [other[end] - other[np.maximum(start, 0)] for other, end, start in zip(others, right, left, strict=True)]
+        apart = ~early & (np.max(gaps, axis=0) > self._maximum_gap)
+        self._own[NO_PARTNER] += int(np.sum(early))
+        self._own[PARTNER_GAP] += int(np.sum(apart))
+        usable: npt.NDArray[np.bool_] = ~early & ~apart
+        for index in np.flatnonzero(usable):
+            used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]
+            if self._used is not None and any(now <= before for now, before in zip(used, self._used, strict=True)):
+                usable[index] = False
+                self._own[OFTEN] += 1
+            else:
+                self._used = used
+        return usable
+
+    def _interpolated(self, lead: JointStream, leader: _Part, others: list[_Part]) -> JointStream:
+        count = len(self._turning)
+        position, velocity = np.empty((len(lead.stamp), count)), np.empty((len(lead.stamp), count))
+        position[:, leader.joints[leader.own]] = lead.position[:, leader.own]
+        velocity[:, leader.joints[leader.own]] = lead.velocity[:, leader.own]
+        for part in others:
+            if part.waiting is not None:
+                at, rate = interpolate(part.waiting, lead.stamp)
+                position[:, part.joints[part.own]], velocity[:, part.joints[part.own]] = (
+                    at[:, part.own],
+                    rate[:, part.own],
+                )
+        return JointStream(lead.stamp, position, velocity)
+
+
+def interpolate(stream: JointStream, stamps: Stamps) -> tuple[Array, Array]:
+    """Return positions and velocities at stamps within a stream: cubic with the velocities at both ends, else even."""
+    right = np.searchsorted(stream.stamp, stamps, side='left')
+    left = np.where(stream.stamp[right] == stamps, right, right - 1)
+    length = (stream.stamp[right] - stream.stamp[left])[:, None] * 1e-9
+    s = (stamps - stream.stamp[left])[:, None] * 1e-9 / np.where(length > 0.0, length, 1.0)
+    start, end = stream.position[left], stream.position[right]
+    even = (end - start) / np.where(length > 0.0, length, np.inf)
+    rates = stream.velocity[left], stream.velocity[right]
+    slopes = [np.where(np.isfinite(rate), rate, even) for rate in rates]
+    bend = s * (1.0 - s) ** 2 * slopes[0] - s * s * (1.0 - s) * slopes[1]
+    position = start + s * s * (3.0 - 2.0 * s) * (end - start) + length * bend
+    return position, rates[0] + s * (rates[1] - rates[0])

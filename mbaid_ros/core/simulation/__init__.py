@@ -1,1 +1,0 @@
-"""A free-floating robot in motion, and what its sensors read."""

@@ -1,1 +1,0 @@
-"""The square-root information filter, one belief a hypothesis."""

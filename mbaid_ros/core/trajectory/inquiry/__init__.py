@@ -1,1 +1,0 @@
-"""What may be wrong with a run that contradicts its model."""

@@ -1,1 +1,0 @@
-"""What conservation predicts of a window, linearised and whitened."""

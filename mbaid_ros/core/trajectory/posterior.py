@@ -1,0 +1,163 @@
+"""What a run has come to know by its end, as a motion to come is planned from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.state import LINEAR, Layout, Point
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.filter.window import window_noises
+from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+
+FIRST = LINEAR.start  # the pose error before it begins anew with every motion
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """How the sensors read, as they did last.
+
+    Attributes
+    ----------
+    rate : samples a second
+    joint_position : one standard deviation of a sample, rad or m
+    pose, twist : (6, 6) covariances of a sample as in `WindowNoise`; NaN twist where it is not measured
+    """
+
+    rate: float
+    joint_position: float
+    pose: Array
+    twist: Array
+
+    @property
+    def measures_twist(self) -> bool:
+        """Whether the base's twist is measured, beside its pose."""
+        return bool(np.all(np.isfinite(self.twist)))
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """The last sample of a run, and how its sensors read.
+
+    Attributes
+    ----------
+    sensing : Sensing
+    time : s since the run's first sample
+    joint_position, joint_velocity : (n,) as read
+    stored : (c,) readings of what stores momentum inside bodies
+    base_rotation, base_position : (3, 3), (3,) m, of the base, from the run's origin
+    origin : (3,) m, the run's, in the odometry frame
+    brought : (6,) what thrust and orbit have changed the momentum by since the run began, L about its origin
+    normal : (3,) of the plane of a planar motion, odometry axes; None in space
+    """
+
+    sensing: Sensing
+    time: float
+    joint_position: Array
+    joint_velocity: Array
+    stored: Array
+    base_rotation: Array
+    base_position: Array
+    origin: Array
+    brought: Array
+    normal: Array | None = None
+
+    @staticmethod
+    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
+        """Return the end of a run by its last window, of a length in s; origin (3,) m, normal (3,) of planar motion."""
+        of_means = window_noises([window[-1:]], noise)[0]
+        twist = np.full((6, 6), np.nan) if window.missing_rates[1] else of_means.twist
+        joint_position = noise.found_in(window).joint_position
+        sensing = Sensing(len(window) / length, joint_position, of_means.pose, twist)
+        if window.missing_rates[0] and len(window) >= FEWEST:
+            window = with_rates(window)
+        return End(
+            sensing,
+            float(window.time[-1]),
+            window.joint_position[-1],
+            np.nan_to_num(window.joint_velocity[-1]),
+            window.stored[-1],
+            window.base_rotation[-1],
+            window.base_position[-1] - origin,
+            origin,
+            np.zeros(6),
+            normal,
+        )
+
+    def after(self, brought: Array) -> End:
+        """Return it with what thrust and orbit have brought, (6,), L about the odometry's origin."""
+        moved = brought.copy()
+        moved[3:] -= cross(self.origin, brought[:3])
+        return replace(self, brought=moved)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The trajectory filter's state at the end of a run.
+
+    Attributes
+    ----------
+    layout, variables : what the state is made of
+    hypothesis : of what acts or drifts, the best one
+    mean : (s,) of the state
+    triangle : (s - 6, s - 6) upper T with T^T T the covariance of the state without the pose error
+    end : End
+    """
+
+    layout: Layout
+    variables: Variables
+    hypothesis: Hypothesis
+    mean: Array
+    triangle: Array
+    end: End
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations of the state, (s,); zero for the pose error."""
+        own = np.sqrt(np.add.reduce(self.triangle**2, axis=0))
+        return np.concatenate((np.zeros(FIRST), own))
+
+    @property
+    def state(self) -> Array:
+        """The mean with the momentum as it is now, (s,)."""
+        state = self.mean.copy()
+        state[LINEAR.start : LINEAR.start + 6] += self.end.brought
+        return state
+
+    @property
+    def point(self) -> Point:
+        """Where motions to come are linearised."""
+        return self.layout.point(self.state, self.deviation)
+
+    def drawn(self, count: int, seed: int) -> list[Point]:
+        """Return points of states that may as well be, each with its mirror image; `count` of them.
+
+        Numbers of which hardly anything is known are kept within three times what the mean has, and bodies positive.
+        """
+        generator = np.random.default_rng(seed)
+        half = generator.standard_normal((-(-count // 2), len(self.triangle)))
+        away = np.concatenate((half, -half))[:count] @ self.triangle
+        mean, points = self.state, []
+        mass = LINEAR.start + 6
+        for each in away:
+            state = mean.copy()
+            # A mass far below what is likely moves the base as no body does that the data speak for.
+            least = 0.5 * abs(mean[mass])
+            part = min(1.0, least / max(least, -each[mass - FIRST])) if mean[mass] > 0.0 else 0.0
+            state[FIRST:] += part * each
+            points.append(self.layout.point(state, self.deviation))
+        return points
+
+
+def posterior(layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance, end: End) -> Posterior:
+    """Return what a run has come to know, of the moments of its state: as it is published."""
+    variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
+    outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
+    mean[rows], own = moments.published(moments.sizes(layout), layout, rows)
+    triangle = np.asarray(np.linalg.qr(np.concatenate((own, outside[rows]), axis=1).T, mode='r'))
+    return Posterior(layout, variables, hypothesis, mean, triangle, end)

@@ -1,0 +1,246 @@
+"""What has happened in a run, as events: forces, jumps of the momentum, a target that has changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.filter.bank import HypothesisFilter
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.core.results.estimate import (
+    PULSE,
+    SYMPTOM,
+    Estimate,
+    Event,
+    Thruster,
+    changed_by,
+    constant_force,
+)
+from mbaid_ros.core.results.reporting import Instant, Solution
+from mbaid_ros.core.results.verdict import MOST_JUMPS, Verdict
+from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.environment import Thrusters
+from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.sensors import TimeOffset
+
+_NOTHING = 1e-6  # chance that noise looks like a constant force as large: of one that is less sure nothing is told
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre is a quotient that can be compared
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedTarget:
+    """A target that has changed in a run.
+
+    Attributes
+    ----------
+    time : s since the first sample
+    text : what has happened, in words
+    exchanged : whether it is another body, not the same elsewhere
+    before : state until then; None where it was not known
+    """
+
+    time: float
+    text: str
+    exchanged: bool
+    before: MeanAndCovariance | None
+
+    def event(self, after: MeanAndCovariance | None) -> Event:
+        """Return it as an event, with how much mass and centre of mass have changed, where that is known now."""
+        text = self.text
+        if self.before is not None and after is not None and _known(self.before) and _known(after):
+            then, now = self.before.mean[BODY], after.mean[BODY]
+            heavier = float(now[0] - then[0]) if self.exchanged else None
+            text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
+        return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
+
+
+def _known(moments: MeanAndCovariance) -> bool:
+    """Tell whether the target's mass is known well enough to say where its centre is."""
+    return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
+
+
+def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
+    """Return the constant force and torque (6,), if there is one and it is not nothing."""
+    axes = track.hypothesis.force
+    if axes == 'none':
+        return ()
+    value, factor = moments.force, moments.force_factor
+    significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
+    if significance < chi_square.limit(_NOTHING, len(value)):
+        return ()
+    return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
+
+
+def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
+    """Return the jumps of the momentum: what is known of it later less what was before, without a constant force.
+
+    Parameters
+    ----------
+    track, moments : the best hypothesis and its moments at present
+    origin : (3,) m, of the run, in the odometry frame
+    """
+    levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
+    found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
+    for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
+        change = after - jump.before - moments.by_force(pushed - jump.pushed)
+        angular = change[3:] + cross(origin, change[:3])
+        found.append(Event(jump.time, 'step', change[:3], angular, cause))
+    return tuple(found)
+
+
+# Of a variance, by which a difference of shares may be below zero: more says that large numbers have cancelled.
+_ROUNDING = 1e-3
+
+
+def error_budget(
+    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors
+) -> ErrorBudget:
+    """Return the budget of the ten parameters: what no prior contributes is sensor noise. NaN where it is not known.
+
+    Parameters
+    ----------
+    moments, layout : of the filter
+    uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
+    sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
+    """
+    variables = moments.variables
+    jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
+    own = jacobian @ moments.amplification(part, BODY_PLACES) @ part
+    errors = moments.contributions(own, layout).T * sizes.each
+    squares = errors**2
+    given = []
+    if uncertainty.target.given:
+        given.append(('target prior', variables.body))
+    if uncertainty.linear_momentum > 0.0:
+        given.append(('momentum prior', slice(variables.poses, variables.head)))
+    priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
+    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
+    noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
+    # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
+    noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
+    parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
+    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        shares = parts / parts.sum(axis=1, keepdims=True)
+    unchecked = np.zeros(shares.shape, dtype=bool)
+    declared = slice(1, 1 + len(layout.causes))
+    unchecked[:, declared] = shares[:, declared] > _seen(errors, sizes.covariance, layout)
+    return ErrorBudget(names, shares, unchecked)
+
+
+def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
+    """Return (m, c) which part of each cause's prior variance the data take off, in the direction that matters.
+
+    An estimate errs by k sqrt(share) standard deviations if what is declared is k of its own off in that direction, and
+    the data see k^2 times this part of that, as a chi-square: where the part is less than the share the estimate is far
+    off before the data say so.
+
+    Parameters
+    ----------
+    errors : (m, e) of estimates, for each of the unknowns' independent numbers that is one off
+    covariance : (e, e) of these numbers, of unit variance beforehand
+    layout : of the filter
+    """
+    within = layout.alike * covariance  # of numbers of the same cause
+    left = ((errors @ within) * errors) @ layout.belongs
+    return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
+
+
+def _of_a_prior(own: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
+    """Return the part (m,) of variances that comes from the prior of some variables, independent of all others.
+
+    In units of its own square root the prior is of unit variance.
+    """
+    gather = variables.gather[which]
+    root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
+    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(own)[which]) ** 2, axis=0))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Solution of the best hypothesis, and what its run says beside it.
+
+    Attributes
+    ----------
+    mean : of the state
+    solution : body and momentum, as they are reported
+    instant : when
+    hypothesis : the best one
+    judgement : of the run
+    events : what has acted or changed
+    budget : parts of the variance
+    thrusters : how far they are off their commands
+    delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
+    warnings : of the run, and of declarations that are too small
+    """
+
+    mean: Array
+    solution: Solution
+    instant: Instant
+    hypothesis: Hypothesis
+    judgement: Verdict
+    events: tuple[Event, ...]
+    budget: ErrorBudget
+    thrusters: tuple[Thruster, ...]
+    delay: tuple[float, float]
+    warnings: tuple[str, ...]
+
+    def judged(self, estimate: Estimate) -> Estimate:
+        """Return the estimate of this solution with what its run says against it."""
+        judgement = self.judgement
+        warnings = [*estimate.warnings, *self.warnings]
+        if self.hypothesis.disturbed and self.hypothesis.physical:
+            warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
+        known = estimate.status != 'not_identifiable'
+        shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
+        return replace(
+            replace(estimate, warnings=tuple(warnings)).contradicted_by(judgement.reasons),
+            stage='trajectory',
+            budget=replace(self.budget, shares=shares) if known else None,
+            causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
+            events=self.events,
+            thrusters=self.thrusters,
+            time_offset=self.delay[0],
+            time_offset_std=self.delay[1],
+        )
+
+
+def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
+    """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, TimeOffset):
+            value = unknown.factor @ moments.mean[place]
+            deviation = np.abs(unknown.factor @ _deviation(moments, place))
+            return float(value[0]), float(deviation[0])
+    return np.nan, np.nan
+
+
+def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
+    """Return by how much thrusters have turned out to be off their commands."""
+    found: list[Thruster] = []
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, Thrusters):
+            # Each number of the state is one of these, in units of its prior.
+            stds = np.abs(unknown.factor @ _deviation(moments, place))
+            found += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
+    return tuple(found)
+
+
+def with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
+    """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
+    momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
+    momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
+    return replace(estimate, momentum=momentum, momentum_covariance=covariance)
+
+
+def _deviation(moments: MeanAndCovariance, place: slice) -> Array:
+    """Return the standard deviations of a part of the state."""
+    return np.sqrt(moments.covariance(np.arange(place.start, place.stop)).diagonal())

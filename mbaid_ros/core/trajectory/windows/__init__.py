@@ -1,1 +1,0 @@
-"""What has been measured, cut into windows of knots."""

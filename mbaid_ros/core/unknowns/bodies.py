@@ -1,0 +1,169 @@
+"""The known bodies: mass, first moment and inertia of each may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model_errors import KnownErrors
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBodies(Unknown):
+    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame.
+
+    Attributes
+    ----------
+    bodies : (b,) indices
+    """
+
+    bodies: tuple[int, ...]
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Of each independent number, the mass of its link where it alone makes that out; or ''."""
+        return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the bodies' regressors, less what an orbit has brought: momentum is linear in what a body is."""
+        del kernel
+        index = list(self.bodies)
+        placed = states.configuration
+        columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
+        if states.tide.shape[1]:
+            columns -= states.tide[:, index]
+        return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, -1)
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the known side with these bodies."""
+        change = np.zeros_like(side.kernel.known)
+        change[list(self.bodies)] = value.reshape(-1, 10)
+        return replace(side, kernel=side.kernel.corrected(change))
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return mass, first moment in the plane and moment about its normal, of each."""
+        return np.asarray(block_diag(*(detector.plane_of(body).basis for body in self.bodies)))
+
+
+def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
+    """Return which of e independent numbers are the masses of links, 'mass:arm', all else of these going with them.
+
+    Parameters
+    ----------
+    names : of b links
+    factor : (10 b, e) of the covariance of their standard parameters
+    """
+    found = [''] * factor.shape[1]
+    for name, row in zip(names, factor[::10], strict=True):
+        (columns,) = np.nonzero(row)
+        if len(columns) == 1:
+            found[columns[0]] = f'mass:{name}'
+    return tuple(found)
+
+
+def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:
+    """Return the errors of known bodies as an unknown."""
+    names = _names(model, errors.bodies)
+    return KnownBodies(errors.factor, tuple(f'link:{name}' for name in names for _ in range(10)), errors.bodies)
+
+
+def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
+    """Return the name of each body: that of its first link with mass."""
+    found = {link.body: link.name for link in reversed(model.links)}
+    found |= {link.body: link.name for link in reversed(model.links) if link.parameters[0] > 0.0}
+    return [found[body] for body in bodies]
+
+
+@dataclass(frozen=True)
+class TargetPrior:
+    """What is known of the target link before anything is measured: mass and CoM, where given.
+
+    Attributes
+    ----------
+    mass, mass_std : kg; 0 where nothing is known of it
+    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it. That of an unknown mass is not used:
+        what is estimated is their product
+    """
+
+    mass: float = 0.0
+    mass_std: float = 0.0
+    com: tuple[float, ...] = ()
+    com_std: float = 0.0
+
+    @property
+    def given(self) -> bool:
+        """Whether anything is."""
+        return self.mass_std > 0.0
+
+    def apply(self, mean: Array, factor: Array) -> None:
+        """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o): h = m c, to first order."""
+        if self.mass_std == 0.0:
+            return
+        mean[0], factor[0, 0] = self.mass, self.mass_std
+        if self.com and self.com_std > 0.0:
+            centre = np.array(self.com)
+            mean[1:4] = self.mass * centre
+            factor[1:4] = 0.0
+            factor[1:4, 1:4] = self.mass * self.com_std * np.eye(3)
+            factor[1:4, 0] = centre * self.mass_std
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTarget:
+    """All of the target link known beforehand, as it is before a capture.
+
+    Attributes
+    ----------
+    parameters : (10,) standard parameters (m, h, I_o)
+    factor : (10, 10) of their covariance
+    """
+
+    parameters: Array
+    factor: Array
+
+    @property
+    def given(self) -> bool:
+        """Whether anything is."""
+        return True
+
+    def apply(self, mean: Array, factor: Array) -> None:
+        """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o)."""
+        mean[:], factor[:] = self.parameters, self.factor
+
+
+@dataclass(frozen=True, eq=False)
+class SpinInertias(Unknown):
+    """Errors of the spin inertias of what stores momentum inside bodies, kg m^2."""
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the momentum of each at a unit spin inertia."""
+        directions = kernel.storage.directions(states.configuration.rotation)
+        columns = np.zeros((len(directions), 6, kernel.storage.count))
+        columns[:, 3:] = np.swapaxes(states.readings[..., None] * directions, 1, 2)
+        return columns
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the known side with these spin inertias."""
+        return replace(side, kernel=side.kernel.storing(side.kernel.storage.changed(value)))
+
+
+def spin_inertias(kernel: MomentumKernel, deviations: Sequence[float]) -> SpinInertias:
+    """Return the spin inertias as an unknown.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    deviations : (c,) standard deviation of each, kg m^2; 0 is exact, and empty all of them
+    """
+    sizes = np.array(deviations if len(deviations) else (0.0,) * kernel.storage.count)
+    return SpinInertias(np.diag(sizes)[:, sizes > 0.0], tuple(f'wheel:{name}' for name in kernel.storage.names))

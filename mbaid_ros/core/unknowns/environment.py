@@ -1,0 +1,224 @@
+"""The gravity gradient of an orbit that nobody has declared: its size and directions.
+
+In a frame that falls along an orbit a mass at x falls by G x faster, with a symmetric G without trace (Hill 1878). Of a
+robot with the integrals H of x and S of x x^T over its mass, the momentum about the frame's origin changes by
+
+    P' = G H,    L' = the axial vector of S G
+
+a second. G turns with the orbit, by 2 n: over minutes it changes at a constant rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, skew, unvec
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown
+
+GRAVITY = 'gravity gradient'
+
+# Orthonormal symmetric matrices without trace, (5, 3, 3).
+_TRACELESS = np.array(
+    [
+        np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / np.sqrt(2.0),
+        np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]) / np.sqrt(2.0),
+        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]) / np.sqrt(2.0),
+        np.diag([1.0, -1.0, 0.0]) / np.sqrt(2.0),
+        np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
+    ]
+)
+# Further than this from its origin, m, a frame is not taken for one that falls with the robot.
+_NEAR = 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity(Linear):
+    """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
+
+    in_equations = True
+    pushes = True
+
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
+        """Return the change of (P, L) a second by each of them."""
+        del rotation
+        rates = rates_by(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
+        return np.concatenate((rates, time[:, None, None] * rates), axis=2)
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return nothing: tables do not orbit."""
+        del detector
+        return np.zeros((len(self.factor), 0))
+
+
+def rates_by(gradients: Array, whole: Array, origin: Array) -> Array:
+    """Return the changes of (P, L) a second, (B, 6, k), by (k, 3, 3) or (B, k, 3, 3) gradients; as `momentum_rates`."""
+    mass, first, inertia = whole[:, 0], whole[:, 1:4], unvec(whole[:, 4:])
+    second = 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia
+    weighed = (second + first[:, :, None] * origin)[:, None] @ gradients  # (B, k, 3, 3)
+    rates = np.zeros((len(whole), 6, gradients.shape[-3]))
+    rates[:, :3] = np.swapaxes((gradients @ (first + mass[:, None] * origin)[:, None, :, None])[..., 0], 1, 2)
+    for axis, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
+        rates[:, 3 + axis] = weighed[..., one, other] - weighed[..., other, one]
+    return rates
+
+
+def gravity(rate: float) -> Gravity:
+    """Return the gradient as an unknown, that of a circular orbit at a rate (rad/s) in a plane of any direction."""
+    size = np.sqrt(6.0 / 5.0) * rate**2
+    deviations = np.repeat((size, np.sqrt(3.0) * rate * size), len(_TRACELESS))
+    return Gravity(np.diag(deviations)[:, deviations > 0.0], (GRAVITY,) * len(deviations))
+
+
+def rate_of(value: Array) -> float:
+    """Return the mean motion, rad/s, of an orbit with a gradient of (10,) numbers at the begin."""
+    return float((value[:5] @ value[:5] / 6.0) ** 0.25)
+
+
+SHAPE = 'orbit shape'
+
+
+@dataclass(frozen=True, eq=False)
+class Circle:
+    """A circular orbit that may be none.
+
+    Attributes
+    ----------
+    orbit : the circle, the epoch at the begin of the run
+    eccentricity : up to which it may be none
+    relative_twist : whether the twist is read relative to a frame that turns
+    """
+
+    orbit: Orbit
+    eccentricity: float
+    relative_twist: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class OrbitShape(Linear):
+    """The numbers k, h and d.
+
+    Attributes
+    ----------
+    circle : Circle
+    """
+
+    circle: Circle
+
+    in_equations = True
+    pushes = True
+
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
+        """Return what gravity brings otherwise than that of the circle does."""
+        del rotation
+        orbit = self.circle.orbit
+        gradient, normal = orbit.gradient(time), skew(orbit.normal)
+        brought = rates_by(gradient[:, None], whole, origin)
+        if orbit.turning:
+            # The run's origin is read turned, too.
+            turned: Array = np.concatenate((normal @ brought[:, :3], normal @ brought[:, 3:]), axis=1)
+            turned[:, 3:] += skew(np.cross(orbit.normal, origin)) @ brought[:, :3]
+        else:
+            turned = rates_by((normal @ gradient - gradient @ normal)[:, None], whole, origin)
+        ahead, stronger = self._course(time)[::2]
+        return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
+
+    def reading(self, motion: Reading) -> tuple[Array, Array]:
+        """Return what a frame that turns along is turned back by, about its own origin."""
+        pose: Array = np.zeros((len(motion.time), 6, 3))
+        twist: Array = pose
+        if self.circle.orbit.turning:
+            normal = np.broadcast_to(self.circle.orbit.normal, motion.position.shape)
+            turn = np.concatenate((normal, cross(normal, motion.origin + motion.position)), axis=1)[..., None]
+            ahead, faster, _ = self._course(motion.time)
+            pose = np.asarray(-turn * ahead[:, None])
+            if self.circle.relative_twist:
+                twist = np.asarray(-turn * faster[:, None])
+        return pose, twist
+
+    def _course(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return how D, its rate and s depend on the numbers, (N, 3) each."""
+        n = self.circle.orbit.mean_motion
+        angle, one = n * time, np.ones(len(time))
+        sine, cosine = np.sin(angle), np.cos(angle)
+        ahead = np.column_stack((2.0 * sine, 2.0 * cosine - 2.0, angle))
+        faster = n * np.column_stack((2.0 * cosine, -2.0 * sine, one))
+        return ahead, faster, np.column_stack((3.0 * cosine, -3.0 * sine, 2.0 * one))
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return nothing: tables do not orbit."""
+        del detector
+        return np.zeros((len(self.factor), 0))
+
+
+def orbit_shape(circle: Circle) -> OrbitShape:
+    """Return what a circle may lack as an unknown: each number as large as the eccentricity is in one direction."""
+    return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
+
+
+TORQUE = 'external torque'
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalTorque(Linear):
+    """The torque, (3,) N m in base axes; another one in every motion."""
+
+    in_equations = True
+    pushes = True
+    of_a_motion = True
+
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
+        """Return the change of (P, L) a second by each component."""
+        del origin, time
+        rates = np.zeros((len(whole), 6, 3))
+        rates[:, 3:] = rotation
+        return rates
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return the one about the normal."""
+        return np.asarray(detector.plane_of(0).normal[:, None])
+
+
+def external_torque(deviation: float) -> ExternalTorque:
+    """Return it as an unknown, with a standard deviation in N m about each axis; 0 is none."""
+    deviations = np.full(3, deviation)
+    return ExternalTorque(np.diag(deviations)[:, deviations > 0.0], (TORQUE,) * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Thrusters(Unknown):
+    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command.
+
+    Attributes
+    ----------
+    frames : names of the thrusters
+    """
+
+    frames: tuple[str, ...]
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return what they take off the momentum that is to be constant: that which they have brought."""
+        del kernel
+        return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the known side with these thrusters."""
+        return replace(side, thrust=side.thrust + value if side.thrust.size else value)
+
+
+def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:
+    """Return the thrusters as an unknown.
+
+    Parameters
+    ----------
+    frames : in which they are commanded
+    scale_std, direction_std, delay_std : relative, rad about each axis, s; 0 is exact
+    """
+    deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
+    labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(OF_A_THRUSTER))
+    return Thrusters(np.diag(deviations)[:, deviations > 0.0], labels, tuple(frames))

@@ -1,0 +1,202 @@
+"""Where the joints are: zero position, origin and axis of each may be off.
+
+A joint's frame that is displaced by a small motion X, fixed in its parent, takes all that it carries along. With twists
+and momenta at one point, that changes the momentum h_S of what it carries by X x* h_S - I_S (X x V), V the twist of
+the parent: the carried bodies keep their motion relative to it, and that is turned along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.geometry import Array, cross, rotate, skew
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.momentum import inertia_matrix
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.declaration import JointMotion, Linear, NominalModel, Unknown
+
+_PLACEMENT_NUMBERS = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)
+
+
+@dataclass(frozen=True, eq=False)
+class JointPlacements(Unknown):
+    """Of each joint: true less measured position (rad or m), displacement of its frame (m) and tilt of its axis (rad).
+
+    Displacement and tilt are in the joint's own axes, the tilt about two directions normal to the joint's axis.
+
+    Attributes
+    ----------
+    across : (n, 3, 2) these directions
+    """
+
+    across: Array
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return how the momentum changes where what a joint carries is displaced."""
+        model, configuration = kernel.model, states.configuration
+        parents = list(model.parents)
+        count, joints = configuration.joint_twist.shape[:2]
+        frames = configuration.rotation[:, parents] @ model.rotations
+        displacement = np.zeros((count, joints, _PLACEMENT_NUMBERS, 6))  # twists X (u, w), one a row
+        displacement[:, :, 0] = configuration.joint_twist
+        displacement[:, :, 1:4, :3] = np.swapaxes(frames, -1, -2)
+        turn = np.swapaxes(frames @ self.across, -1, -2)
+        # The joint's own frame: what a prismatic joint carries has slid away from it.
+        place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
+        displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
+        displacement[:, :, 4:, 3:] = turn
+        return momentum_displaced(kernel, states, displacement)
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the known side with these placements."""
+        each = value.reshape(-1, _PLACEMENT_NUMBERS)
+        tilts = (self.across @ each[:, 4:, None])[..., 0]
+        return replace(side, kernel=side.kernel.displaced(each[:, 1:4], tilts), zeros=side.zeros + each[:, 0])
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return the zeros, the displacements in the plane, and the tilts of the axes that slide within it."""
+        blocks = []
+        for joint, slides in enumerate(detector.model.prismatic):
+            plane = detector.plane_of(joint + 1)
+            block = np.zeros((_PLACEMENT_NUMBERS, 4))
+            block[0, 0] = 1.0
+            block[1:4, 1:3] = plane.across.T
+            block[4:, 3] = self.across[joint].T @ plane.normal
+            blocks.append(block if slides else block[:, :3])
+        return np.asarray(block_diag(*blocks))
+
+
+def joint_placements(
+    kernel: MomentumKernel, zeros: Sequence[float], origins: Sequence[float], axes: Sequence[float]
+) -> JointPlacements:
+    """Return the joints' placements as an unknown.
+
+    Parameters
+    ----------
+    kernel : MomentumKernel
+    zeros, origins, axes : (n,) standard deviations of each joint: rad (m for a prismatic one), m, rad; 0 is exact
+    """
+    each = np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2))
+    deviations = each.ravel()
+    factor = np.diag(deviations)[:, deviations > 0.0]
+    labels = [
+        f'{part}:{name}' for name in kernel.model.joint_names for part in ('zero', *('origin',) * 3, *('axis',) * 2)
+    ]
+    return JointPlacements(factor, tuple(labels), Kinematics(kernel.model).axial[1:, :, :2])
+
+
+def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
+    """Return how the momentum changes where what joints carry is displaced, (N, 6, n d).
+
+    Parameters
+    ----------
+    kernel, states : as for `Unknown.momentum_columns`
+    displacement : (N, n, d, 6) of each joint d small motions, as twists
+    """
+    change = _by_displacement(kernel, states, list(kernel.model.parents))
+    columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, d numbers, 6 of the momentum)
+    return np.swapaxes(columns.reshape(len(columns), -1, 6), 1, 2)
+
+
+def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequence[int]) -> Array:
+    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint (trajectory.md, eq. 2)."""
+    carried = kernel.kinematics.ancestors.T
+    inertia = inertia_matrix(carried @ states.known)
+    whole = carried @ states.momenta
+    parent = states.body_twist[:, list(parents)]
+    # X x* h and X x V are linear in X: -[h] and -[V] in brackets.
+    force = np.zeros((*whole.shape, 6))
+    force[..., :3, 3:] = force[..., 3:, :3] = -skew(whole[..., :3])
+    force[..., 3:, 3:] = -skew(whole[..., 3:])
+    motion = np.zeros((*parent.shape, 6))
+    motion[..., :3, :3] = motion[..., 3:, 3:] = -skew(parent[..., 3:])
+    motion[..., :3, 3:] = -skew(parent[..., :3])
+    return np.asarray(force - inertia @ motion)
+
+
+TRACKING = 'tracking'
+
+
+@dataclass(frozen=True, eq=False)
+class JointTracking(Linear):
+    """Of each joint: true less read position (rad or m), in every motion another one.
+
+    Attributes
+    ----------
+    correlation : (e,) s, time constant of each independent number
+    """
+
+    correlation: Array
+
+    read = False
+    in_equations = True
+    of_a_motion = True
+
+    @property
+    def times(self) -> Array:
+        """Time constants of the errors."""
+        return self.correlation
+
+    @property
+    def joint_steps(self) -> Array:
+        """Each joint is further on by its own number."""
+        return self.factor
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return how the momentum changes where what a joint carries has gone on along with it."""
+        return momentum_displaced(kernel, states, states.configuration.joint_twist[:, :, None])
+
+    def in_plane(self, detector: PlaneDetector) -> JointTracking:
+        """Return it as it is: whatever joints do is in the plane."""
+        del detector
+        return self
+
+
+def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Sequence[float]) -> JointTracking:
+    """Return it as an unknown, for joints of these names.
+
+    Parameters
+    ----------
+    names : n of them
+    deviations : (n,) rad (m for a prismatic joint), stationary standard deviations; 0 is none, empty none of all
+    times : (n,) s, time constants
+    """
+    each = np.asarray(deviations if len(deviations) else np.zeros(len(names)), dtype=float)
+    wandering = each > 0.0
+    correlation = np.asarray(times if len(times) else np.ones(len(names)), dtype=float)[wandering]
+    return JointTracking(np.diag(each)[:, wandering], tuple(f'{TRACKING}:{name}' for name in names), correlation)
+
+
+FLEXIBLE = 'flexible'
+# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below what drives have; a thousand
+# times as much is plausible.
+_FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleJoints(Linear):
+    """Of each joint: compliance (rad/(N m) or m/N), lag (s), and how it swings with its own angle (rad or m)."""
+
+    read = False
+    of_joints = True
+
+    def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
+        """Return what each number adds to the position of its own joint, and to its rate."""
+        sine, cosine = np.sin(motion.position), np.cos(motion.position)
+        off = np.stack((-motion.torque, motion.rate, sine, cosine), axis=-1)
+        changing = (-motion.torque_rate, motion.acceleration, cosine * motion.rate, -sine * motion.rate)
+        joints = np.eye(off.shape[1])[:, :, None]
+        shape = (*off.shape[:2], off.shape[1] * len(_FLEXIBLE_STDS))
+        position, rate = ((joints * part[:, :, None, :]).reshape(shape) for part in (off, np.stack(changing, axis=-1)))
+        return position, rate
+
+
+def flexible_joints(names: Sequence[str]) -> FlexibleJoints:
+    """Return them as nearly rigid, for joints of these names."""
+    labels = tuple(f'{FLEXIBLE}:{name}' for name in names for _ in _FLEXIBLE_STDS)
+    return FlexibleJoints(np.diag(np.tile(_FLEXIBLE_STDS, len(names))), labels)

@@ -1,0 +1,93 @@
+"""What is known of all unknowns together beforehand, correlations and all: what a calibration has left open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+
+# Part of the largest standard deviation (all numbers in units of their own) up to which one is rounding.
+_NEGLIGIBLE = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownsPrior:
+    """A Gaussian of the catalogue's independent numbers, which are so no more.
+
+    Attributes
+    ----------
+    mean : (e,)
+    factor : (e, w) of their covariance
+    """
+
+    mean: Array
+    factor: Array
+
+    @staticmethod
+    def nothing(numbers: int) -> UnknownsPrior:
+        """Return what is known of so many numbers before anything is measured."""
+        return UnknownsPrior(np.zeros(numbers), np.eye(numbers))
+
+    @cached_property
+    def independent(self) -> bool:
+        """Whether the numbers are independent, each of unit variance."""
+        return np.array_equal(self.factor, np.eye(len(self.mean)))
+
+    @cached_property
+    def whitening(self) -> Array:
+        """The (e, e) matrix W that makes W (numbers - mean) independent, of unit variance, each near its own number."""
+        size = np.sqrt(np.sum(self.factor**2, axis=1))
+        size[size == 0.0] = 1.0  # of what a planar motion does not depend on
+        left, values, _ = np.linalg.svd(self.factor / size[:, None], full_matrices=False)
+        values = np.maximum(values, _NEGLIGIBLE * values.max(initial=0.0))
+        return np.asarray((left / values) @ left.T / size)
+
+    @cached_property
+    def triangle(self) -> Array:
+        """The (e, e) upper triangular square root of the information."""
+        return np.asarray(np.linalg.qr(self.whitening, mode='r'))
+
+    def beside(self, count: int, *, before: int) -> UnknownsPrior:
+        """Return what is known of these numbers and, put in after the first of them, of others of unit variance.
+
+        Parameters
+        ----------
+        count : of the others, which are independent
+        before : how many of these come first
+        """
+        if not count:
+            return self
+        rows = np.arange(len(self.mean))
+        place = np.where(rows < before, rows, rows + count)
+        width = self.factor.shape[1]
+        factor = np.zeros((len(rows) + count, width + count))
+        factor[place, :width] = self.factor
+        factor[before : before + count, width:] = np.eye(count)
+        return UnknownsPrior(np.insert(self.mean, before, np.zeros(count)), factor)
+
+    def of(self, maps: Sequence[Array]) -> UnknownsPrior:
+        """Return the same of the numbers that maps, one for each unknown, make of these."""
+        together = block_diag(*maps)
+        return UnknownsPrior(together @ self.mean, together @ self.factor)
+
+    def expected(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> NominalModel:
+        """Return the known side at the mean of the unknowns' numbers."""
+        side, place = NominalModel.nominal(kernel), 0
+        for unknown in unknowns:
+            side = unknown.moved(side, unknown.factor @ self.mean[place : place + unknown.count])
+            place += unknown.count
+        return side
+
+
+def in_plane_map(unknown: Unknown, in_plane: Unknown) -> Array:
+    """Return how the independent numbers of an unknown as a planar motion depends on it follow from its own, (p, e)."""
+    if in_plane is unknown:
+        return np.eye(unknown.count)
+    return np.asarray(np.linalg.pinv(in_plane.factor, rcond=1e-12) @ unknown.factor)

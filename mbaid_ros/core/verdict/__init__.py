@@ -1,1 +1,0 @@
-"""Whether the model explains the data, and the likeliest causes where it does not."""

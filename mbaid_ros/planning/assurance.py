@@ -1,0 +1,99 @@
+"""What keeps a motion within limits however the robot is, as far as that is known, and out of the robot's own way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.filter.state import Point
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.planning.collisions import Collisions
+from mbaid_ros.planning.floating import Floating
+from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.plan import Bounds
+from mbaid_ros.planning.search import Candidate, Wanted
+
+_DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
+_TOLD = 8  # of these, for which it is told what the motion tells
+_SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
+_PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
+
+
+class Assurance:
+    """Makes motions as much smaller as it takes.
+
+    Parameters
+    ----------
+    motions : from where the run ended, of any length
+    wanted : what they are to reach
+    base : limits of what they do to the base
+    collisions : between the shapes of the robot
+    seed : of the robots that are drawn
+    """
+
+    def __init__(self, motions: Motions, wanted: Wanted, base: BaseLimits, collisions: Collisions, seed: int) -> None:
+        self._motions, self._wanted, self._base, self._collisions = motions, wanted, base, collisions
+        self._seed = seed
+
+    @cached_property
+    def _points(self) -> list[Point]:
+        return self._motions.knowledge.drawn(_MORE_DRAWS, self._seed)
+
+    @cached_property
+    def _draws(self) -> list[Floating]:
+        return [self._motions.as_if(point) for point in self._points]
+
+    def clear_part(self, motions: Motions, speeds: Array) -> float:
+        """Return the largest part of its size that keeps a motion (K, k) clear of the robot; 0 where none does."""
+        if not self._collisions.pairs:
+            return 1.0
+        times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
+        return next(
+            (part for part in _PARTS if self._collisions.clear(motions.joints(part * speeds[None], times)[0][:, 0])),
+            0.0,
+        )
+
+    def bounds(self, candidate: Candidate, draws: int = _MORE_DRAWS) -> Bounds:
+        """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
+        nominal = candidate.motions.excursions(candidate.speeds[None])[0]
+        every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
+        spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
+        return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
+
+    def tightened(self, candidate: Candidate) -> BaseLimits:
+        """Return limits for the robot as it is known best that keep it within its own however it is."""
+        limits = self._base.array
+        if not np.isfinite(limits).any():
+            return self._base
+        bounds = self.bounds(candidate, _DRAWS)
+        part = np.clip(bounds.nominal / np.maximum(bounds.sure, 1e-300), 0.05, 1.0)
+        return BaseLimits(*(limits * part).tolist())
+
+    def sure(self, candidate: Candidate) -> Candidate:
+        """Return a motion made as much smaller as efforts, collision shapes and the base's limits ask for."""
+        for _ in range(4):
+            use = float((self.bounds(candidate).sure / self._base.array).max())
+            effort = candidate.motions.effort(candidate.speeds[None])
+            use = max(use, float(candidate.motions.beside_holding(effort).max()))
+            if use <= 1.0:
+                break
+            candidate = self._again(candidate, candidate.speeds * 0.98 / use)
+        if (part := self.clear_part(candidate.motions, candidate.speeds)) < 1.0:
+            candidate = replace(self._again(candidate, candidate.speeds * part), part=part)
+        return candidate
+
+    def _again(self, candidate: Candidate, speeds: Array) -> Candidate:
+        relative = candidate.motions.relative(speeds[None], candidate.motions.coarse)[0]
+        ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
+        return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
+
+    def may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
+        """Return standard deviations after a motion over those of the body as known best, (_TOLD, 10)."""
+        points = (motions.knowledge.point, *self._points[:_TOLD])
+        # Of a ratio the search's few windows tell as much as the estimator's.
+        known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
+        return np.stack(others) / known

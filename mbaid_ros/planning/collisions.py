@@ -1,0 +1,287 @@
+"""Whether the robot touches itself: the collision shapes of its URDF, meshes as their hulls, by pinocchio and coal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from xml.etree import ElementTree as ET
+
+import coal
+import numpy as np
+import pinocchio
+from scipy.spatial import ConvexHull
+
+from mbaid_ros.core.errors import ModelError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel, configurations, parse
+from mbaid_ros.core.robot.urdf import read_description
+from mbaid_ros.core.robot.urdf_document import kept_words, tree_of, triple
+
+ReadMesh = Callable[[str], Array]
+
+_DENSE = 60  # instants of a motion at which distances are asked for
+
+
+def no_mesh(name: str) -> Array:
+    """Refuse a mesh, where no files are read.
+
+    Raises
+    ------
+    ModelError
+        Always.
+    """
+    raise ModelError(f"the file of mesh '{name}' is not looked for")
+
+
+class Collisions:
+    """The collision shapes of a robot, and which of them must not come near each other.
+
+    Shapes of one body, and of bodies that a joint joins, are not compared: these touch by design. Neither are pairs
+    that touch where a motion begins.
+
+    Parameters
+    ----------
+    model : RobotModel
+    clearance : m, that shapes keep from each other
+    start : (n,) joint positions where motions begin
+    mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
+
+    Attributes
+    ----------
+    notes : what is left out, a line each
+
+    Raises
+    ------
+    ModelError
+        A shape that is no mesh cannot be read.
+    """
+
+    def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
+        text, meshes = _without_meshes(read_description(model.urdf, model.base_link).text)
+        self._robot = parse(model.urdf, model.base_link)
+        self._shapes = _read(self._robot, text)
+        notes = self._add(meshes, mesh)
+        self._names = model.joint_names
+        self._data = self._robot.createData()
+        self._model = model
+        self._clearance = clearance
+        self._pair_up(model)
+        self.shapes = len(self._shapes.geometryObjects)
+        self._geometry = pinocchio.GeometryData(self._shapes)
+        touching = self._near(start)
+        if touching:
+            notes.append(f'touch where the motion begins, and are not compared: {listing(touching)}')
+            self._leave_out(start)
+        self.notes = tuple(notes)
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of shapes that are compared."""
+        return len(self._shapes.collisionPairs)
+
+    def clear(self, positions: Array) -> bool:
+        """Tell whether nothing comes near anything at (T, n) joint positions."""
+        return not self.pairs or all(not self._near(position, first_only=True) for position in positions)
+
+    @property
+    def instants(self) -> int:
+        """How many instants of a motion to ask for."""
+        return _DENSE
+
+    def _add(self, meshes: list[tuple[str, ET.Element]], read: ReadMesh) -> list[str]:
+        """Add the hulls of meshes by link, and return in a line which cannot be read, and why the first cannot."""
+        reason = ''
+        left_out: list[str] = []
+        for number, (link, shape) in enumerate(meshes):
+            try:
+                hull = _hull(shape, read)
+            except ModelError as error:
+                left_out, reason = [*left_out, link], reason or str(error)
+                continue
+            frame = self._robot.getFrameId(link)
+            joint, place = self._robot.frames[frame].parentJoint, self._robot.frames[frame].placement
+            name = f'{link}_mesh{number}'
+            self._shapes.addGeometryObject(
+                pinocchio.GeometryObject(name, joint, frame, place * _placement(shape), hull)
+            )
+        names = listing(list(dict.fromkeys(left_out)))
+        return [f'collision meshes of {names} are left out: {reason}'] if left_out else []
+
+    def _pair_up(self, model: RobotModel) -> None:
+        shapes = self._shapes.geometryObjects
+        bodies = [int(shape.parentJoint) - 1 for shape in shapes]
+        joined = {(parent, joint + 1) for joint, parent in enumerate(model.parents)}
+        for first in range(len(shapes)):
+            for second in range(first + 1, len(shapes)):
+                ends = tuple(sorted((bodies[first], bodies[second])))
+                if ends[0] != ends[1] and ends not in joined:
+                    self._shapes.addCollisionPair(pinocchio.CollisionPair(first, second))
+
+    def _near(self, position: Array, *, first_only: bool = False) -> list[str]:
+        """Return the pairs that are nearer than allowed at (n,) joint positions, or the first of them."""
+        self._place(position)
+        found = []
+        for index, pair in enumerate(self._shapes.collisionPairs):
+            distance = pinocchio.computeDistance(self._shapes, self._geometry, index).min_distance
+            if distance < self._clearance or distance <= 0.0:
+                first, second = (self._shapes.geometryObjects[each].name for each in (pair.first, pair.second))
+                found.append(f'{_link(first)} and {_link(second)}')
+                if first_only:
+                    break
+        return list(dict.fromkeys(found))
+
+    def _leave_out(self, position: Array) -> None:
+        self._place(position)
+        kept = []
+        for index, pair in enumerate(self._shapes.collisionPairs):
+            distance = pinocchio.computeDistance(self._shapes, self._geometry, index).min_distance
+            if distance >= self._clearance and distance > 0.0:
+                kept.append((pair.first, pair.second))
+        self._shapes.removeAllCollisionPairs()
+        for first, second in kept:
+            self._shapes.addCollisionPair(pinocchio.CollisionPair(first, second))
+        self._geometry = pinocchio.GeometryData(self._shapes)
+
+    def _place(self, position: Array) -> None:
+        configuration = configurations(self._model, self._robot, position)
+        pinocchio.updateGeometryPlacements(self._robot, self._data, self._shapes, self._geometry, configuration)
+
+
+def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
+    """Return the collision shapes of a robot description.
+
+    Raises
+    ------
+    ModelError
+        One of them cannot be read; pinocchio would leave it out.
+    """
+    complaints: list[str] = []
+    try:
+        with kept_words(complaints):
+            shapes = pinocchio.buildGeomFromUrdfString(robot, text, pinocchio.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        complaints.append(str(error))
+        shapes = None
+    given = sum(len(link.findall('collision')) for link in tree_of(text).iter('link'))
+    if shapes is None or len(shapes.geometryObjects) != given:
+        reason = ' '.join('; '.join(complaints).split()) or 'no reason given'
+        raise ModelError(f'a collision shape of the robot description cannot be read: {reason}')
+    return shapes
+
+
+def _link(shape: str) -> str:
+    """Return the link of a shape, which pinocchio numbers: hand_0."""
+    return shape.rpartition('_')[0]
+
+
+def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:
+    """Return a robot description without the collision shapes that are meshes, and these with their links."""
+    robot = tree_of(text)
+    meshes = []
+    for link in robot.iter('link'):
+        for shape in link.findall('collision'):
+            if shape.find('geometry/mesh') is not None:
+                link.remove(shape)
+                meshes.append((link.get('name', ''), shape))
+    return ET.tostring(robot, encoding='unicode'), meshes
+
+
+def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
+    """Return the convex hull of a mesh.
+
+    Raises
+    ------
+    ModelError
+        The mesh cannot be read, or has no volume.
+    """
+    element = shape.find('geometry/mesh')
+    assert element is not None, 'a shape without a mesh is none of these'
+    name = element.get('filename', '')
+    corners = read(name) * triple('a collision mesh has the', element, 'scale', '1 1 1')
+    try:
+        outer = corners[ConvexHull(corners).vertices]
+    except (ValueError, RuntimeError) as error:  # coal would end the process
+        raise ModelError(f"mesh '{name}' has no hull: it is flat, or has no vertices") from error
+    points = coal.StdVec_Vec3s()
+    points.extend(list(outer))
+    return coal.ConvexBase.convexHull(points, False, 'Qt')  # noqa: FBT003 - without its triangles
+
+
+def _placement(shape: ET.Element) -> pinocchio.SE3:
+    """Return where a shape is in its link's frame."""
+    xyz, rpy = (
+        np.array(triple('a collision shape has the origin', shape.find('origin'), key)) for key in ('xyz', 'rpy')
+    )
+    return pinocchio.SE3(pinocchio.rpy.rpyToMatrix(*rpy), xyz)
+
+
+_ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of standard parameters, as pinocchio has them
+
+
+class Efforts:
+    """The torques, or forces, of a robot's joints.
+
+    Parameters
+    ----------
+    model : RobotModel
+    bodies : (n + 1, 10) standard parameters of its bodies, each in its own frame
+
+    Attributes
+    ----------
+    limits : (k,) of the joints that follow no other, N m or N; infinite where the URDF has none
+    """
+
+    def __init__(self, model: RobotModel, bodies: Array) -> None:
+        self._model = model
+        self._parsed = parse(model.urdf, model.base_link)
+        for place, body in enumerate(bodies, start=1):
+            self._parsed.inertias[place] = pinocchio.Inertia.FromDynamicParameters(body[_ORDER])
+        self._data = self._parsed.createData()
+        self.limits = np.array([model.limits[place].effort for place in model.transmission.independent])
+
+    @property
+    def limited(self) -> bool:
+        """Whether any joint has a limit."""
+        return bool(np.isfinite(self.limits).any())
+
+    def use(self, position: Array, rate: Array, acceleration: Array, twist: Array) -> Array:
+        """Return which part of their limits the joints use at most, (B, k), in B motions.
+
+        Parameters
+        ----------
+        position, rate, acceleration : (T, B, n) of all joints
+        twist : (T, B, 6) of the base, its axes
+        """
+        joints = position.shape[-1]
+        flat = (each.reshape(-1, each.shape[-1]) for each in (position, rate, acceleration, twist))
+        torque = self.torques(*flat).reshape(*position.shape[:2], joints)
+        moved = self._model.transmission
+        own = np.zeros((*torque.shape[:2], len(moved.independent)))
+        for joint in range(joints):
+            own[..., moved.driver[joint]] += moved.multiplier[joint] * torque[..., joint]
+        return np.asarray(np.abs(own).max(axis=0) / self.limits)
+
+    def torques(self, position: Array, rate: Array, acceleration: Array, twist: Array) -> Array:
+        """Return the torques (N, n) that accelerate all joints at N instants.
+
+        Parameters
+        ----------
+        position, rate, acceleration : (N, n)
+        twist : (N, 6) of the base, its axes
+        """
+        parsed, data, size = self._parsed, self._data, 6 + position.shape[1]
+        still = np.zeros((len(position), 6))
+        configuration = configurations(self._model, parsed, position)
+        velocity, change = np.hstack((twist, rate)), np.hstack((still, acceleration))
+        needed, inertia = np.empty((len(position), size)), np.empty((len(position), 6, size))
+        for place in range(len(position)):
+            needed[place] = pinocchio.rnea(parsed, data, configuration[place], velocity[place], change[place])
+            inertia[place] = pinocchio.crba(parsed, data, configuration[place])[:6]
+        # Nothing pushes the base: it accelerates so that its own six rows vanish.
+        of_base = np.linalg.solve(_symmetric(inertia[:, :, :6]), -needed[:, :6, None])
+        return np.asarray(needed[:, 6:] + (np.swapaxes(inertia[:, :, 6:], 1, 2) @ of_base)[..., 0])
+
+
+def _symmetric(upper: Array) -> Array:
+    """Return matrices (N, 6, 6) of which the upper triangles are given."""
+    upper = np.triu(upper)
+    return np.asarray(upper + np.swapaxes(np.triu(upper, 1), 1, 2))

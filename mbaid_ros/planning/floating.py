@@ -1,0 +1,160 @@
+"""How the base moves when the joints do: its pose integrated from the conserved momentum, for many motions at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.filter.prediction import in_plane
+from mbaid_ros.core.filter.state import Point
+from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
+from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
+
+
+@dataclass(frozen=True)
+class BaseMotion(ArrayRecord):
+    """The base at T instants, B motions side by side, odometry axes, positions from the run's origin.
+
+    Attributes
+    ----------
+    rotation, position : (T, B, 3, 3), (T, B, 3) m
+    twist : (T, B, 6) (v, w)
+    """
+
+    rotation: Array
+    position: Array
+    twist: Array
+
+    def away_from(self, other: BaseMotion) -> Array:
+        """Return how far this is from another motion: (T, B, 3) rad, m, rad/s."""
+        turned = np.linalg.norm(log(self.rotation @ np.swapaxes(other.rotation, -1, -2)), axis=-1)
+        moved = np.linalg.norm(self.position - other.position, axis=-1)
+        faster = np.linalg.norm(self.twist[..., 3:] - other.twist[..., 3:], axis=-1)
+        return np.stack((turned, moved, faster), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Floating:
+    """A robot that floats: what it is, its momentum, and where it begins.
+
+    Attributes
+    ----------
+    point : bodies, momentum (about the run's origin) and what is known of the joints
+    stored : (c,) readings of what stores momentum inside bodies, which stay as they are
+    rotation, position : (3, 3), (3,) m, of the base at the begin
+    plane : (3, 6) the equations that hold for a planar motion, odometry axes; None in space
+    """
+
+    point: Point
+    stored: Array
+    rotation: Array
+    position: Array
+    plane: Array | None
+
+    def moved(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
+        """Return how the base moves.
+
+        Parameters
+        ----------
+        joint_position, joint_velocity : (2 T - 1, B, n) of all joints, as read, at every half step
+        step : s
+
+        Returns
+        -------
+        BaseMotion at T instants; the first is the begin
+        """
+        parts = self.bodies(joint_position, joint_velocity)
+        momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
+        return _integrated(*parts, momentum, (self.rotation, self.position), step)
+
+    def coasting(self, joint_position: Array, instants: int, step: float) -> BaseMotion:
+        """Return how the base moves while joints (n,) rest: one motion."""
+        still = np.broadcast_to(joint_position, (2 * instants - 1, 1, len(joint_position)))
+        return self.moved(still, np.zeros(still.shape), step)
+
+    def bodies(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
+        """Return M^-1 (..., 6, 6) and the momentum (..., 6) of the joints' motion at a resting base, base axes."""
+        side = self.point.side
+        kernel = side.kernel
+        shape = joint_position.shape[:2]
+        position = joint_position.reshape(-1, joint_position.shape[-1]) + side.zeros
+        upright = np.broadcast_to(np.eye(3), (len(position), 3, 3))
+        placed = kernel.kinematics.configure(upright, position)
+        still = np.zeros((len(position), 6))
+        twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
+        mobility, moving = mobility_and_momentum(kernel.with_target(self.point.body), placed, twists)
+        if kernel.storage.count:
+            readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
+            moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)
+        if self.plane is not None:
+            mobility = in_plane(mobility, self._plane_of_base(self.plane))
+        return mobility.reshape(*shape, 6, 6), moving.reshape(*shape, 6)
+
+    def _plane_of_base(self, plane: Array) -> Array:
+        """Return the equations of a planar motion in base axes: a turn about the normal only mixes them."""
+        return np.concatenate((plane[:, :3] @ self.rotation, plane[:, 3:] @ self.rotation), axis=1)
+
+
+def as_they_may_be(robots: Sequence[Floating], joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
+    """Return how the bases of R robots that begin at one place move when their joints do the same.
+
+    Parameters
+    ----------
+    robots : R of them
+    joint_position, joint_velocity : (2 T - 1, n) as in `Floating.moved`
+    step : s
+    """
+    parts = [robot.bodies(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
+    mobility, moving = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+    momentum = np.stack([robot.point.parameters[:6] for robot in robots])
+    return _integrated(mobility, moving, momentum, (robots[0].rotation, robots[0].position), step)
+
+
+def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Array, Array], step: float) -> BaseMotion:
+    """Return the motions of B bases by Runge and Kutta's method of fourth order.
+
+    Parameters
+    ----------
+    mobility, moving : (2 T - 1, B, 6, 6), (2 T - 1, B, 6) at every half step, base axes
+    momentum : (B, 6) (P, L) about the run's origin
+    begin : (3, 3), (3,) orientation and position
+    step : s
+    """
+    count, batch = (len(moving) + 1) // 2, len(momentum)
+    rotation, position, twist = np.empty((count, batch, 3, 3)), np.empty((count, batch, 3)), np.empty((count, batch, 6))
+    turned, place = np.tile(begin[0], (batch, 1, 1)), np.tile(begin[1], (batch, 1))
+    for index in range(count):
+        rotation[index], position[index] = turned, place
+        here = 2 * index
+        first = _rates(mobility[here], moving[here], momentum, turned, place)
+        twist[index, :, :3], twist[index, :, 3:] = first[1], rotate(turned, first[2])
+        if index + 1 < count:
+            slopes = [first]
+            for part, ahead in ((0.5, 1), (0.5, 1), (1.0, 2)):
+                reached = turned + part * step * slopes[-1][0], place + part * step * slopes[-1][1]
+                slopes.append(_rates(mobility[here + ahead], moving[here + ahead], momentum, *reached))
+            turned = turned + step / 6.0 * _simpson([slope[0] for slope in slopes])
+            place = place + step / 6.0 * _simpson([slope[1] for slope in slopes])
+            # One of Newton's steps to the nearest rotation, from which a step of fourth order is hardly away.
+            turned = turned @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(turned, 1, 2) @ turned)
+    return BaseMotion(rotation, position, twist)
+
+
+def _rates(
+    mobility: Array, moving: Array, momentum: Array, rotation: Array, position: Array
+) -> tuple[Array, Array, Array]:
+    """Return R', p' (odometry axes) and the angular velocity (base axes) of B bases."""
+    linear, about_base = momentum[:, :3], momentum[:, 3:] - cross(position, momentum[:, :3])
+    total = np.concatenate((rotate_back(rotation, linear), rotate_back(rotation, about_base)), axis=1)
+    twist = (mobility @ (total - moving)[..., None])[..., 0]
+    spin = twist[:, 3:]
+    # Row by row: R' = R [w]x.
+    return cross(rotation, spin[:, None]), rotate(rotation, twist[:, :3]), spin
+
+
+def _simpson(slopes: list[Array]) -> Array:
+    first, second, third, last = slopes
+    return first + 2.0 * (second + third) + last

@@ -1,0 +1,232 @@
+"""How well everything will be known after a motion to come: the trajectory filter's own, over windows not yet measured.
+
+What a window tells depends on the motion alone, not on the numbers that will be read: rows, noise and the way to the
+next window are those that the filter makes of a motion as it is predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dtrtrs
+
+from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.joint_noise import no_bias
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import BODY, Point
+from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
+from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.reporting import Reporting, relative_std
+from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
+from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
+from mbaid_ros.planning.floating import BaseMotion
+
+_NOTHING = 1e-6  # of its size, by which what a motion leaves open must not move a parameter that it tells
+_MOST = 256  # windows linearised at once: more of them no longer fit the processor's memory
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Windows of knots over motions that begin at time 0; of knots before and after, when the joints rest.
+
+    Attributes
+    ----------
+    windows : number
+    knots : in each
+    spacing : s, between knots
+    """
+
+    windows: int
+    knots: int
+    spacing: float
+
+    @staticmethod
+    def over(duration: float, window: float, knots: int) -> Grid:
+        """Return whole windows that cover a motion."""
+        return Grid(max(int(np.ceil(duration / window - 1e-6)), 1), knots, window / knots)
+
+    @cached_property
+    def half_steps(self) -> Array:
+        """Instants of all knots and midway between them, (2 K - 1,) s."""
+        count = self.windows * self.knots + BEFORE + AFTER
+        return (np.arange(2 * count - 1) / 2.0 - BEFORE) * self.spacing
+
+    @property
+    def ends(self) -> Array:
+        """Of each window, (W,) s."""
+        return np.arange(1, self.windows + 1) * self.knots * self.spacing
+
+
+class Information:
+    """What motions to come will add to what is known.
+
+    Parameters
+    ----------
+    knowledge : what a run has come to know
+    reporting : what standard deviations are relative to
+    point : of the robot as it may be; as it is known best where not given
+    """
+
+    def __init__(self, knowledge: Posterior, reporting: Reporting, point: Point | None = None) -> None:
+        self._known, self._reporting = knowledge, reporting
+        self._point = point or knowledge.point
+        body = self._point.body
+        self.parameters = physical(body[None])[0]
+        self._jacobian = physical_jacobian(body[None])[0]
+        self._scale = reporting.scale
+        self._sizes = reporting.sizes(self.parameters[None])[0]
+        self._start = self._belief()
+
+    def as_if(self, point: Point) -> Information:
+        """Return what motions will add if the robot is as it may be."""
+        return Information(self._known, self._reporting, point)
+
+    @cached_property
+    def relative(self) -> Array:
+        """Relative standard deviations of the ten parameters as they are known now, (10,)."""
+        covariance = self._known.triangle[:, BODY.start - FIRST : BODY.stop - FIRST]
+        return self._relative((covariance.T @ covariance)[None])[0]
+
+    @cached_property
+    def asked(self) -> Flags:
+        """Which of the ten parameters a motion can tell of at all, (10,): of a planar one, four."""
+        variables = self._known.variables
+        own = variables.basis[BODY, 2 * variables.poses : variables.own]
+        left_out = self._jacobian @ (np.eye(10) - own @ own.T) * self._scale
+        return np.asarray(np.linalg.norm(left_out, axis=1) < _NOTHING * self._sizes)
+
+    def after(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion, every: int = 0) -> Array:
+        """Return relative standard deviations of the ten parameters after B motions.
+
+        Parameters
+        ----------
+        grid : Grid
+        joints : (J, B, n) positions of all joints as read, and rates, at its knots
+        base : of the same J knots
+        every : how often on the way, in windows; 0 at the end alone
+
+        Returns
+        -------
+        (B, 10), or (W, B, 10) on the way
+        """
+        course = [
+            self._relative(np.stack([self._covariance(belief) for belief in beliefs]))
+            for number, beliefs in enumerate(self._followed(grid, joints, base), start=1)
+            if number == grid.windows or (every and number % every == 0)
+        ]
+        return np.stack(course) if every else course[-1]
+
+    def shares(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> tuple[tuple[str, ...], Array]:
+        """Return the causes of uncertainty beside the sensors, c names, and their shares of what one motion leaves.
+
+        Parameters
+        ----------
+        grid, joints, base : as for `after`, of one motion
+
+        Returns
+        -------
+        c names, (10, c) parts of the variances of the ten parameters
+        """
+        last = self._start
+        for (belief,) in self._followed(grid, joints, base):
+            last = belief
+        moments = MeanAndCovariance.of(last, self._known.variables)
+        own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
+        layout = self._known.layout
+        variances = moments.contributions(own, layout).T ** 2 @ layout.belongs
+        return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
+
+    def _followed(
+        self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion
+    ) -> Iterator[list[SquareRootInformation]]:
+        """Give what will be known of B motions after each window."""
+        whitened = self._windows(grid, joints, base)
+        batch = joints[0].shape[1]
+        beliefs = [self._start] * batch
+        for number in range(grid.windows):
+            own = whitened[number * batch : (number + 1) * batch]
+            beliefs = [update(belief, window) for belief, window in zip(beliefs, own, strict=True)]
+            yield beliefs
+            beliefs = [self._advanced(*pair) for pair in zip(beliefs, own, strict=True)]
+
+    def _advanced(self, belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
+        return advance(belief, window, self._known.variables, self._known.hypothesis)
+
+    def _windows(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> list[WhitenedWindow]:
+        """Return the windows of B motions as the filter takes them: the first of each motion, then the second."""
+        position, batch = joints[0], joints[0].shape[1]
+        length = grid.knots * grid.spacing
+        noise = self._noise(length)
+        inside = slice(BEFORE, BEFORE + grid.knots)
+        windows = [
+            Window(self._knots(grid, position, base, number, each), inside, grid.spacing, noise, number * length, False)  # noqa: FBT003
+            for number in range(grid.windows)
+            for each in range(batch)
+        ]
+        layout, made = self._known.layout, []
+        for begin in range(0, len(windows), _MOST):
+            part = tuple(windows[begin : begin + _MOST])
+            made.append(window_models(layout, [Stack(part, tuple(range(len(part))))], self._point))
+        return prepared(WindowModel.concatenate(made), self._known.variables)
+
+    def _knots(self, grid: Grid, position: Array, base: BaseMotion, number: int, each: int) -> Knots:
+        begin = number * grid.knots
+        cut = slice(begin, begin + grid.knots + BEFORE + AFTER)
+        count = cut.stop - cut.start
+        stored = np.broadcast_to(self._known.end.stored, (count, len(self._known.end.stored)))
+        frames = sum(len(getattr(unknown, 'frames', ())) for unknown in self._known.layout.unknowns)
+        return Knots(
+            joint_position=position[cut, each],
+            base_rotation=base.rotation[cut, each],
+            base_position=base.position[cut, each],
+            base_twist=base.twist[cut, each] + (0.0 if self._known.end.sensing.measures_twist else np.nan),
+            spread=np.zeros(count),
+            offset=np.zeros(count),
+            impulse=np.zeros((count, 6)),
+            stored=stored,
+            tide=np.zeros((count, 0)),
+            thrust=np.zeros((count, 6 * OF_A_THRUSTER * frames)),
+            gyro=np.zeros((count, 0)),
+            course=np.zeros((count, 0)),
+        )
+
+    def _noise(self, length: float) -> WindowNoise:
+        sensing = self._known.end.sensing
+        samples = max(round(sensing.rate * length), 1)
+        twist = np.where(np.isfinite(sensing.twist), sensing.twist, np.eye(6))
+        return WindowNoise(samples, sensing.joint_position, sensing.pose, twist)
+
+    def _belief(self) -> SquareRootInformation:
+        """Return what is known before the motion, of the pose error nothing: the chain begins anew."""
+        variables = self._known.variables
+        poses, count = variables.poses, len(variables.scale)
+        extra = 6 if self._known.hypothesis.force != 'none' else 0
+        extra = variables.force.shape[1] if extra else 0
+        size = count + extra
+        root = np.zeros((size, size + 2), order='F')
+        root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+        factor = variables.gather[poses:, FIRST:] @ self._known.triangle.T
+        triangle = np.linalg.qr(factor.T, mode='r')
+        root[poses:count, poses:count] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
+        root[count:, count:size] = np.eye(extra)
+        return SquareRootInformation(root, Innovations.none(poses), no_bias(variables))
+
+    def _covariance(self, belief: SquareRootInformation) -> Array:
+        """Return the (10, 10) covariance of the body's standard parameters."""
+        variables = self._known.variables
+        rows = np.zeros((belief.size, 10), order='F')
+        rows[: len(variables.scale)] = variables.spread[BODY].T
+        own, _ = dtrtrs(belief.root[:, : belief.size], rows, trans=1)
+        return np.asarray(own.T @ own + variables.outside[BODY, BODY])
+
+    def _relative(self, covariance: Array) -> Array:
+        """Return (N, 10) relative standard deviations of (N, 10, 10) covariances of standard parameters."""
+        return relative_std(self._jacobian @ covariance @ self._jacobian.T, self._sizes)

@@ -1,0 +1,228 @@
+"""Motions of the joints from where a run has ended, what they do to the base and what they tell, many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.filter.state import Point
+from mbaid_ros.core.geometry import Array, rotate_back
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.collisions import Efforts
+from mbaid_ros.planning.floating import BaseMotion, Floating, as_they_may_be
+from mbaid_ros.planning.information import Grid, Information
+from mbaid_ros.planning.limits import BaseLimits, JointLimits
+from mbaid_ros.planning.splines import Splines
+
+_PARTS = (slice(0, 3), slice(3, 6))  # of a twist
+WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
+_FINE = 240  # steps of the base's motion along any trajectory
+_STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
+# What motions beyond a limit are brought to, and whether by longer ramps, in turn.
+_MARGINS = ((0.98, True), (0.95, True), (0.95, False))
+_SPARSE = 2  # of these from one at which torques are asked for to the next: ends of pieces, where they are largest
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """All motions of one length.
+
+    Attributes
+    ----------
+    knowledge : where they begin, and what is known there
+    information : what they add to it
+    splines : their form
+    limits : of the joints
+    efforts : of the joints of the robot as it is known best
+    """
+
+    knowledge: Posterior
+    information: Information
+    splines: Splines
+    limits: JointLimits
+    efforts: Efforts
+
+    def lasting(self, duration: float) -> Motions:
+        """Return motions of another length, s."""
+        return replace(self, splines=replace(self.splines, duration=duration))
+
+    @cached_property
+    def start(self) -> Array:
+        """Where the joints that follow no other begin, (k,)."""
+        moved = self.knowledge.layout.kernel.model.transmission
+        return self.knowledge.end.joint_position[moved.independent]
+
+    @cached_property
+    def floating(self) -> Floating:
+        """The robot as it is known best."""
+        return self.as_if(self.knowledge.point)
+
+    def as_if(self, point: Point) -> Floating:
+        """Return the robot as it may be."""
+        end = self.knowledge.end
+        return Floating(point, end.stored, end.base_rotation, end.base_position, self.knowledge.layout.plane)
+
+    @property
+    def coarse(self) -> Grid:
+        """Windows that suffice for a search."""
+        return Grid(WINDOWS, KNOTS, self.splines.duration / (WINDOWS * KNOTS))
+
+    def within(self, speeds: Array) -> Array:
+        """Return speeds (B, K, k) within the joints' limits."""
+        return self.splines.within(speeds, self.start, self.limits)
+
+    def joints(self, speeds: Array, times: Array) -> tuple[Array, Array]:
+        """Return positions and rates (T, B, n) of all joints at instants."""
+        moved = self.knowledge.layout.kernel.model.transmission
+        position = np.tensordot(self.splines.basis(times), speeds, axes=(1, 1)) + self.start
+        rate = np.tensordot(self.splines.basis(times, 1), speeds, axes=(1, 1))
+        return moved.positions(position), moved.rates(rate)
+
+    @cached_property
+    def holding(self) -> Array:
+        """Which part of their effort limits the joints use to stay where they are while the base tumbles, (k,)."""
+        return self.effort(np.zeros((1, self.splines.count, len(self.start))))[0]
+
+    def require_hold(self) -> None:
+        """Refuse a robot whose joints are too weak to stay where they are.
+
+        Raises
+        ------
+        ParameterError
+            One of them is.
+        """
+        joint = int(np.argmax(self.holding))
+        if self.holding[joint] >= 1.0:
+            name = self.knowledge.layout.kernel.model.independent_joints[joint]
+            raise ParameterError(
+                f"to hold joint '{name}' while the base tumbles takes {self.holding[joint]:.3g} times its effort limit "
+                "in the robot description; accepted: a larger one there, or 'plan.stuck' with the joint"
+            )
+
+    def effort(self, speeds: Array, course: tuple[Array, BaseMotion] | None = None) -> Array:
+        """Return which part of their effort limits the joints that are moved use at most, (B, k), in motions.
+
+        Parameters
+        ----------
+        speeds : (B, K, k)
+        course : what `course` returns of them first
+        """
+        times, base = course or self.course(speeds)[:2]
+        position, rate = self.joints(speeds, times)
+        bend = np.tensordot(self.splines.basis(times, 2), speeds, axes=(1, 1))
+        moved = self.knowledge.layout.kernel.model.transmission
+        twist = np.concatenate([rotate_back(base.rotation, base.twist[..., part]) for part in _PARTS], axis=-1)
+        return np.where(self.limits.moved, self.efforts.use(position, rate, moved.rates(bend), twist), 0.0)
+
+    def relative(self, speeds: Array, grid: Grid, every: int = 0) -> Array:
+        """Return relative standard deviations of the body after motions (B, K, k), as `Information.after` does."""
+        position, rate = self.joints(speeds, grid.half_steps)
+        base = self.floating.moved(position, rate, grid.spacing)
+        return self.information.after(grid, (position[::2], rate[::2]), base, every)
+
+    def excursions(self, speeds: Array) -> Array:
+        """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
+        return np.asarray(self.course(speeds)[2].max(axis=0))
+
+    def beside_holding(self, effort: Array) -> Array:
+        """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
+        return (effort - self.holding) / (1.0 - self.holding)
+
+    def trajectory(self, speeds: Array) -> JointTrajectory:
+        """Return one motion (K, k), of the joints that may be moved."""
+        moved = np.flatnonzero(self.limits.moved)
+        names = self.knowledge.layout.kernel.model.independent_joints
+        return self.splines.trajectory(speeds[:, moved], self.start[moved], tuple(names[each] for each in moved))
+
+    def along(self, trajectory: JointTrajectory, times: Array) -> tuple[Array, Array]:
+        """Return positions and rates (T, 1, n) of all joints at instants of a trajectory from the start on."""
+        model = self.knowledge.layout.kernel.model
+        position, rate = np.tile(self.start, (len(times), 1)), np.zeros((len(times), len(self.start)))
+        places = [model.independent_joints.index(name) for name in trajectory.joints]
+        position[:, places], rate[:, places], _ = trajectory.at(times)
+        return model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
+
+    def relative_along(self, trajectory: JointTrajectory, grid: Grid, point: Point) -> Array:
+        """Return relative standard deviations (10,) after a trajectory, if the robot is as it may be."""
+        position, rate = self.along(trajectory, grid.half_steps)
+        base = self.as_if(point).moved(position, rate, grid.spacing)
+        return self.information.as_if(point).after(grid, (position[::2], rate[::2]), base)[0]
+
+    def excursion_along(self, trajectory: JointTrajectory, floating: Floating) -> Array:
+        """Return how far a trajectory from the start on moves the base of a robot at most, (3,): rad, m, rad/s."""
+        step = trajectory.duration / _FINE
+        joints = self.along(trajectory, np.arange(2 * _FINE + 1) * 0.5 * step)
+        coasting = floating.coasting(joints[0][0, 0], _FINE + 1, step)
+        return np.asarray(floating.moved(*joints, step).away_from(coasting).max(axis=(0, 1)))
+
+    def excursions_of(self, robots: Sequence[Floating], speeds: Array) -> Array:
+        """Return how far one motion (K, k) moves the bases of R robots at most, (R, 3): rad, m, rad/s."""
+        step, times = self._instants
+        position, rate = (each[:, 0] for each in self.joints(speeds[None], times))
+        still = np.broadcast_to(position[:1], position.shape)
+        moved = as_they_may_be(robots, position, rate, step)
+        return np.asarray(moved.away_from(as_they_may_be(robots, still, np.zeros(rate.shape), step)).max(axis=0))
+
+    @property
+    def _instants(self) -> tuple[float, Array]:
+        """A step, s, and every half step of the motion, (2 T - 1,) s."""
+        steps = _STEPS * (self.splines.count + 2)
+        step = self.splines.duration / steps
+        return step, np.arange(2 * steps + 1) * 0.5 * step
+
+    def course(self, speeds: Array) -> tuple[Array, BaseMotion, Array]:
+        """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
+        step, times = self._instants
+        base = self.floating.moved(*self.joints(speeds, times), step)
+        return times[::2], base, base.away_from(self._coasting)
+
+    @cached_property
+    def _coasting(self) -> BaseMotion:
+        """How the base moves while the joints rest."""
+        position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
+        step, times = self._instants
+        return self.floating.coasting(position, (len(times) + 1) // 2, step)
+
+    def gentle(self, speeds: Array, most: BaseLimits) -> Array:
+        """Return motions (B, K, k) within the limits of efforts and base.
+
+        Where efforts ask for it their ramps are made longer; then they are made as much smaller as is left to do. A
+        base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
+        """
+        if not (np.isfinite(most.array).any() or self.efforts.limited):
+            return speeds
+        speeds = speeds.copy()
+        beyond = np.flatnonzero(np.ones(len(speeds)))
+        for margin, ramps in _MARGINS:
+            own = speeds[beyond]
+            of_base, of_effort = self._use(own, most)
+            over = np.maximum(of_base, of_effort) > 1.0
+            beyond, own, of_base, of_effort = beyond[over], own[over], of_base[over], of_effort[over]
+            if not len(beyond):
+                break
+            if ramps:
+                own = self._ramped(own, margin / np.maximum(of_effort / np.maximum(of_base, 1.0), margin))
+            else:
+                of_base = np.maximum(of_base, of_effort)
+            speeds[beyond] = own * (margin / np.maximum(of_base, margin))[:, None, None]
+        return speeds
+
+    def _ramped(self, speeds: Array, part: Array) -> Array:
+        """Return motions (B, K, k) with a part (B,) of their accelerations."""
+        bend = self.splines.use(speeds, self.start, self.limits)[:, 2]
+        return self.splines.within(speeds, self.start, self.limits, bend * part[:, None])
+
+    def _use(self, speeds: Array, most: BaseLimits) -> tuple[Array, Array]:
+        """Return which part of the limits of the base, and of efforts, motions use at most, (B,) each."""
+        times, base, away = self.course(speeds)
+        of_base: Array = (away.max(axis=0) / most.array).max(axis=1)
+        if not self.efforts.limited:
+            return of_base, np.zeros(len(speeds))
+        sparse = slice(None, None, _SPARSE)
+        effort = self.effort(speeds, (times[sparse], base[sparse]))
+        return of_base, np.asarray(self.beside_holding(effort).max(axis=1))

@@ -1,0 +1,268 @@
+"""From what a run has come to know to the motion that tells what is still uncertain, within limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.advice import beyond_motion, single_joint
+from mbaid_ros.planning.assurance import Assurance
+from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
+from mbaid_ros.planning.information import Grid, Information
+from mbaid_ros.planning.limits import BaseLimits, joint_limits
+from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.plan import (
+    BINDING,
+    LIMITS,
+    Course,
+    Plan,
+)
+from mbaid_ros.planning.search import (
+    Candidate,
+    Criterion,
+    Search,
+    Wanted,
+)
+from mbaid_ros.planning.splines import Splines
+
+_FIRST = 20.0  # s, of the motions that a search begins with
+_OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
+_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
+_WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
+_CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
+_SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
+
+Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a motion is to reach, and within what.
+
+    Attributes
+    ----------
+    relative : (10,) relative standard deviations wanted
+    duration, longest : s; the first 0 for the shortest that reaches them
+    criterion : as `Wanted` has it
+    joint_velocity, joint_acceleration : that no joint exceeds, rad/s and rad/s^2, or m
+    base : how far the base may be moved
+    clearance : m, of collision shapes
+    stuck : joints that are not moved
+    speeds : that each joint goes by, one after the other
+    effort : motions that are compared
+    seed : the same gives the same motion
+    window : s, of the estimator
+    """
+
+    relative: Array
+    duration: float = 0.0
+    longest: float = 300.0
+    criterion: Criterion = 'worst'
+    joint_velocity: float = np.inf
+    joint_acceleration: float = 0.1
+    base: BaseLimits = field(default_factory=BaseLimits)
+    clearance: float = 0.02
+    stuck: Collection[str] = ()
+    speeds: int = 32
+    effort: int = 1200
+    seed: int = 0
+    window: float = _WINDOW
+
+
+class Planner:
+    """Plans motions from the end of a run.
+
+    Parameters
+    ----------
+    knowledge : what the run has come to know
+    reporting : what standard deviations are relative to
+    settings : PlanSettings
+    mesh : what reads collision meshes, as `Collisions` has it
+
+    Attributes
+    ----------
+    information : what motions add to what is known
+
+    Raises
+    ------
+    ParameterError
+        The parameters contradict each other or the robot.
+    """
+
+    def __init__(
+        self, knowledge: Posterior, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
+    ) -> None:
+        self._settings, self._mesh = settings, mesh
+        self.information = Information(knowledge, reporting)
+        self._wanted = Wanted(settings.relative, self.information.asked, settings.criterion)
+        model = knowledge.layout.kernel.model
+        limits = joint_limits(
+            model,
+            knowledge.end.joint_position[model.transmission.independent],
+            settings.joint_velocity,
+            settings.joint_acceleration,
+            settings.stuck,
+        )
+        length = settings.duration or min(_FIRST, settings.longest)
+        self.motions = Motions(
+            knowledge=knowledge,
+            information=self.information,
+            splines=Splines(settings.speeds, length),
+            limits=limits,
+            efforts=_efforts(knowledge),
+        )
+        self.motions.require_hold()
+
+    @cached_property
+    def _collisions(self) -> Collisions:
+        knowledge = self.motions.knowledge
+        return Collisions(
+            knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position, self._mesh
+        )
+
+    @cached_property
+    def _assurance(self) -> Assurance:
+        settings = self._settings
+        return Assurance(self.motions, self._wanted, settings.base, self._collisions, settings.seed)
+
+    @property
+    def ratio(self) -> float:
+        """The largest ratio of a standard deviation to the one that is wanted, as it is now."""
+        return float(self._wanted.ratio(self.information.relative))
+
+    def plan(self, progress: Progress = lambda _compared: True) -> Plan:
+        """Return the motion.
+
+        Parameters
+        ----------
+        progress : told of what has been done; where it says no, the best so far is taken
+
+        Raises
+        ------
+        ParameterError
+            What is wanted has been reached already, or no motion at all is allowed.
+        ModelError
+            A collision shape cannot be read.
+        """
+        settings = self._settings
+        if not settings.duration and self.ratio <= 1.0:
+            raise ParameterError(
+                'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
+                'plan.duration'
+            )
+        clear = self._assurance.clear_part
+        search = Search(self.motions, self._wanted, settings.base, settings.seed, clear, settings.effort)
+        if not np.isfinite(search.best.cost):
+            raise ParameterError(
+                'no motion of the joints, however small, keeps the collision shapes of the robot apart; accepted: a '
+                'smaller plan.clearance, or a pose that is further from itself'
+            )
+        search.base = self._assurance.tightened(search.best)
+        compared = 0
+        steps = search.at_length() if settings.duration else search.shortest(settings.longest)
+        length = search.best.duration
+        for count in steps:
+            compared += count
+            if not 1.0 / _OTHER < search.best.duration / length < _OTHER:
+                search.base, length = self._assurance.tightened(search.best), search.best.duration
+            if not progress(min(compared, settings.effort)) or compared >= settings.effort:
+                break
+        found = search.best if settings.duration else search.reached or search.nearest
+        return self._finished(self._lengthened(self._assurance.sure(found)), search.base, compared)
+
+    def advice(self) -> str:
+        """Return which joint, moved by itself, would help most; empty where all is known as well as is wanted."""
+        return single_joint(self.motions, self._wanted, self._settings.base)
+
+    def _advice(self, candidate: Candidate) -> list[str]:
+        """Return what would help, beside this motion."""
+        beyond = beyond_motion(candidate.motions, candidate.speeds, candidate.motions.coarse, self._wanted)
+        return [line for line in (self.advice(), beyond) if line]
+
+    def _notes(self) -> list[str]:
+        """Return what holds of where the motion begins."""
+        notes, knowledge = [], self.motions.knowledge
+        model = knowledge.layout.kernel.model
+        rate = np.abs(knowledge.end.joint_velocity)
+        moving = [name for name, each in zip(model.joint_names, rate, strict=True) if each > _MOVING]
+        if moving:
+            notes.append(f'moved at the end of the run, and have to rest before the motion begins: {listing(moving)}')
+        if knowledge.hypothesis.disturbed:
+            notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
+        return notes
+
+    def _lengthened(self, candidate: Candidate) -> Candidate:
+        """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
+        if self._settings.duration or candidate.ratio > _CLOSE:
+            return candidate
+        first = candidate.duration
+        for _ in range(4):
+            ratio = float(self._wanted.ratio(self._fine(candidate)[-1]))
+            longer = candidate.duration * max(ratio, 1.0) ** 0.7 * 1.005
+            if ratio <= 1.0 or longer > min((1.0 + _SMALL) * first, self._settings.longest):
+                break
+            candidate = self._assurance.sure(candidate.lasting(longer))
+        return candidate
+
+    def _grid(self, duration: float) -> Grid:
+        return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))
+
+    def _fine(self, candidate: Candidate) -> Array:
+        """Return the relative standard deviations (W, 10) on the way, in windows as the estimator has them."""
+        grid = self._grid(candidate.duration)
+        return candidate.motions.relative(candidate.speeds[None], grid, every=1)[:, 0]
+
+    def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
+        motions, settings = candidate.motions, self._settings
+        relative = self._fine(candidate)
+        model = motions.knowledge.layout.kernel.model
+        names = model.independent_joints
+        moved = np.flatnonzero(motions.limits.moved)
+        times, _, away = motions.course(candidate.speeds[None])
+        bounds = self._assurance.bounds(candidate)
+        use = np.concatenate(
+            (
+                motions.splines.use(candidate.speeds, motions.start, motions.limits),
+                motions.effort(candidate.speeds[None]),
+            )
+        )[:, moved]
+        # What the search was held to: a motion that is at that is at its limit.
+        of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
+        trajectory, grid = motions.trajectory(candidate.speeds), self._grid(candidate.duration)
+        return Plan(
+            trajectory=trajectory,
+            target=motions.knowledge.layout.kernel.target.name,
+            before=self.information.relative,
+            wanted=settings.relative,
+            asked=self.information.asked,
+            course=Course(grid.ends, relative),
+            base=Course(times, away[:, 0]),
+            bounds=bounds,
+            base_limits=settings.base.array,
+            use=use,
+            binding=tuple(
+                name
+                for name, part in zip(LIMITS, [*use.max(axis=1), *of_base, candidate.part < 1.0], strict=True)
+                if part > BINDING
+            ),
+            shortest=not settings.duration,
+            longest=settings.longest,
+            compared=compared,
+            may_be=relative[-1] * self._assurance.may_be(motions, trajectory),
+            stuck=tuple(name for place, name in enumerate(names) if place not in moved),
+            notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
+            shapes=self._collisions.shapes,
+        )
+
+
+def _efforts(knowledge: Posterior) -> Efforts:
+    """Return the efforts of the robot as it is known best."""
+    point, model = knowledge.point, knowledge.layout.kernel.model
+    return Efforts(model, point.side.kernel.with_target(point.body))

@@ -1,0 +1,291 @@
+"""How well the known bodies are known: what the parameters declare, or what a calibration has left open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.config.calibration import CalibrationFile, read_calibration
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import KnownLinksConfig
+from mbaid_ros.core.errors import DataError, ParameterError, listing
+from mbaid_ros.core.filter.state import layout_of
+from mbaid_ros.core.filter.variables import variables
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model_errors import (
+    BodyDeviations,
+    KnownErrors,
+    body_sizes,
+    calibrated,
+    declared,
+)
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.trajectory.posterior import (
+    FIRST,
+    End,
+    Posterior,
+    Sensing,
+)
+from mbaid_ros.core.unknowns.calibrated import CalibratedSide
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.session.uncertainty import declared_uncertainty
+
+# Parts of a body's typical sizes by which its values in the two files may differ: they are written to 12 digits.
+# Joints' frames: m, and about as many rad.
+_SAME = 1e-6
+# Said of data that contradict a model in which nothing may be off.
+EXACT_ROBOT = (
+    'the robot is said to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or say how well it is known'
+)
+_ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRobot:
+    """How well a robot is known, as the trajectory filter needs it.
+
+    Attributes
+    ----------
+    kernel : with the errors of its known bodies, as the catalogue of unknowns has them
+    uncertainty : of all else, and what is known of all of it together
+    """
+
+    kernel: MomentumKernel
+    uncertainty: Uncertainty
+
+
+def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
+    """Return a kernel with the errors of its known bodies, and the covariance of the target link's own parameters.
+
+    Returns
+    -------
+    MomentumKernel; (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact
+
+    Raises
+    ------
+    ParameterError
+        The parameters contradict each other or the robot, or the calibration cannot be used.
+    """
+    link = kernel.target.parameters
+    if not config.calibration:
+        target = declared(link[None], config.relative_std)
+        return kernel.with_uncertainty(declared_errors(kernel, config)), target.covariance if target.count else None
+    found = _calibration(kernel.model, config)
+    count = 10 * len(found.links)
+    links = [kernel.model.link(name) for name in found.links]
+    errors = calibrated(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
+    place = 10 * found.links.index(kernel.target.name) if kernel.target.name in found.links else None
+    own = None if place is None else found.covariance[place : place + 10, place : place + 10]
+    return kernel.with_uncertainty(errors), own
+
+
+def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
+    """Return how well the parameters, or a calibration that they name, have a robot known.
+
+    Parameters
+    ----------
+    config : EstimatorConfig
+    kernel : with the errors of its known bodies
+
+    Raises
+    ------
+    ParameterError
+        The parameters contradict each other or the robot, or the calibration cannot be used.
+    """
+    uncertainty = declared_uncertainty(config, kernel.model)
+    if not config.known_links.calibration:
+        return KnownRobot(kernel, uncertainty)
+    found = _calibration(kernel.model, config.known_links)
+    side = CalibratedSide(
+        tuple(kernel.model.link(name) for name in found.links),
+        found.values[10 * len(found.links) : -6 : 6],
+        found.values[-6:],
+        found.covariance,
+    )
+    return KnownRobot(*side.known_to(kernel, uncertainty))
+
+
+def doubting_exactness(estimates: list[Estimate], config: EstimatorConfig) -> list[Estimate]:
+    """Return estimates, of which those that contradict the data recall that the robot is said to be its URDF exactly.
+
+    Single causes are tried one by one: that everything is a little off is none of them.
+    """
+    links, joints, mount = config.known_links, config.known_joints, config.odometry_mount
+    uncertain = (
+        *(links.relative_std, links.links, links.calibration),
+        *(joints.zero_std, joints.origin_std, joints.axis_std, joints.tracking_std, joints.joints),
+        *(mount.position_std, mount.orientation_std),
+    )
+    if any(uncertain):
+        return estimates
+    return [replace(each, warnings=(*each.warnings, EXACT_ROBOT)) if each.contradicted else each for each in estimates]
+
+
+def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
+    """Return the calibration that the parameters name, of the very robot."""
+    if config.links:
+        raise ParameterError(
+            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which says "
+            'it of all bodies, none is accepted'
+        )
+    found = read_calibration(config.calibration)
+    _require_the_same(found, model)
+    return found
+
+
+def _require_the_same(found: CalibrationFile, model: RobotModel) -> None:
+    """Refuse a calibration of another robot, or one whose values the robot description does not have."""
+    names = [link.name for link in model.links]
+    foreign = [name for name in found.links if name not in names]
+    if foreign:
+        raise ParameterError(
+            f"calibration '{found.path}' is of {listing(foreign)}; accepted: links of the robot description: "
+            f'{listing(names)}'
+        )
+    if found.joints != model.joint_names:
+        raise ParameterError(
+            f"calibration '{found.path}' has the joints {listing(found.joints)}; accepted: those of the robot "
+            f'description: {listing(model.joint_names)}'
+        )
+    for index, name in enumerate(found.links):
+        link, values = model.link(name).parameters, found.values[10 * index : 10 * index + 10]
+        if not link[0] > 0.0 or np.any(np.abs(link - values) > _SAME * body_sizes(link)):
+            raise ParameterError(
+                f"link '{name}' has other values in the robot description than in calibration '{found.path}' "
+                f'({link[0]:.6g} kg, {values[0]:.6g} kg); {_ACCEPTED}'
+            )
+    moved = np.linalg.norm(model.positions - found.positions, axis=1)
+    turned = np.linalg.norm(model.rotations - found.rotations, axis=(1, 2))
+    for name, metres, radians in zip(model.joint_names, moved, turned, strict=True):
+        if max(metres, radians) > _SAME:
+            raise ParameterError(
+                f"joint '{name}' is elsewhere in the robot description than in calibration '{found.path}' "
+                f'({metres:.2g} m, {radians:.2g} rad away); {_ACCEPTED}'
+            )
+
+
+def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownErrors:
+    """Return the errors that the parameters declare, body by body.
+
+    Raises
+    ------
+    ParameterError
+        A name is not that of a known link with mass.
+    """
+    unknown = {link.name for link in kernel.unknown}
+    massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
+    bodies = {link.name: link.body for link in massive}
+    own: dict[int, BodyDeviations] = {}
+    for name, given in config.links.items():
+        if name in unknown:
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes "
+                'into target_prior.mass, mass_std, com and com_std'
+            )
+        if name not in bodies:
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
+            )
+        every = BodyDeviations.relative(kernel.known[bodies[name]], config.relative_std)
+        own[bodies[name]] = BodyDeviations(
+            given.get('mass_relative_std', every.mass),
+            given.get('com_std', every.com),
+            given.get('inertia_relative_std', every.inertia),
+        )
+    return declared(kernel.known, config.relative_std, own)
+
+
+_OF_END = ('joint_position', 'joint_velocity', 'stored', 'base_rotation', 'base_position', 'origin', 'brought')
+
+
+def as_numbers(knowledge: Posterior) -> dict[str, Any]:
+    """Return all of it: `covariance_factor` has the rows of an upper triangle T, from its diagonal on: T^T T."""
+    end, sensing = knowledge.end, knowledge.end.sensing
+    return {
+        'time': end.time,
+        'hypothesis': knowledge.hypothesis.name,
+        'mean': knowledge.mean[FIRST:].tolist(),
+        'covariance_factor': [row[place:].tolist() for place, row in enumerate(knowledge.triangle)],
+        'joints': list(knowledge.layout.kernel.model.joint_names),
+        **{name: getattr(end, name).tolist() for name in _OF_END},
+        'plane_normal': None if end.normal is None else end.normal.tolist(),
+        'rate': sensing.rate,
+        'joint_position_std': sensing.joint_position,
+        'pose_covariance': sensing.pose.tolist(),
+        'twist_covariance': sensing.twist.tolist() if sensing.measures_twist else None,
+    }
+
+
+def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: MomentumKernel) -> Posterior:
+    """Return what a run came to know.
+
+    Parameters
+    ----------
+    numbers : as `as_numbers` has them
+    config : of the run
+    kernel : of its robot, with the errors of its known bodies
+
+    Raises
+    ------
+    DataError
+        They are of another robot, or of a run with other parameters.
+    KeyError, TypeError, ValueError
+        They are no such numbers.
+    """
+    known = nominal_model(config, kernel)
+    model = known.kernel.model
+    if tuple(numbers['joints']) != model.joint_names:
+        raise DataError('its state is of other joints than the robot description has; accepted: the same robot')
+    normal = None if numbers['plane_normal'] is None else _array(numbers['plane_normal'], 3)
+    detector = PlaneDetector.decided(model, normal)
+    layout = layout_of(known.kernel, known.uncertainty, detector)
+    size = layout.size - FIRST
+    if len(numbers['mean']) != size:
+        raise DataError(
+            f'its state has {len(numbers["mean"])} numbers, and {size} with these parameters: known_links, '
+            'known_joints, odometry_mount and their like are others; accepted: those of the run'
+        )
+    twist = numbers['twist_covariance']
+    sensing = Sensing(
+        _positive(numbers['rate']),
+        _positive(numbers['joint_position_std']),
+        _array(numbers['pose_covariance'], 6, 6),
+        np.full((6, 6), np.nan) if twist is None else _array(twist, 6, 6),
+    )
+    joints = model.joints
+    shapes = ((joints,), (joints,), (known.kernel.storage.count,), (3, 3), (3,), (3,), (6,))
+    (joint_position, joint_velocity, stored, rotation, position, origin, brought) = (
+        _array(numbers[name], *shape) for name, shape in zip(_OF_END, shapes, strict=True)
+    )
+    joints_then = joint_position, joint_velocity, stored
+    end = End(sensing, float(numbers['time']), *joints_then, rotation, position, origin, brought, normal)
+    mass = float(np.sum(known.kernel.known[:, 0]))
+    constant = config.disturbance.constant
+    bank = hypotheses(mass, config.noise.declared.base_position, constant, adapt=True)  # type: ignore[arg-type]
+    hypothesis = next((each for each in bank if each.name == numbers['hypothesis']), bank[0])
+    mean = np.concatenate((np.zeros(FIRST), _array(numbers['mean'], size)))
+    triangle = np.zeros((size, size))
+    for place, row in enumerate(numbers['covariance_factor']):
+        triangle[place, place:] = _array(row, size - place)
+    return Posterior(layout, variables(layout, detector, known.uncertainty), hypothesis, mean, triangle, end)
+
+
+def _array(values: Any, *shape: int) -> Array:
+    found = np.array(values, dtype=float)
+    if found.shape != shape or not np.all(np.isfinite(found)):
+        raise ValueError(f'its state has numbers of shape {found.shape} where {shape} belongs, or not finite ones')
+    return found
+
+
+def _positive(value: Any) -> float:
+    if not float(value) > 0.0:
+        raise ValueError(f'its state has {value} where a number > 0 belongs')
+    return float(value)

@@ -1,0 +1,1 @@
+"""The simulated robot: its dynamics, environment and sensors."""

@@ -1,0 +1,283 @@
+"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under an explicit Runge-Kutta step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.core.errors import ModelError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.simulation.environment import BodyPoses, Effect, Push
+from mbaid_ros.simulation.one_quaternion import rotate, rotation_vector_rate, turned
+
+# Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
+# 1e-16; the stiffest of the robots tested has 1e-5.
+_SMALLEST_EIGENVALUE = 1e-12
+# The inertia of a massless tail vanishes in every configuration; others may in a few only. Try several.
+_CONFIGURATIONS_TRIED = 5
+
+# Butcher's Runge-Kutta method of order 6 with seven stages (J. Austral. Math. Soc. 4, 1964): the instants of the
+# stages, what each takes of the earlier slopes, and the weights of the result.
+_NODES = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
+_STAGES = tuple(
+    np.array(row)
+    for row in (
+        [],
+        [1 / 3],
+        [0, 2 / 3],
+        [1 / 12, 1 / 3, -1 / 12],
+        [-1 / 16, 9 / 8, -3 / 16, -3 / 8],
+        [0, 9 / 8, -3 / 8, -3 / 4, 1 / 2],
+        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11],
+    )
+)
+_WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
+
+
+_OF_A_PLACE = ('rotation', 'translation')
+_DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
+
+
+@dataclass(frozen=True)
+class State:
+    """One instant of the robot's motion.
+
+    Attributes
+    ----------
+    base_position : (3,) m, origin of the base link in the odometry frame
+    base_orientation : (4,) unit quaternion (x, y, z, w), base link to odometry frame
+    joint_position : (n,) rad or m; continuous joints count their turns
+    velocity : (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
+    """
+
+    base_position: Array
+    base_orientation: Array
+    joint_position: Array
+    velocity: Array
+
+    @property
+    def joint_velocity(self) -> Array:
+        """The (n,) joint rates, rad/s or m/s."""
+        return self.velocity[6:]
+
+
+# Joint torques (n,) at a time (s) in a state.
+TorqueLaw = Callable[[float, State], Array]
+
+
+class Dynamics:
+    """Forward and inverse dynamics of one robot, without gravity.
+
+    Parameters
+    ----------
+    model : RobotModel
+    push : what acts on it from outside
+    effects : what else acts on its bodies
+
+    Raises
+    ------
+    ModelError
+        The mass matrix is singular or not positive: something that moves has no inertia.
+    """
+
+    def __init__(self, model: RobotModel, push: Push | None = None, effects: Sequence[Effect] = ()) -> None:
+        self.model = model
+        self._pinocchio = parse(model.urdf, model.base_link)
+        self._data = self._pinocchio.createData()
+        joints = list(self._pinocchio.joints)[2:]
+        self._place = np.array([joint.idx_q for joint in joints], dtype=int)
+        self._turning = np.array(model.continuous, dtype=bool)
+        self._sine_place = self._place[self._turning] + 1
+        self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
+        self._inertial = push if push is not None and push.body is None else None
+        if push is not None and push.body is not None:
+            self._act(push.body, push.force, push.torque)
+        self._effects = tuple(effects)
+        self._pushed = np.array([force.vector for force in self._forces])[1:]
+        self._refuse_singular()
+
+    def acceleration(self, state: State, torque: Array, time: float = 0.0) -> Array:
+        """Return the acceleration under joint torques.
+
+        Parameters
+        ----------
+        state : State
+        torque : (n,) N m, or N for a prismatic joint
+        time : s, which the effects depend on
+
+        Returns
+        -------
+        (6 + n,) rate of change of `State.velocity`, component by component
+
+        Raises
+        ------
+        ModelError
+            The result is not finite: the mass matrix is singular in this state, or the motion has diverged.
+        """
+        generalised = np.concatenate((np.zeros(6), torque))
+        configuration = self._configuration(state)
+        self._act_all(time, state, configuration)
+        result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
+        if not math.isfinite(result.sum()):
+            raise ModelError(_DIVERGED)
+        return np.array(result)
+
+    def torque(self, state: State, joint_acceleration: Array, time: float = 0.0) -> Array:
+        """Return the joint torques that give the joints an acceleration while the base floats (computed torque).
+
+        Parameters
+        ----------
+        state : State
+        joint_acceleration : (n,) rad/s^2 or m/s^2
+        time : s, which the effects depend on
+
+        Returns
+        -------
+        (n,) array, N m or N; internal, so the total momentum does not change
+
+        Raises
+        ------
+        ModelError
+            The inertia of the whole robot is singular in this state, so that nothing gives the base's acceleration.
+        """
+        configuration = self._configuration(state)
+        acceleration = np.concatenate((np.zeros(6), joint_acceleration))
+        if self._effects:
+            self._act_all(time, state, configuration)
+        forces = (self._forces,) if self._effects else ()
+        # Nothing else pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
+        motion = (self._pinocchio, self._data, configuration, state.velocity)
+        push = pinocchio.rnea(*motion, acceleration, *forces)[:6]
+        pinocchio.crba(self._pinocchio, self._data, configuration)
+        try:
+            acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+        except np.linalg.LinAlgError as error:
+            raise ModelError(_DIVERGED) from error
+        return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
+
+    def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
+        """Return the state one Runge-Kutta step (Butcher's, order 6) later.
+
+        The configuration moves in a chart around the step's start: positions and angles add, the orientation is the
+        start's turned by a rotation vector (Munthe-Kaas). Every stage is thus a true orientation and the order is kept.
+
+        Parameters
+        ----------
+        time : s at the start
+        state : at the start
+        acceleration : (6 + n,) at the start, as `acceleration` gives it under the law
+        length : s
+        law : joint torques as a function of time and state
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        ModelError
+            The motion has diverged.
+        """
+        size = 6 + self.model.joints
+        slopes = np.empty((len(_NODES), 2 * size))
+        slopes[0] = np.concatenate((_chart_rate(state, np.zeros(3)), acceleration))
+        for stage in range(1, len(_NODES)):
+            moved = length * (_STAGES[stage] @ slopes[:stage])
+            reached = _moved(state, moved[:size], state.velocity + moved[size:])
+            instant = time + _NODES[stage] * length
+            slopes[stage, :size] = _chart_rate(reached, moved[3:6])
+            slopes[stage, size:] = self.acceleration(reached, law(instant, reached), instant)
+        moved = length * (_WEIGHTS @ slopes)
+        return _moved(state, moved[:size], state.velocity + moved[size:])
+
+    def _act_all(self, time: float, state: State, configuration: Array) -> None:
+        """Tell pinocchio of everything that acts and depends on time or state."""
+        inertial = None
+        if self._inertial is not None:
+            inertial = self._inertial.on_base(state.base_position, state.base_orientation)
+        if self._effects:
+            pinocchio.forwardKinematics(self._pinocchio, self._data, configuration)
+            places = list(self._data.oMi)[1:]
+            rotation, position = (np.array([getattr(each, part) for each in places]) for part in _OF_A_PLACE)
+            now = BodyPoses(time, rotation, position, state.velocity[3:6])
+            wrenches = self._pushed + sum(effect.wrenches(now) for effect in self._effects)
+            if inertial is not None:
+                wrenches[0] += np.concatenate(inertial)
+            for body, wrench in enumerate(wrenches):
+                self._act(body, wrench[:3], wrench[3:])
+        elif inertial is not None:
+            self._act(0, *inertial)
+
+    def _act(self, body: int, force: Array, torque: Array) -> None:
+        """Tell pinocchio what acts on a body from outside, in its axes."""
+        # Its universe comes before the bodies.
+        self._forces[body + 1] = pinocchio.Force(force, torque)
+
+    def _configuration(self, state: State) -> Array:
+        """Return pinocchio's configuration vector, in which a continuous joint is (cos, sin)."""
+        configuration = np.empty(self._pinocchio.nq)
+        configuration[:3] = state.base_position
+        configuration[3:7] = state.base_orientation
+        configuration[self._place] = state.joint_position
+        if self._sine_place.size:
+            angle = state.joint_position[self._turning]
+            configuration[self._sine_place - 1] = np.cos(angle)
+            configuration[self._sine_place] = np.sin(angle)
+        return configuration
+
+    def _mass_matrix(self, configuration: Array) -> Array:
+        """Return the symmetric (6 + n, 6 + n) joint-space inertia."""
+        upper = np.triu(pinocchio.crba(self._pinocchio, self._data, configuration))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    def _refuse_singular(self) -> None:
+        generator = np.random.default_rng(0)
+        joints = self.model.joints
+        for _ in range(_CONFIGURATIONS_TRIED):
+            angles = generator.uniform(-1.0, 1.0, joints)
+            upright = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), angles, np.zeros(6 + joints))
+            self._refuse_singular_mass(self._mass_matrix(self._configuration(upright)))
+
+    def _refuse_singular_mass(self, mass: Array) -> None:
+        diagonal = np.diag(mass)
+        idle = [name for name, own in zip(self.model.joint_names, diagonal[6:], strict=True) if not own > 0.0]
+        if idle:
+            message = (
+                f'nothing that has inertia moves with joints {listing(idle)}; give the links they carry <inertial>'
+            )
+            raise ModelError(message)
+        if np.all(diagonal > 0.0):
+            scale = 1.0 / np.sqrt(diagonal)
+            eigenvalues = np.linalg.eigvalsh(mass * scale * scale[:, None])
+            if eigenvalues[0] > _SMALLEST_EIGENVALUE * eigenvalues[-1]:
+                return
+        message = (
+            'the mass matrix of the robot is singular or not positive: check that it has mass, that the links at the '
+            'ends of its chains have <inertial>, and that every inertia is that of a real body'
+        )
+        raise ModelError(message)
+
+
+def _moved(state: State, chart: Array, velocity: Array) -> State:
+    """Return the state displaced by chart coordinates: (position, rotation vector in base axes, joints)."""
+    if not math.isfinite(chart[3:6] @ chart[3:6]):
+        raise ModelError(_DIVERGED)
+    return State(
+        state.base_position + chart[:3],
+        turned(state.base_orientation, chart[3:6]),
+        state.joint_position + chart[6:],
+        velocity,
+    )
+
+
+def _chart_rate(state: State, rotation_vector: Array) -> Array:
+    """Return the rates of the chart's coordinates in a state that is turned by a rotation vector from the start."""
+    rate = state.velocity.copy()
+    rate[:3] = rotate(state.base_orientation, rate[:3])
+    rate[3:6] = rotation_vector_rate(rotation_vector, rate[3:6])
+    return rate

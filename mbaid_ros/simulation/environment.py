@@ -1,0 +1,215 @@
+"""What acts on the bodies of a simulated robot beside the torques of its joints and a constant push."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, unvec
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.simulation import quaternions
+
+
+@dataclass(frozen=True)
+class BodyPoses:
+    """Where the n + 1 bodies are at an instant.
+
+    Attributes
+    ----------
+    time : s since the start of the run
+    rotation : (n + 1, 3, 3) body to odometry axes
+    position : (n + 1, 3) m, body origins in the odometry frame
+    angular_velocity : (3,) rad/s, of the base, in its axes
+    """
+
+    time: float
+    rotation: Array
+    position: Array
+    angular_velocity: Array
+
+
+class Effect(Protocol):
+    """Something that acts on bodies."""
+
+    def wrenches(self, now: BodyPoses) -> Array:
+        """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame.
+
+    Attributes
+    ----------
+    body : index of the moving body; None for the odometry frame
+    force, torque : (3,) N, N m, about the frame's origin, in its axes
+    """
+
+    body: int | None
+    force: Array
+    torque: Array
+
+    @staticmethod
+    def on(link: Link | None, wrench: Array) -> Push:
+        """Return a (6,) force and torque about the origin of a link's frame, or of the odometry frame, in its axes."""
+        if link is None:
+            return Push(None, wrench[:3], wrench[3:])
+        force = link.rotation @ wrench[:3]
+        return Push(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
+
+    def about(self, origin: Array) -> Push:
+        """Return the same where positions count from another place (3,) of the odometry frame."""
+        return self if self.body is not None else replace(self, torque=self.torque - np.cross(origin, self.force))
+
+    def on_base(self, position: Array, orientation: Array) -> tuple[Array, Array]:
+        """Return force and torque, constant in the odometry frame, about the base's origin and in its axes.
+
+        Parameters
+        ----------
+        position : (3,) m, of the base
+        orientation : (4,) quaternion (x, y, z, w), base to odometry frame
+        """
+        back = quaternions.conjugate(orientation)
+        return quaternions.rotate(back, self.force), quaternions.rotate(back, self.about(position).torque)
+
+
+@dataclass(frozen=True, eq=False)
+class Tide:
+    """What gravity leaves in the frame that falls along.
+
+    Attributes
+    ----------
+    orbit : Orbit
+    origin : (3,) m, which the bodies' positions count from
+    mass, centre, inertia : (b,), (b, 3), (b, 3, 3) of each body, kg, m, kg m^2 about the centre of mass, its own axes
+    """
+
+    orbit: Orbit
+    origin: Array
+    mass: Array
+    centre: Array
+    inertia: Array
+
+    @staticmethod
+    def on(model: RobotModel, orbit: Orbit, origin: Array) -> Tide:
+        """Return what acts on a robot whose positions count from an origin (3,) m in the falling frame."""
+        bodies = model.body_parameters()
+        massive = bodies[:, 0] > 0.0
+        values = np.zeros_like(bodies)
+        values[massive] = [physical(body) for body in bodies[massive]]
+        return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
+
+    def wrenches(self, now: BodyPoses) -> Array:
+        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the body's origin: (n + 1, 6)."""
+        instant = np.array([now.time])
+        up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
+        place = self.origin + now.position + rotate(now.rotation, self.centre)
+        force = rotate_back(now.rotation, self.mass[:, None] * (place @ self.orbit.gradient(instant)[0]))
+        torque = 3.0 * self.orbit.strength(instant) * cross(up, rotate(self.inertia, up))
+        return np.concatenate((force, torque + cross(self.centre, force)), axis=1)
+
+
+_TERMS = 3  # sinusoids of a wheel that wanders
+_PERIODS = (8.0, 40.0)  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Wheels:
+    """w wheels whose speeds relative to the base are s(t) = start + slope t + sum_k a_k (sin(r_k t + p_k) - sin(p_k)).
+
+    Attributes
+    ----------
+    names : of each
+    axes : (w, 3) unit vectors in the base's axes
+    spin_inertias : (w,) kg m^2
+    start, slope : (w,) rad/s, rad/s^2
+    amplitude, rate, phase : (w, K) rad/s, rad/s, rad
+    """
+
+    names: tuple[str, ...]
+    axes: Array
+    spin_inertias: Array
+    start: Array
+    slope: Array
+    amplitude: Array
+    rate: Array
+    phase: Array
+
+    @staticmethod
+    def drawn(
+        names: tuple[str, ...],
+        axes: Array,
+        spin_inertias: Array,
+        speeds: tuple[Array, Array],
+        wander: tuple[float, int],
+    ) -> Wheels:
+        """Return wheels that are held, or ramped, and wander beside.
+
+        Parameters
+        ----------
+        names, axes, spin_inertias : as of the class
+        speeds : start and slope
+        wander : rad/s, largest departure from that, and a seed
+        """
+        amplitude, seed = wander
+        rng = np.random.default_rng(seed)
+        shape = (len(names), _TERMS)
+        rate = 2.0 * np.pi / rng.uniform(*_PERIODS, shape)
+        share = rng.uniform(0.5, 1.0, shape)
+        return Wheels(
+            names, axes, spin_inertias, *speeds, amplitude * share / _TERMS, rate, rng.uniform(0.0, 2.0 * np.pi, shape)
+        )
+
+    def speeds(self, time: Array) -> Array:
+        """Return the (N, w) speeds at (N,) times, rad/s."""
+        angle = self.rate * time[:, None, None] + self.phase
+        wandering = np.sum(self.amplitude * (np.sin(angle) - np.sin(self.phase)), axis=-1)
+        return np.asarray(self.start + self.slope * time[:, None] + wandering)
+
+    def stored(self, speeds: Array) -> Array:
+        """Return the (N, 3) angular momentum that they store at (N, w) speeds, N m s, base axes."""
+        return np.asarray((self.spin_inertias * speeds) @ self.axes)
+
+    def wrenches(self, now: BodyPoses) -> Array:
+        """Return what their motors and their gyroscopic reaction do to the base: -(h' + w x h)."""
+        angle = self.rate * now.time + self.phase
+        slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)
+        stored = self.stored(self.speeds(np.array([now.time])))[0]
+        wrenches = np.zeros((len(now.position), 6))
+        wrenches[0, 3:] = -(self.spin_inertias * slopes) @ self.axes - np.cross(now.angular_velocity, stored)
+        return wrenches
+
+    def later(self, time: float) -> Wheels:
+        """Return the same wheels, begun at a time (s) of this one."""
+        return replace(self, start=self.speeds(np.array([time]))[0], phase=self.phase + self.rate * time)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What acts on the bodies all the time.
+
+    Attributes
+    ----------
+    wheels : inside the base; None where there are none
+    orbit : about the epoch at time 0; None where there is none
+    """
+
+    wheels: Wheels | None = None
+    orbit: Orbit | None = None
+
+    def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
+        """Return what acts on a robot whose positions count from an origin (3,) m in the odometry frame."""
+        tide = () if self.orbit is None else (Tide.on(model, self.orbit, origin),)
+        return (*tide, *(() if self.wheels is None else (self.wheels,)))
+
+    def later(self, time: float) -> Surroundings:
+        """Return the same, begun at a time (s) of this one."""
+        return Surroundings(
+            None if self.wheels is None else self.wheels.later(time),
+            None if self.orbit is None else self.orbit.later(time),
+        )

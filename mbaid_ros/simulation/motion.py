@@ -1,0 +1,240 @@
+"""What the arm's joints are made to do while the base floats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.mimic import Transmission
+from mbaid_ros.core.robot.model import RobotModel
+
+# Gains of the tracking error. The torques are those of the exact model, so only the integrator's own error is left to
+# correct: a slow, critically damped loop (1 rad/s) is enough and does not shorten the step.
+_STIFFNESS = 1.0  # 1/s^2
+_DAMPING = 2.0  # 1/s
+
+
+class Motion(Protocol):
+    """How the joints are driven."""
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array | None:
+        """Return the joint accelerations to give (n,) in rad/s^2 or m/s^2, or None where no torque acts."""
+        ...
+
+    def later(self, time: float) -> Motion:
+        """Return the same motion, begun at a time (s) of this one."""
+        ...
+
+
+def tracking(reference: tuple[Array, Array, Array], position: Array, velocity: Array) -> Array:
+    """Return the acceleration of a reference (position, velocity, acceleration), corrected by the tracking error."""
+    wanted, speed, acceleration = reference
+    return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
+
+
+class Driven(Motion, Protocol):
+    """Joints that follow a reference."""
+
+    @property
+    def start(self) -> Array:
+        """Where they begin, (n,)."""
+        ...
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        ...
+
+    def later(self, time: float) -> Driven:
+        """Return the same motion, begun at a time (s) of this one."""
+        ...
+
+
+class Passive:
+    """Free joints: no torque (the paper's case)."""
+
+    def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - the protocol's
+        """Return None: nothing drives the joints."""
+        return
+
+    def later(self, time: float) -> Passive:  # noqa: ARG002 - the protocol's
+        """Return itself."""
+        return self
+
+
+@dataclass(frozen=True)
+class Sinusoids:
+    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk)).
+
+    Attributes
+    ----------
+    start : (n,) q0, rad or m
+    amplitude, frequency, phase : (n, K): rad or m; Hz; rad
+    """
+
+    start: Array
+    amplitude: Array
+    frequency: Array
+    phase: Array
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        rate = 2.0 * np.pi * self.frequency
+        angle = rate * time + self.phase
+        sine, speed = self.amplitude * np.sin(angle), self.amplitude * rate
+        position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
+        return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
+
+    def later(self, time: float) -> Sinusoids:
+        """Return the same motion, begun at a time (s) of this one."""
+        phase = self.phase + 2.0 * np.pi * time * self.frequency
+        return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the reference's acceleration, corrected by the tracking error."""
+        return tracking(self.reference(time), position, velocity)
+
+
+def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:
+    """Build sinusoids from flat arrays, joint by joint: (j1 term 1, j1 term 2, ..., j2 term 1, ...).
+
+    Parameters
+    ----------
+    start : (n,) rad or m
+    amplitudes, frequencies : (n K,) rad or m; Hz
+    phases : (n K,) rad, or empty for zero
+
+    Returns
+    -------
+    Sinusoids
+
+    Raises
+    ------
+    ParameterError
+        The arrays are not of one length, a multiple of the number of joints.
+    """
+    joints = len(start)
+    if not len(phases):
+        phases = np.zeros(len(amplitudes))
+    if len(amplitudes) != len(frequencies) or len(amplitudes) != len(phases):
+        raise ParameterError(
+            f'motion.amplitudes, motion.frequencies and motion.phases have {len(amplitudes)}, {len(frequencies)} and '
+            f'{len(phases)} numbers; arrays of one length are accepted'
+        )
+    if joints == 0 or len(amplitudes) == 0 or len(amplitudes) % joints:
+        raise ParameterError(
+            f'motion.amplitudes has {len(amplitudes)} numbers; a multiple of the {joints} joints is accepted'
+        )
+    shape = (joints, -1)
+    return Sinusoids(start, amplitudes.reshape(shape), frequencies.reshape(shape), phases.reshape(shape))
+
+
+def random_sinusoids(
+    start: Array, seed: int, terms: int, amplitude: float, period_min: float, period_max: float
+) -> Sinusoids:
+    """Draw sinusoids: amplitudes in (0.5, 1) of `amplitude` shared among the terms, periods uniform in their range.
+
+    Parameters
+    ----------
+    start : (n,) rad or m
+    seed : the same seed gives the same motion
+    terms : sinusoids a joint
+    amplitude : rad or m, largest excursion of a joint from the middle of its motion
+    period_min, period_max : s
+
+    Returns
+    -------
+    Sinusoids
+
+    Raises
+    ------
+    ParameterError
+        The periods are not in order.
+    """
+    if not 0.0 < period_min <= period_max:
+        raise ParameterError(
+            f'motion.period_min is {period_min:g} s and motion.period_max {period_max:g} s; '
+            '0 < period_min <= period_max is accepted'
+        )
+    generator = np.random.default_rng(seed)
+    shape = (len(start), terms)
+    return Sinusoids(
+        start,
+        amplitude=generator.uniform(0.5, 1.0, shape) * amplitude / terms,
+        frequency=1.0 / generator.uniform(period_min, period_max, shape),
+        phase=generator.uniform(-np.pi, np.pi, shape),
+    )
+
+
+_KEPT = 0.999  # of a limit, where it binds: the joints track their reference, and do not lie on it
+
+
+def independent_limits(model: RobotModel) -> tuple[Array, Array, Array]:
+    """Return lower, upper and velocity limits (k,) of the joints that follow no other, for all that they move.
+
+    rad or m, rad/s or m/s; infinite where the URDF has none.
+    """
+    moved = model.transmission
+    lower, upper = np.full((2, len(moved.independent)), [[-np.inf], [np.inf]])
+    velocity = np.full(len(moved.independent), np.inf)
+    for joint, limit in enumerate(model.limits):
+        gain, place = moved.multiplier[joint], moved.driver[joint]
+        if gain == 0.0:
+            continue
+        ends = sorted((end - moved.offset[joint]) / gain for end in (limit.lower, limit.upper))
+        lower[place], upper[place] = max(lower[place], ends[0]), min(upper[place], ends[1])
+        velocity[place] = min(velocity[place], limit.velocity / abs(gain))
+    return lower, upper, velocity
+
+
+def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) -> Sinusoids:
+    """Return a motion of the k independent joints made as much smaller as their limits ask for, and else as it is.
+
+    Where the start is not given, it moves to where the motion fits.
+
+    Raises
+    ------
+    ParameterError
+        The start that is given is outside the limits.
+    """
+    lower, upper, velocity = independent_limits(model)
+    outside = (motion.start < lower) | (motion.start > upper)
+    if start_given and outside.any():
+        joint = int(np.flatnonzero(outside)[0])
+        raise ParameterError(
+            f"parameter 'initial.joint_positions' has {motion.start[joint]:g} for '{model.independent_joints[joint]}'; "
+            f'accepted: its limits, {lower[joint]:g} to {upper[joint]:g}, or motion.within_limits: false'
+        )
+    reach = motion.amplitude.sum(axis=1)
+    centre = -(motion.amplitude * np.sin(motion.phase)).sum(axis=1)  # of the excursion, less the start
+    fastest = 2.0 * np.pi * (motion.amplitude * motion.frequency).sum(axis=1)
+    scale = _ratio(velocity, fastest)
+    if start_given:
+        room = np.minimum(_ratio(upper - motion.start, reach + centre), _ratio(motion.start - lower, reach - centre))
+    else:
+        room = _ratio(0.5 * (upper - lower), reach)
+    scale = np.minimum(scale, room)
+    start = motion.start
+    if not start_given:
+        middle, extent = start + scale * centre, scale * reach
+        moved = np.clip(middle, lower + extent, np.maximum(upper - extent, lower + extent))
+        start = np.where(moved == middle, start, moved - scale * centre)
+    return Sinusoids(start, motion.amplitude * scale[:, None], motion.frequency, motion.phase)
+
+
+def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
+    """Return the motion of all n joints from that of the k independent ones."""
+    if transmission.direct:
+        return motion
+    place, gain = transmission.driver, transmission.multiplier
+    amplitude = motion.amplitude[place] * gain[:, None]
+    return Sinusoids(transmission.positions(motion.start), amplitude, motion.frequency[place], motion.phase[place])
+
+
+def _ratio(allowed: Array, wanted: Array) -> Array:
+    """Return 1 where what is wanted is allowed, else what part of it is."""
+    fits = wanted <= allowed
+    return np.where(fits, 1.0, _KEPT * allowed / np.where(fits, 1.0, wanted))

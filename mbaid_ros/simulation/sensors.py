@@ -1,0 +1,286 @@
+"""An IMU: its gyro reads the true angular velocity with noise, a bias that walks, and scales of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.thrust import ThrustSimulation
+from mbaid_ros.simulation.true_robot import misread
+
+
+@dataclass(frozen=True)
+class ImuErrors:
+    """What an IMU reads wrong.
+
+    Attributes
+    ----------
+    noise_density : rad/s/sqrt(Hz)
+    bias : (3,) rad/s at the begin
+    bias_walk : rad/s/sqrt(s)
+    scale : (3,) by what part each axis reads too much
+    orientation : rad, white noise of the orientation that it tells, about fixed axes; 0 is that it tells none
+    """
+
+    noise_density: float = 0.0
+    bias: tuple[float, ...] = (0.0, 0.0, 0.0)
+    bias_walk: float = 0.0
+    scale: tuple[float, ...] = (0.0, 0.0, 0.0)
+    orientation: float = 0.0
+
+
+@dataclass(frozen=True)
+class ImuReadings:
+    """N readings, in the axes of the link that it is on.
+
+    Attributes
+    ----------
+    time : (N,) s since the start of the run
+    angular_velocity : (N, 3) rad/s
+    orientation : (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) where it tells none
+    orientation_std : rad, of its noise
+    link : name of that link; empty is the base link
+    """
+
+    time: Array
+    angular_velocity: Array
+    orientation: Array
+    orientation_std: float = 0.0
+    link: str = ''
+
+
+class Imu:
+    """A gyro with seeded errors; they do not depend on how the readings are cut into batches.
+
+    Parameters
+    ----------
+    rate : Hz
+    errors : ImuErrors
+    seed : the same seed gives the same noise
+    robot : the one that moves, where it is on a link that is not the base link
+    link : that one
+    """
+
+    def __init__(
+        self, rate: float, errors: ImuErrors, seed: int, robot: RobotModel | None = None, link: Link | None = None
+    ) -> None:
+        self.rate = rate
+        self._errors = errors
+        self._kinematics = None if robot is None else Kinematics(robot)
+        self._link = link
+        streams = np.random.SeedSequence(seed).spawn(3)
+        self._noise, self._walk, self._attitude = (np.random.default_rng(stream) for stream in streams)
+        self._bias: Array = np.array(errors.bias, dtype=float)
+
+    def readings(self, truth: Truth) -> ImuReadings:
+        """Return what it reads of the true motion at the next N of its instants."""
+        errors = self._errors
+        orientation, angular_velocity = self._of_link(truth)
+        shape = angular_velocity.shape
+        steps = errors.bias_walk / np.sqrt(self.rate) * self._walk.standard_normal(shape)
+        bias = np.cumsum(np.concatenate((self._bias[None], steps)), axis=0)
+        self._bias = bias[-1]
+        noise = errors.noise_density * np.sqrt(self.rate) * self._noise.standard_normal(shape)
+        turn = errors.orientation * self._attitude.standard_normal(shape)
+        told = quaternions.product(quaternions.exp(turn), orientation)
+        return ImuReadings(
+            truth.time,
+            (1.0 + np.array(errors.scale)) * angular_velocity + bias[:-1] + noise,
+            told if errors.orientation > 0.0 else told[:, :0],
+            errors.orientation,
+            '' if self._link is None else self._link.name,
+        )
+
+    def _of_link(self, truth: Truth) -> tuple[Array, Array]:
+        """Return the orientation (N, 4) and the angular velocity (N, 3), in its own axes, of the link that it is on."""
+        orientation, rate = truth.base_orientation, truth.base_angular_velocity
+        if self._kinematics is None or self._link is None:
+            return orientation, rate
+        placed = self._kinematics.configure(np.tile(np.eye(3), (len(rate), 1, 1)), truth.joint_position)
+        twist = np.concatenate((np.zeros_like(rate), rate), axis=1)
+        bodies = self._kinematics.body_twists(placed, truth.joint_velocity, twist)
+        turned, _ = placed.link(self._link)  # to base axes
+        own = quaternion_from_rotation(turned)
+        return quaternions.product(orientation, own), rotate_back(turned, bodies[:, self._link.body, 3:])
+
+
+# A reading due within this of a limit (in periods) is due at it: k / rate is rounded.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """N readings of the joints.
+
+    Attributes
+    ----------
+    time : (N,) s since the start of the run
+    position, velocity, effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
+    wheel_speed : (N, w) rad/s
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    wheel_speed: Array
+
+
+@dataclass(frozen=True)
+class BaseReadings:
+    """N readings of the base link's pose and twist.
+
+    Attributes
+    ----------
+    time : (N,) s since the start of the run
+    position : (N, 3) m, in the odometry frame
+    orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame
+    linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in base axes
+    pose_covariance : (6, 6) of position and orientation, odometry axes
+    twist_covariance : (6, 6) of linear and angular velocity, base axes
+    """
+
+    time: Array
+    position: Array
+    orientation: Array
+    linear_velocity: Array
+    angular_velocity: Array
+    pose_covariance: Array
+    twist_covariance: Array
+
+
+class Sensors:
+    """Encoders and navigation with seeded noise.
+
+    Every channel draws from a stream of its own: the noise of one depends neither on how many readings another gave,
+    nor on how the readings are cut into batches.
+
+    Parameters
+    ----------
+    noise : one standard deviation of each channel; 0 is none
+    seed : the same seed gives the same noise
+    errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    wheel_noise : rad/s, of the speed of wheels inside the base
+    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
+    """
+
+    def __init__(
+        self,
+        noise: SensorNoise,
+        seed: int,
+        errors: ModelErrors | None = None,
+        wheel_noise: float = 0.0,
+        view: Callable[[Truth], Truth] | None = None,
+    ) -> None:
+        self.noise = noise
+        self._errors = errors
+        self._wheel_noise = wheel_noise
+        self._view = view
+        streams = np.random.SeedSequence(seed).spawn(7)
+        self._encoder, self._rate, self._place, self._attitude, self._speed, self._gyroscope, self._tachometer = (
+            np.random.default_rng(stream) for stream in streams
+        )
+
+    def joints(self, truth: Truth) -> JointReadings:
+        """Return what the encoders read of the true motion."""
+        noise, truth = self.noise, self._without_noise(truth)
+        return JointReadings(
+            time=truth.time,
+            position=truth.joint_position + _white(self._encoder, noise.joint_position, truth.joint_position),
+            velocity=truth.joint_velocity + _white(self._rate, noise.joint_velocity, truth.joint_velocity),
+            effort=truth.joint_effort,
+            wheel_speed=truth.wheel_speed + _white(self._tachometer, self._wheel_noise, truth.wheel_speed),
+        )
+
+    def base(self, truth: Truth) -> BaseReadings:
+        """Return what the navigation reads of the true motion.
+
+        The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
+        ROS pose has it.
+        """
+        noise, truth = self.noise, self._without_noise(truth)
+        error = _white(self._attitude, noise.base_orientation, truth.base_position)
+        linear = truth.base_linear_velocity
+        angular = truth.base_angular_velocity
+        return BaseReadings(
+            time=truth.time,
+            position=truth.base_position + _white(self._place, noise.base_position, truth.base_position),
+            orientation=quaternions.product(quaternions.exp(error), truth.base_orientation),
+            linear_velocity=linear + _white(self._speed, noise.base_linear_velocity, linear),
+            angular_velocity=angular + _white(self._gyroscope, noise.base_angular_velocity, angular),
+            pose_covariance=noise.pose_covariance(),
+            twist_covariance=noise.twist_covariance(),
+        )
+
+    def _without_noise(self, truth: Truth) -> Truth:
+        seen = truth if self._view is None else self._view(truth)
+        return seen if self._errors is None else misread(seen, self._errors)
+
+
+class SensedSimulation:
+    """A simulated run as its sensors report it.
+
+    Parameters
+    ----------
+    simulation : the true motion
+    sensors : Sensors
+    joint_rate, odometry_rate : readings a second, from time 0 on
+    imu : on a link, if there is one
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation | CaptureSimulation | ThrustSimulation,
+        sensors: Sensors,
+        joint_rate: float,
+        odometry_rate: float,
+        imu: Imu | None = None,
+    ) -> None:
+        self._simulation = simulation
+        self._sensors = sensors
+        self._imu = imu
+        self._rates = (joint_rate, odometry_rate, 0.0 if imu is None else imu.rate)
+        self._given = [0, 0, 0]
+
+    def read(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
+        """Return the readings that are due up to and including a time (s) and have not been returned before.
+
+        Raises
+        ------
+        ModelError
+            The motion has diverged.
+        """
+        joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
+        imu_time = np.zeros(0) if self._imu is None else self._due(2, until)
+        instants = np.union1d(np.union1d(joint_time, base_time), imu_time)
+        truth = self._simulation.advance(instants)
+        joints = truth[np.searchsorted(instants, joint_time)]
+        base = truth[np.searchsorted(instants, base_time)]
+        imu = None
+        if self._imu is not None:
+            turning = truth[np.searchsorted(instants, imu_time)]
+            imu = self._imu.readings(turning)
+        return self._sensors.joints(joints), self._sensors.base(base), imu
+
+    def _due(self, sensor: int, until: float) -> Array:
+        rate = self._rates[sensor]
+        count = math.floor(until * rate + _ROUNDING) + 1
+        indices = np.arange(self._given[sensor], max(count, self._given[sensor]))
+        self._given[sensor] += len(indices)
+        # Dividing, not adding periods: readings of two sensors that are due together get the very same time.
+        return indices / rate
+
+
+def _white(generator: np.random.Generator, deviation: float, like: Array) -> Array:
+    return deviation * generator.standard_normal(like.shape)

@@ -1,0 +1,198 @@
+"""Joints that follow trajectories, given beforehand or on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.simulation.motion import Driven, tracking
+
+Places = npt.NDArray[np.intp]
+
+_NEAR = 0.05  # rad or m, by which a trajectory may begin elsewhere than the joints are
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Joints that follow a trajectory from a time on, and rest before it and after it.
+
+    Attributes
+    ----------
+    trajectory : of the k joints that it moves, the others of the n rest
+    start : (n,) where all joints are before it, rad or m; at its first point those that it moves
+    places : (k,) of the joints that it moves among the n
+    begin : s
+    """
+
+    trajectory: JointTrajectory
+    start: Array
+    places: Places
+    begin: float = 0.0
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        position, velocity, acceleration = self.start.copy(), np.zeros(len(self.start)), np.zeros(len(self.start))
+        parts = self.trajectory.at(np.asarray(time - self.begin))
+        position[self.places], velocity[self.places], acceleration[self.places] = parts
+        return position, velocity, acceleration
+
+    def later(self, time: float) -> Followed:
+        """Return the same motion, begun at a time (s) of this one."""
+        return Followed(self.trajectory, self.start, self.places, self.begin - time)
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the reference's acceleration, corrected by the tracking error."""
+        return tracking(self.reference(time), position, velocity)
+
+
+class Steered:
+    """A motion, and trajectories that are given on the way, each of which takes over when its time has come.
+
+    Parameters
+    ----------
+    first : until then
+    """
+
+    def __init__(self, first: Driven) -> None:
+        self._first = first
+        self._orders: list[Followed] = []  # with times of `first`
+        self._offset = 0.0
+
+    @property
+    def start(self) -> Array:
+        """Where the joints begin, (n,)."""
+        return self.reference(0.0)[0]
+
+    def follow(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
+        """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
+
+        Raises
+        ------
+        DataError
+            It names joints that the robot does not have, or begins where the joints are not.
+        """
+        place, rate, bend = self.reference(begin)
+        every = of_all_joints(trajectory, model)
+        places = _places(every, model)
+        joined = _joined(every, place[places], rate[places], bend[places])
+        self._orders.append(Followed(joined, place, places, begin + self._offset))
+
+    def come_to_rest(self, model: RobotModel, begin: float, seconds: float) -> None:
+        """Come to rest within some seconds from a time (s) on that is still to come."""
+        place, rate, _ = self.reference(begin)
+        end = (place + 0.5 * seconds * rate)[model.transmission.independent][None]
+        still = np.zeros(end.shape)
+        self.follow(JointTrajectory(model.independent_joints, np.array([seconds]), end, still, still), model, begin)
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        now = time + self._offset
+        for order in reversed(self._orders):
+            if now >= order.begin:
+                return order.reference(now)
+        return self._first.reference(now)
+
+    def later(self, time: float) -> Steered:
+        """Return the same motion, begun at a time (s) of this one; what is given to either is given to both."""
+        other = Steered(self._first)
+        other._orders, other._offset = self._orders, self._offset + time
+        return other
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the reference's acceleration, corrected by the tracking error."""
+        return tracking(self.reference(time), position, velocity)
+
+
+def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
+    """Return a trajectory with those joints, too, that follow the ones it moves.
+
+    Raises
+    ------
+    DataError
+        It names a joint that the robot does not have, or that follows another.
+    """
+    independent = list(model.independent_joints)
+    foreign = [name for name in trajectory.joints if name not in independent]
+    if foreign:
+        raise DataError(f"the trajectory moves '{foreign[0][:60]}'; accepted: joints among {listing(independent)}")
+    moved = model.transmission
+    if moved.direct:
+        return trajectory
+    columns = [
+        (name, trajectory.joints.index(independent[moved.driver[joint]]), moved.multiplier[joint], moved.offset[joint])
+        for joint, name in enumerate(model.joint_names)
+        if independent[moved.driver[joint]] in trajectory.joints
+    ]
+    place = [column for _, column, _, _ in columns]
+    gain, offset = (np.array(each) for each in zip(*(column[2:] for column in columns), strict=True))
+    return JointTrajectory(
+        tuple(name for name, _, _, _ in columns),
+        trajectory.time,
+        trajectory.position[:, place] * gain + offset,
+        trajectory.velocity[:, place] * gain if trajectory.velocity.size else trajectory.velocity,
+        trajectory.acceleration[:, place] * gain if trajectory.acceleration.size else trajectory.acceleration,
+    )
+
+
+def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array | None, begin: float) -> Followed:
+    """Return the motion of a robot that follows a trajectory from a time (s) on.
+
+    Parameters
+    ----------
+    trajectory : of some of its joints
+    model : RobotModel
+    start : (n,) where its joints are before; None for zero, and where the trajectory begins
+    begin : s
+
+    Raises
+    ------
+    DataError
+        The trajectory is of other joints, or begins elsewhere.
+    """
+    every = of_all_joints(trajectory, model)
+    places = _places(every, model)
+    if start is None:
+        start = model.transmission.positions(np.zeros(len(model.independent_joints)))
+        start[places] = every.position[0]
+    rest = np.zeros(len(places))
+    return Followed(_joined(every, start[places], rest, rest), start, places, begin)
+
+
+def _places(trajectory: JointTrajectory, model: RobotModel) -> Places:
+    return np.array([model.joint_names.index(name) for name in trajectory.joints], dtype=np.intp)
+
+
+def _joined(trajectory: JointTrajectory, place: Array, rate: Array, bend: Array) -> JointTrajectory:
+    """Return a trajectory that begins at time 0 where the joints are, as they move.
+
+    Its own first point, where that is at time 0 and near, makes room for where they truly are.
+    """
+    time, position = trajectory.time, trajectory.position
+    velocity, acceleration = trajectory.velocity, trajectory.acceleration
+    if time[0] > 0.0:
+        time, position = np.insert(time, 0, 0.0), np.concatenate((place[None], position))
+        velocity = np.concatenate((rate[None], velocity)) if velocity.size else velocity
+        acceleration = np.concatenate((bend[None], acceleration)) if acceleration.size else acceleration
+        return JointTrajectory(trajectory.joints, time, position, velocity, acceleration)
+    away = np.abs(position[0] - place)
+    if np.any(away > _NEAR):
+        joint = int(np.argmax(away))
+        raise DataError(
+            f"the trajectory begins with '{trajectory.joints[joint]}' at {position[0, joint]:.4g}, which is at "
+            f'{place[joint]:.4g}; accepted: within {_NEAR:g} of it, or a first point later than 0 s'
+        )
+    position = position.copy()
+    position[0] = place
+    if velocity.size:
+        velocity = velocity.copy()
+        velocity[0] = rate
+    if acceleration.size:
+        acceleration = acceleration.copy()
+        acceleration[0] = bend
+    return replace(trajectory, position=position, velocity=velocity, acceleration=acceleration)
