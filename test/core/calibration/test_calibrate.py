@@ -187,6 +187,13 @@ def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
     found = calibrate(all_unknown(servicer), [run], CalibrationSettings(MID, PRIORS))
     assert found.still == servicer.joint_names
     assert found.determined == 0
+
+
+def test_a_robot_at_rest_says_nothing() -> None:
+    servicer = perturbed(free_model(), PRIORS, 1)
+    found = calibrated(servicer, at_rest(), 0)
+    assert found.determined == 0
+    assert found.still == servicer.joint_names
     for link in found.links:
         assert link.stayed.all()
         assert np.abs(link.moved).max() < 0.3

@@ -95,6 +95,7 @@ def test_a_pulse_is_told_without_what_a_constant_force_brings(
     assert events['step'].angular == pytest.approx(PULSE[3:], abs=0.3)
 
 
+@pytest.mark.long
 def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_robot(
     robot: MomentumKernel, joints: Sinusoids, momentum: Array
 ) -> None:
@@ -147,7 +148,8 @@ def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
     assert normalised(last, robot) < LIMIT
 
 
-@pytest.mark.parametrize('axes', ['body', pytest.param('inertial', marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
     """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
     truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))

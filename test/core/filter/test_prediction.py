@@ -8,24 +8,15 @@ import numpy as np
 import pytest
 
 from derivatives import central_difference
-from floating import true_momentum
 from mbaid_ros.core.filter.interpolation import Midpoints
-from mbaid_ros.core.filter.prediction import (
-    Bodies,
-    Prediction,
-    gains_by_unknowns,
-    joint_gains,
-    predict,
-)
+from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.filter.state import Layout
-from mbaid_ros.core.geometry import Array, cross, exp, rotate, skew
+from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.orbit import about, of_bodies
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
-from mbaid_ros.simulation.simulation import Truth
-from observed import LOW, drifting, kernel, observe
 from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(4)
@@ -103,24 +94,6 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
         assert found == pytest.approx(middle.base_twist[index], abs=1e-10)
 
 
-@pytest.mark.parametrize('velocity', [0.0, 0.05])
-def test_the_predicted_twist_is_that_of_the_simulated_motion(servicer: Truth, velocity: float) -> None:
-    robot = kernel('servicer7')
-    seen = drifting(servicer[::50], np.array([velocity, -velocity, 0.5 * velocity]))
-    samples = observe(seen, LOW)
-    momentum = true_momentum(robot, samples)
-    assert (np.abs(momentum[0, :3]).max() > 1.0) == (velocity > 0.0)
-    twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
-    none = np.zeros((len(samples), 3))
-    middle = Midpoints(
-        *(samples.joint_position, samples.joint_velocity, samples.base_rotation, samples.base_position),
-        *(twist, none, none, samples.impulse),
-    )
-    point = np.concatenate((momentum[0], robot.target.parameters))
-    # The integrator's error: 1e-10 of the momentum.
-    assert predicted(Layout.of(robot, ()), middle, point)[0].twist == pytest.approx(twist, abs=1e-9)
-
-
 def test_known_thrust_is_momentum_that_is_added() -> None:
     case = Case(0)
     impulse = np.random.default_rng(9).normal(size=(len(case.middle), 6))
@@ -194,20 +167,3 @@ def test_what_joint_rates_make_depends_on_the_bodies(seed: int) -> None:
     found = gains_by_unknowns(case.layout, case.kernel, predicted_bodies, by_rate(bodies))
     expected = central_difference(by_rate, bodies, STEP)  # (N, 6, n, 10 + e)
     close(found, np.swapaxes(expected, -1, -2))
-
-
-def test_a_turned_robot_has_a_turned_twist() -> None:
-    case = Case(0)
-    turn = exp(np.array([0.3, -0.4, 1.1]))
-    middle = replace(
-        case.middle,
-        base_rotation=turn @ case.middle.base_rotation,
-        base_position=rotate(turn, case.middle.base_position),
-    )
-    point = case.point.copy()
-    point[:3], point[3:6] = turn @ point[:3], turn @ point[3:6]
-    found = predicted(case.layout, middle, point)[0].twist
-    twist = case.twist(case.point)
-    assert found == pytest.approx(
-        np.concatenate((rotate(turn, twist[:, :3]), rotate(turn, twist[:, 3:])), 1), abs=1e-10
-    )

@@ -137,6 +137,7 @@ def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(identif
     assert held.ratio > plan.ratio
 
 
+@pytest.mark.long
 def test_efforts_hold_beside_limits_of_the_base(identified: Begun) -> None:
     weak = planner(identified, duration=6.0, base=BaseLimits(rotation=np.radians(1.0)))
     weak.motions.efforts.limits = np.full(7, 3.0)

@@ -73,6 +73,7 @@ def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(identified:
     assert np.median(np.std(close, axis=0) / np.std(plan.may_be / plan.after, axis=0)) < 0.25
 
 
+@pytest.mark.long
 def test_the_promise_for_the_true_body_is_nearer_to_what_is_reached() -> None:
     robot = begun()
     wrong, true = robot.knowledge.mean.copy(), robot.knowledge.mean.copy()

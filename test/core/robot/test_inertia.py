@@ -20,13 +20,7 @@ from mbaid_ros.core.robot.inertia import (
 )
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import (
-    BodyDeviations,
-    body_sizes,
-    calibrated,
-    declared,
-    relative_factor,
-)
+from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 
 SEEDS = range(5)
 

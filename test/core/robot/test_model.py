@@ -67,27 +67,6 @@ def test_without_a_link_its_own_parameters_are_missing(seed: int) -> None:
         assert missing == pytest.approx(expected, abs=ROUNDING * float(np.abs(model.body_parameters()).max()))
 
 
-def test_parameters_expressed_in_another_frame_and_back() -> None:
-    rng = np.random.default_rng(0)
-    parameters = random_tree(0).links[0].parameters
-    rotation, position = geometry.exp(rng.normal(size=3)), rng.normal(size=3)
-    inertia = pinocchio.Inertia(
-        parameters[0],
-        parameters[1:4] / parameters[0],
-        geometry.unvec(standard_of_com(parameters)),
-    )
-    expected = standard_of(pinocchio.SE3(rotation, position).act(inertia))
-    moved = express(parameters, rotation, position)
-    assert moved == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert express(moved, rotation.T, -rotation.T @ position) == pytest.approx(parameters, rel=1e-12, abs=1e-11)
-
-
-def standard_of_com(parameters: Array) -> Array:
-    """Return the inertia about the centre of mass of (m, h, I_o)."""
-    lever = geometry.skew(parameters[1:4] / parameters[0])
-    return np.asarray(parameters[4:] + parameters[0] * geometry.vec(lever @ lever))
-
-
 def test_an_unknown_link_is_refused_with_those_there_are() -> None:
     model = robot('table1')
     with pytest.raises(

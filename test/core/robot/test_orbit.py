@@ -18,15 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum_rows import momentum_rows
-from mbaid_ros.core.robot.orbit import (
-    Orbit,
-    Turning,
-    about,
-    brought,
-    momentum_rates,
-    of_bodies,
-    of_link,
-)
+from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, momentum_rates, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.orbit_frame import FallingFrame
 from mbaid_ros.core.sensors.streams import Windows

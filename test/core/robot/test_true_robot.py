@@ -109,13 +109,6 @@ def test_a_robot_shares_no_number_with_the_noise_of_its_seed() -> None:
     assert not np.any(np.abs(np.concatenate([part.ravel() for part in given])[:, None] - zeros) < 1e-9)
 
 
-def test_without_sizes_the_robot_is_its_urdf() -> None:
-    model = robot('servicer7')
-    errors, true = drawn(model, 5)
-    assert errors.exact
-    assert true is model
-
-
 @pytest.mark.parametrize('name', BLOCK)
 def test_a_size_changes_what_it_scales_and_nothing_else(name: str) -> None:
     model = robot('servicer7')

@@ -11,7 +11,6 @@ import pytest
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
@@ -94,32 +93,6 @@ def test_measured_rates_are_left_alone() -> None:
     assert np.all(np.isnan(derived.joint_rate_gain[:, others]))
     assert np.all(derived.joint_rate_gain[:, 2] > 0.0)
     assert np.array_equal(derived.base_linear_velocity, window.base_linear_velocity)
-
-
-def test_the_noise_of_a_mean_rate_is_as_said() -> None:
-    truth = motion('servicer7', 20.0)[:50]
-    exact = observe(truth, MID)
-    errors: list[Array] = []
-    for seed in range(300):
-        derived = with_rates(stripped(observe(truth, MID, seed + 1)))
-        turned = np.einsum('nji,nj->ni', exact.base_rotation, derived.base_angular_velocity)
-        errors.append(
-            np.concatenate((np.mean(derived.joint_velocity, axis=0), np.mean(turned, axis=0)))
-            - np.concatenate(
-                (
-                    np.mean(exact.joint_velocity, axis=0),
-                    np.mean(np.einsum('nji,nj->ni', exact.base_rotation, exact.base_angular_velocity), axis=0),
-                )
-            )
-        )
-    said = np.concatenate(
-        (
-            MID.joint_position * np.sqrt(derived.joint_rate_gain[0]),
-            np.sqrt(np.diagonal(np.mean(derived.twist_covariance, axis=0))[3:]),
-        )
-    ) / np.sqrt(len(derived))
-    # Five standard errors of a standard deviation of 300 numbers.
-    assert np.std(errors, axis=0) == pytest.approx(said, rel=5.0 / np.sqrt(600.0))
 
 
 @pytest.mark.parametrize(

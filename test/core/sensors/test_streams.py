@@ -12,23 +12,8 @@ from hypothesis import strategies as st
 from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
-from mbaid_ros.core.sensors.joints import (
-    NO_PARTNER,
-    OFTEN,
-    PARTNER_GAP,
-    REDUNDANT,
-    JointMerge,
-    Joints,
-)
-from mbaid_ros.core.sensors.streams import (
-    JUMPED_BACK,
-    LATE,
-    REPEATED,
-    STRAY_STAMP,
-    ZERO_STAMP,
-    Gate,
-    Reorder,
-)
+from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
+from mbaid_ros.core.sensors.streams import JUMPED_BACK, LATE, REPEATED, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 
 SECOND = 1_000_000_000
 

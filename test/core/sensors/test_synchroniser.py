@@ -14,12 +14,7 @@ from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
 from mbaid_ros.core.sensors import synchroniser
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.core.sensors.synchroniser import (
-    NO_ODOMETRY,
-    ODOMETRY_GAP,
-    OUT_OF_ORDER,
-    Synchroniser,
-)
+from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP, OUT_OF_ORDER, Synchroniser
 from measured import base_stream, joint_stream, piece, smooth_motion
 
 SECOND = 1_000_000_000

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from floating import RATE, float_freely, follow, make, normalised, true_momentum
-from mbaid_ros.core.geometry import Array
+from floating import float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import Storage
@@ -21,7 +20,7 @@ from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import MID, estimator, identify, observe, windows
 from simulated import state
-from wheels import AXES, FREQUENCY, TOP, spinning, unaware, wheeled
+from wheels import AXES, spinning, unaware, wheeled
 
 SECONDS = 20.0
 # Ten parameters, one run in a thousand.
@@ -32,15 +31,6 @@ LIMIT = float(chi2.isf(1e-3, 10))
 def run(joints: Sinusoids) -> Truth:
     momentum = np.array([16.0, -8.0, 24.0, 30.0, -35.0, 60.0])
     return float_freely(wheeled(), spinning(joints), momentum, SECONDS)
-
-
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
-def test_wheels_that_are_read_make_no_difference(run: Truth, method: str) -> None:
-    assert run.joint_velocity.max() == pytest.approx(TOP * np.sin(2.0 * np.pi * FREQUENCY * (SECONDS - 1.0 / RATE)))
-    last = identify(wheeled(), run, MID, 3, method=method)[-1]
-    assert normalised(last, wheeled()) < LIMIT
-    assert not last.events
-    assert last.status in {'estimating', 'converged'}
 
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
@@ -106,7 +96,7 @@ def test_they_are_read_as_well_as_joints(run: Truth, method: str, seeds: int) ->
     for seed in range(seeds):
         found = estimator(reading(), MID, method=method).update(windows(inside(run, seed)), 0)[-1]
         as_joints = identify(wheeled(), run, MID, seed, method=method)[-1]
-        assert normalised(found, reading()) < LIMIT
+        assert max(normalised(found, reading()), normalised(as_joints, wheeled())) < LIMIT
         assert found.status in {'estimating', 'converged'}
         assert not found.events
         ratios.append(found.std / as_joints.std)
@@ -166,36 +156,7 @@ def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
     total = total_momentum(model, truth, wheels)
     assert total == pytest.approx(np.broadcast_to(total[0], total.shape), abs=1e-8)
     assert np.ptp(total_momentum(model, truth)[:, 3:], axis=0).max() > 1.0
+    assert truth.wheel_speed == pytest.approx(wheels.speeds(truth.time), abs=1e-9)
     # A later begin makes no difference.
     later = wheels.later(7.0)
     assert later.speeds(np.array([0.0, 4.0])) == pytest.approx(wheels.speeds(np.array([7.0, 11.0])), rel=1e-12)
-
-
-def test_simulated_wheels_move_the_base_as_joints_do(joints: Sinusoids) -> None:
-    """The same ramps given to wheels that are joints of the description."""
-    wheels, names = ramped(), wheeled().model.joint_names
-    arm = np.array([not name.startswith('wheel') for name in names])
-
-    class Together:
-        """The arm's motion with the wheels' ramps beside it."""
-
-        def command(self, time: float, position: Array, velocity: Array) -> Array:
-            """Return the accelerations of all joints."""
-            acceleration = np.empty(len(names))
-            acceleration[arm] = joints.command(time, position[arm], velocity[arm])
-            acceleration[~arm] = wheels.slope
-            return acceleration
-
-        def later(self, time: float) -> Together:
-            """Not asked for here."""
-            raise NotImplementedError(time)
-
-    position, rates = np.zeros(len(names)), np.zeros(len(names))
-    position[arm], rates[arm], rates[~arm] = joints.start, joints.reference(0.0)[1], wheels.start
-    turning, instants = (0.02, -0.03, 0.04), np.arange(11.0)
-    whole = Simulation(wheeled().model, Together(), state(position, rates, turning), 0.01).advance(instants)
-    start = state(joints.start, joints.reference(0.0)[1], turning)
-    inner = Simulation(bare().model, joints, start, 0.01, surroundings=Surroundings(wheels)).advance(instants)
-    assert inner.base_position == pytest.approx(whole.base_position, abs=1e-8)
-    assert inner.base_angular_velocity == pytest.approx(whole.base_angular_velocity, abs=1e-9)
-    assert inner.wheel_speed == pytest.approx(whole.joint_velocity[:, ~arm], abs=1e-9)

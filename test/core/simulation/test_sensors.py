@@ -19,12 +19,7 @@ from mbaid_ros.core.sensors.thrust import Thrust
 from mbaid_ros.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
-from mbaid_ros.simulation.sensors import (
-    BaseReadings,
-    JointReadings,
-    SensedSimulation,
-    Sensors,
-)
+from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
