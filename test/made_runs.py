@@ -9,8 +9,8 @@ import numpy as np
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.replay.results import Pose, Run, TopicStatistics
 from simulated import CONFIG
 

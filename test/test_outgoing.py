@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.bags import deserialize, serialize
-from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.results.publication import Debris, Frame
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.bag_types import BAG_TYPES

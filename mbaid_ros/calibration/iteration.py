@@ -36,7 +36,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.core.unknowns.environment import UNDISTURBED
 
 _PASSES = 24  # at most: Newton's steps, halved where they turn back
 _SETTLED = 0.1  # standard deviations: further passes change nothing that is published

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.sensors.conventions import GyroFrame, TwistFrame
 from mbaid_ros.core.sensors.found_noise import FoundNoise
@@ -47,39 +48,27 @@ class Estimator(Protocol):
     needs_rates: bool  # whether it works with measured velocities, of the joints and of the base
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
-        """Take closed windows, in order, and return the estimates they lead to.
-
-        Parameters
-        ----------
-        windows : list of Samples
-        origin : ns, stamp at time 0
-        """
-        ...
+        """Take closed windows, in order, and return the estimates they lead to; origin: ns, stamp at time 0."""
 
 
 @runtime_checkable
 class Deferring(Protocol):
-    """A method that puts work off which no estimate has to wait for: the next `update` does what is left of it.
-
-    When it is done makes no difference to the numbers.
-    """
+    """A method that defers work; the next `update` does the rest, and when it is done does not change the numbers."""
 
     def work_off(self) -> bool:
         """Do a part of it, a few milliseconds' worth, if there is any; return whether some is left."""
-        ...
 
 
 @runtime_checkable
 class Informed(Protocol):
-    """A method that tells what it has come to know, as a motion to come is planned from."""
+    """A method with a posterior, as a planned motion starts from."""
 
     def knowledge(self) -> Posterior | None:
-        """Return all of it; None while there is no solution that stays."""
-        ...
+        """Return it; None while the method has not converged."""
 
 
 def knowledge_of(method: object) -> Posterior | None:
-    """Return what a method has come to know; None of one that does not tell, or not yet."""
+    """Return the posterior of a method; None where it has none, or not yet."""
     return method.knowledge() if isinstance(method, Informed) else None
 
 
@@ -122,12 +111,11 @@ class Identifier:
         self._twist_frame = TwistFrame(twist_frame)
         self._gyro_frame = GyroFrame()
         self._watched = gyro is not None and gyro.on_base
-        self._misread: tuple[float, str, float] | None = None  # from when on (s) the IMU is known to be, and how
+        self._wrong_gyro: tuple[float, Reason] | None = None  # since when (s) the IMU is known to be misread, and how
         self._thrust = thrust
         self._falling = falling
         self._window = window
-        # Of the twist's frame, and how much better the other one is, by the end of the latest windows, s.
-        self._contradictions: dict[float, tuple[str, float]] = {}
+        self._contradictions: dict[float, Reason] = {}  # of the twist's frame, by the end of the latest windows, s
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
@@ -166,23 +154,20 @@ class Identifier:
             self._watch(window)
         estimates = self._estimator.update(closed, self._synchroniser.origin)
         if self._levels:
-            estimates = [self._with_levels(estimate) for estimate in estimates]
-        return [self._with_notes(estimate) for estimate in estimates]
+            estimates = [replace(each, noise=self._levels.get(each.time)) for each in estimates]
+        return [with_reasons(each, self._reasons(each.time)) for each in estimates]
 
     def work_off(self) -> bool:
-        """Let the method do a part of what it has put off, if it does such a thing; and what was put off here.
-
-        Return whether some is left.
-        """
+        """Let the method do a part of its deferred work, and look at the twist's frame; return whether some is left."""
         self._twist_frame.work_off()
         return isinstance(self._estimator, Deferring) and self._estimator.work_off()
 
     def _watch(self, window: Samples) -> None:
         """Look whether an IMU measures in other axes or units than it is said to."""
-        if self._watched and self._misread is None:
-            told = self._gyro_frame.update(window)
-            if told:
-                self._misread = float(window.time[0]), told, self._gyro_frame.gain
+        if self._watched and self._wrong_gyro is None:
+            text = self._gyro_frame.update(window)
+            if text:
+                self._wrong_gyro = float(window.time[0]), Reason(text, 'conflict', self._gyro_frame.gain)
 
     def _prepared(self, windows: list[Samples]) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
@@ -194,8 +179,11 @@ class Identifier:
             each = [self._noise.applied(window, self.origin) for window in windows]
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
-        told = zip(windows, self._twist_frame.update(windows), strict=True)
-        self._contradictions = {float(window.time[-1]): contradiction for window, contradiction in told}
+        contradictions = zip(windows, self._twist_frame.update(windows), strict=True)
+        # Poses and twist contradict each other without a model of the robot: as a cause, that comes first.
+        self._contradictions = {
+            float(window.time[-1]): Reason(text, gain=gain) for window, (text, gain) in contradictions
+        }
         return [window for window in map(self._with_rates, windows) if window is not None]
 
     def _with_rates(self, window: Samples) -> Samples | None:
@@ -204,7 +192,7 @@ class Identifier:
         joints, base = window.missing_rates
         if not self._estimator.needs_rates:
             if base:
-                self._notes.setdefault(_what_tells(window), start)
+                self._notes.setdefault(_measured(window), start)
             return window
         if window.gyro.shape[1]:
             self._notes.setdefault(WITHOUT_GYRO, start)
@@ -218,30 +206,21 @@ class Identifier:
             self._notes.setdefault(TWIST_DERIVED, start)
         return with_rates(window)
 
-    def _with_levels(self, estimate: Estimate) -> Estimate:
-        """Return an estimate with how noisy the sensors have turned out to be by its window."""
-        levels = self._levels.get(estimate.time)
-        warning = '' if levels is None else levels.warning
-        return replace(estimate, noise=levels, warnings=(*estimate.warnings, *([warning] if warning else [])))
-
-    def _with_notes(self, estimate: Estimate) -> Estimate:
-        """Return an estimate with what was known of the data by then: not of what came in the same call, but later."""
-        notes = [text for text, since in self._notes.items() if since <= estimate.time]
-        contradiction, better = self._contradictions.get(estimate.time, ('', 0.0))
-        if contradiction:
-            notes.append(contradiction)
-            if estimate.causes or estimate.status == 'inconsistent':
-                # Poses and twist tell without a model of the robot: what else may be wrong comes after it.
-                estimate = replace(estimate, causes=((contradiction, better), *estimate.causes))
-        if self._misread is not None and self._misread[0] <= estimate.time and self._estimator.method == 'trajectory':
-            _, told, gain = self._misread
-            estimate = replace(estimate, status='inconsistent', causes=((told, gain), *estimate.causes))
-            notes.append(told)
-        return replace(estimate, warnings=(*estimate.warnings, *notes)) if notes else estimate
+    def _reasons(self, time: float) -> list[Reason]:
+        """Return what was known of the data by the end of a window, s: nothing of later ones in the same call."""
+        levels = self._levels.get(time)
+        texts = [levels.warning] if levels is not None and levels.warning else []
+        reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
+        contradiction = self._contradictions.get(time)
+        if contradiction is not None and contradiction.text:
+            reasons.append(contradiction)
+        if self._wrong_gyro is not None and self._wrong_gyro[0] <= time and self._estimator.method == 'trajectory':
+            reasons.append(self._wrong_gyro[1])
+        return reasons
 
 
-def _what_tells(window: Samples) -> str:
-    """Return what a window without the base's twist is told of its motion by."""
+def _measured(window: Samples) -> str:
+    """Return what a window without the base's twist measures its motion by."""
     located, oriented = np.isfinite(np.diagonal(window.pose_covariance[0])[[0, 3]]).tolist()
     if not located:
         return ORIENTATION_AND_GYRO if oriented else GYRO_ALONE

@@ -86,3 +86,33 @@ def _directions(information: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(information * size * size[:, None])
     usable = values > _RESOLUTION * values[-1]
     return values[usable], size[:, None] * vectors[:, usable]
+
+
+_LEAST = 1e-12  # information in units of a reference, which stands for none
+
+
+def inverses(references: Array, matrices: Array) -> Array:
+    """Return the inverses of symmetric (N, u, u) matrices, conditioned by the diagonals of definite references.
+
+    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times what the
+    reference's diagonal says.
+    """
+    size = 1.0 / np.sqrt(references.diagonal(axis1=1, axis2=2))
+    factors = inverse_factors(matrices)
+    if factors is None:
+        if len(matrices) > 1:  # one of them: each by itself
+            pairs = zip(references, matrices, strict=True)
+            return np.concatenate([inverses(reference[None], matrix[None]) for reference, matrix in pairs])
+        return _inverse_of_positive_part(matrices[0], size[0])[None]
+    found = np.asarray(np.swapaxes(factors, 1, 2) @ factors)
+    # No direction has as much variance where the sum of all has less.
+    large = ((factors / size[:, None]) ** 2).sum(axis=(1, 2)) >= 1.0 / _LEAST
+    for k in np.flatnonzero(large | are_doubtful(matrices, factors)):
+        found[k] = _inverse_of_positive_part(matrices[k], size[k])
+    return found
+
+
+def _inverse_of_positive_part(matrix: Array, size: Array) -> Array:
+    values, vectors = np.linalg.eigh(matrix * size * size[:, None])
+    inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
+    return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])

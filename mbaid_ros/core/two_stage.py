@@ -1,8 +1,7 @@
 """Method `trajectory` as a whole: the weighted difference form from the first windows on, then the trajectory filter.
 
-Stage 1 needs no start and has hardly a false solution, stage 2 is several times as accurate and follows what disturbs a
-run. Stage 1 gives the first estimates and the start of stage 2, which takes over when it has settled and agrees with
-what stage 1 knows by then. Where stage 1 knows too little to say, a guessed start of stage 2 serves.
+Stage 1 needs no start and has hardly a false solution; stage 2 is several times as accurate and follows disturbances.
+Stage 1 gives the first estimates and the start of stage 2, which takes over when it has converged and agrees with them.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import IntervalConsistency
+from mbaid_ros.core.results.status import IntervalConsistency, Reason, with_reasons
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.trajectory.posterior import Posterior
@@ -28,10 +27,11 @@ _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
 _YOUNG = 6.0
 
-YOUNG = 'a first estimate: a robot description that is far off agrees with so short a motion, and shows later'
-DISAGREE = (
+YOUNG = 'first estimate: a wrong URDF cannot be detected from so short a motion'
+DISAGREE = Reason(
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
-    'the frames are wrong'
+    'the frames are wrong',
+    'conflict',
 )
 
 
@@ -40,34 +40,27 @@ class SecondStage(Estimator, Protocol):
 
     @property
     def settled(self) -> bool:
-        """Whether it has come to a solution that stays."""
-        ...
+        """Whether it has converged to a solution."""
 
     @property
     def disturbed(self) -> bool:
-        """Whether what it explains the data by acts from outside: stage 1 knows nothing of that."""
-        ...
+        """Whether a disturbance explains its data: stage 1 models none."""
 
     def knowledge(self) -> Posterior | None:
-        """Return what it has come to know, for what is to come; None while there is no solution that stays."""
-        ...
+        """Return its posterior; None while it has not converged."""
 
     @property
     def changed(self) -> bool:
-        """Whether stage 1 is left behind: the target has changed, or the twist is wrong, which it cannot do without."""
-        ...
+        """Whether stage 1 no longer applies: the target has changed, or the twist, which it needs, is wrong."""
 
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
-        ...
 
     def restart(self) -> None:
         """Give up the solution and look for a start again."""
-        ...
 
     def work_off(self) -> bool:
         """Do a part of what is to be done before the next window; return whether some is left."""
-        ...
 
 
 class TwoStageEstimator:
@@ -89,7 +82,7 @@ class TwoStageEstimator:
         self._agreed = 0  # windows in a row
         self._began = np.inf  # s, when the first number was told
         self._restarted = False
-        self._steadiness = IntervalConsistency()
+        self._consistency = IntervalConsistency()
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows and return one estimate a window.
@@ -138,7 +131,7 @@ class TwoStageEstimator:
             causes=late.causes,
         )
         if not self._second.settled:
-            return _contradicted(early) if self._contradicts else early
+            return with_reasons(early, [DISAGREE]) if self._contradicts else early
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
@@ -155,10 +148,10 @@ class TwoStageEstimator:
         if estimate.identifiable.any():
             self._began = min(self._began, estimate.time)
         young = estimate.time < self._began + _YOUNG
-        estimate = self._steadiness.judged(estimate, early=young)
+        estimate = self._consistency.judged(estimate, early=young)
         if not young or not estimate.identifiable.any() or estimate.status == 'inconsistent':
             return estimate
-        return replace(estimate, warnings=(*estimate.warnings, YOUNG))
+        return with_reasons(estimate, [Reason(YOUNG)])
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
         """Return the second stage's estimate if the first's does not contradict it."""
@@ -175,8 +168,8 @@ class TwoStageEstimator:
             # A solution that is not the data's: once more, from what the first stage has found.
             self._restarted = True
             self._second.restart()
-            return _contradicted(early)
-        return _contradicted(late)
+            return with_reasons(early, [DISAGREE])
+        return with_reasons(late, [DISAGREE])
 
     @staticmethod
     def _early(first: Estimator, window: Samples, origin: int) -> Estimate | None:
@@ -187,11 +180,6 @@ class TwoStageEstimator:
             window = with_rates(window)
         found = first.update([window], origin)
         return found[-1] if found else None
-
-
-def _contradicted(estimate: Estimate) -> Estimate:
-    """Return an estimate of one stage that the other one has contradicted, and has not agreed with since."""
-    return replace(estimate, status='inconsistent', warnings=(*estimate.warnings, DISAGREE))
 
 
 def _agree(first: Estimate, second: Estimate) -> bool:

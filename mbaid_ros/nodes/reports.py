@@ -9,9 +9,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import MAIN_CAUSES, UNCHECKED
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS, UNITS, rounded
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.watch import NEXT

@@ -23,8 +23,7 @@ from rclpy.subscription import Subscription
 from mbaid_ros.cli import one_line, run
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import MAIN_CAUSES, ErrorBudget
-from mbaid_ros.core.results.parameters import PARAMETERS, UNITS, rounded
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
 from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin, watch_arguments
 

@@ -22,7 +22,7 @@ from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.evidence import Innovations
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER

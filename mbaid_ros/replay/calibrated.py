@@ -26,7 +26,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import InertiaRatios
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.unknowns.words import of_size
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.motions import BagMotions
 from mbaid_ros.replay.result_json import shaped_thruster
 from mbaid_ros.session import Survey, survey
@@ -132,7 +132,7 @@ def _sizes(link: LinkResult, length: float) -> Array:
 
 
 def _about_priors(result: Calibrated) -> list[str]:
-    return [of_size(kind, size, _DECLARED) for kind, size in result.calibration.further_off]
+    return [underestimated_text(kind, size, _DECLARED) for kind, size in result.calibration.further_off]
 
 
 def _about_motion(result: Calibrated) -> list[str]:

@@ -9,8 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
-from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS, ErrorBudget
 from mbaid_ros.core.results.publication import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 

@@ -9,9 +9,8 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.results.budget import MAIN_CAUSES, UNCHECKED
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS, UNITS, rounded
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
 from mbaid_ros.messages import JOINT_MISSING
 from mbaid_ros.replay.results import Run
 

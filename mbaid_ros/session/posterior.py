@@ -32,9 +32,8 @@ from mbaid_ros.core.trajectory.posterior import (
     Posterior,
     Sensing,
 )
-from mbaid_ros.core.unknowns.calibrated import CalibratedSide
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
+from mbaid_ros.core.unknowns.environment import hypotheses
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
 # Parts of a body's typical sizes by which its values in the two files may differ: they are written to 12 digits.

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import calibrated, displaced
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.words import of_size
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.session.uncertainty import declared_uncertainty
 
@@ -127,7 +127,7 @@ def _priors(config: SelfCalibrationConfig, links: Sequence[Link]) -> tuple[LinkP
 
 def _told(found: Calibration) -> str:
     bodies = sum(not std.empty for std in found.prior.stds)
-    further_off = ''.join('; ' + of_size(kind, size, _DECLARED) for kind, size in found.further_off)
+    further_off = ''.join('; ' + underestimated_text(kind, size, _DECLARED) for kind, size in found.further_off)
     return (
         f'{bodies} bodies calibrated from the {found.span:.3g} s before the capture: '
         f'they say more than the URDF of {found.determined} combinations, total mass known to '

@@ -176,7 +176,7 @@ def test_the_second_stage_starts_again_where_the_first_contradicts_it() -> None:
     assert later.restarts == 1
     assert [each.stage for each in found] == ['difference', 'trajectory']
     assert [each.status for each in found] == ['inconsistent', 'estimating']
-    assert found[0].warnings == (DISAGREE,)
+    assert found[0].warnings == (DISAGREE.text,)
 
 
 @pytest.mark.parametrize(('mass', 'agrees'), [(106.0, True), (108.0, False)])

@@ -16,9 +16,8 @@ from documents import ROOT
 from made_runs import HOSTILE, PLAIN, budget, estimate, planar, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, ErrorBudget
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.result_json import as_json

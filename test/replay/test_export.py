@@ -18,6 +18,7 @@ from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.status import contradictions, with_reasons
 from mbaid_ros.core.robot.inertia import box_sizes
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.outgoing import Frames, estimate_message
@@ -272,7 +273,8 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         far = np.array([*BODY[:1], huge, *BODY[2:]])
         assert 'at most 1e+15 is accepted' in exported(capsys, written(tmp_path, estimate(parameters=far)), code=2)
     assert 'at most' in exported(capsys, recorded(tmp_path / 'far', estimate(parameters=far)), code=2)
-    withheld = estimate(status='not_identifiable', parameters=np.full(10, np.nan)).contradicted_by(['too much'])
+    nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan))
+    withheld = with_reasons(nothing, contradictions(['too much']))
     assert 'contradict the model' in exported(capsys, written(tmp_path, withheld), code=4)
     assert 'contradict the model' in exported(capsys, recorded(tmp_path, withheld), code=4)
 

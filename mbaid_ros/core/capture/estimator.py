@@ -14,6 +14,7 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
 from mbaid_ros.core.results.estimate import Estimate, determined
+from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -24,7 +25,7 @@ Phase = Literal['pre_capture', 'capture', 'post_capture']
 
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
-_REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before have been told for good
+_REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
 _CALIBRATED = 600  # windows that a calibration takes: more would hardly tell more, and memory stays bounded
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
@@ -96,13 +97,7 @@ class CaptureEstimator:
         return knowledge_of(self._after)
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
-        """Take closed windows and return the estimates they lead to: of the momentum alone, before the capture.
-
-        Parameters
-        ----------
-        windows : list of Samples
-        origin : ns, stamp at time 0
-        """
+        """Return the estimates of closed windows, of the momentum alone before the capture; origin: ns, at time 0."""
         made: list[Estimate] = []
         later: list[Samples] = []
         for window in windows:
@@ -122,16 +117,11 @@ class CaptureEstimator:
             later = [with_rates(window) for window in later if len(window) >= FEWEST or not any(window.missing_rates)]
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
-        return [*made, *map(self._with_doubts, found)]
+        doubts = notes(self._doubts())
+        return [*made, *(with_reasons(each, doubts) for each in found)]
 
     def move(self, time: float) -> None:
-        """Take it that the capture, told too early, is at a later time (s): what was learnt since then is forgotten.
-
-        Raises
-        ------
-        ValueError
-            Nothing can make the method anew.
-        """
+        """Move the capture to a later time (s) and begin the method anew; ValueError where nothing can make it."""
         if self._again is None:
             raise ValueError('a capture without a method to begin again with')
         self.time, self._after, self._place = time, self._again(), None
@@ -147,8 +137,7 @@ class CaptureEstimator:
         """Return what the orbit has brought to the robot alone until the capture, (6,)."""
         if self._until is None or not self._until.tide.shape[1]:
             return np.zeros(6)
-        own = self._own_bodies()
-        return brought(self._until, own) - self._until.impulse[-1]
+        return brought(self._until, self._own_bodies()) - self._until.impulse[-1]
 
     def _own_bodies(self) -> Array:
         """Return the (n + 1, 10) standard parameters of the robot alone."""
@@ -168,16 +157,16 @@ class CaptureEstimator:
         if self.phase == 'pre_capture' or self.time is None:
             return None
         chaser, total = self._chaser(), self._total()
+        calibrated = '' if self.handover is None else self.handover.told
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
-            told = self._told
-            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], told)
+            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], calibrated)
         momentum, covariance = _known_part(
             total.momentum - total.impulse - chaser.momentum - self._until_then(),
             total.momentum_covariance + chaser.covariance,
         )
         velocity, spin = self._motion(momentum, body)
-        return Capture(self.time, chaser, momentum, covariance, velocity, spin, self._told)
+        return Capture(self.time, chaser, momentum, covariance, velocity, spin, calibrated)
 
     def _before(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
@@ -192,20 +181,17 @@ class CaptureEstimator:
             phase='pre_capture',
             time=time,
             stamp=origin + round(time * 1e9),
-            warnings=(BEFORE,),
         )
         if chaser is None:
-            return estimate
-        doubts = self._doubts()
-        return replace(
+            return with_reasons(estimate, [Reason(BEFORE)])
+        measured = replace(
             estimate,
-            status='inconsistent' if doubts else 'waiting',
             momentum=chaser.momentum,
             momentum_covariance=chaser.covariance,
             residual=chaser.residual,
             samples=chaser.samples,
-            warnings=(*doubts, BEFORE),
         ).after_thrust(brought(window, self._own_bodies()))
+        return with_reasons(measured, [*(Reason(text, 'conflict') for text in self._doubts()), Reason(BEFORE)])
 
     def _watch(self, window: Samples) -> None:
         """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""
@@ -239,28 +225,20 @@ class CaptureEstimator:
             self._again = self.handover.again
         self._kept.clear()
 
-    @property
-    def _told(self) -> str:
-        return '' if self.handover is None else self.handover.told
-
     def _chaser(self) -> Chaser | None:
         return self._known.chaser() if self.handover is None else self.handover.chaser
 
     def _doubts(self) -> tuple[str, ...]:
         """Return why the known model is not to be trusted."""
-        told = (self._refused,) if self._refused else ()
+        refused = (self._refused,) if self._refused else ()
         chaser = self._chaser()
         if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
-            return told
+            return refused
         doubt = (
             f'before the capture the momentum of the known model changes {chaser.residual:.1f} times as much as the '
             'noise parameters explain: the model, the frames or the noise values are wrong, or something pushes'
         )
-        return (*told, doubt)
-
-    def _with_doubts(self, estimate: Estimate) -> Estimate:
-        doubts = self._doubts()
-        return replace(estimate, warnings=(*estimate.warnings, *doubts)) if doubts else estimate
+        return (*refused, doubt)
 
     def _total(self) -> Estimate | None:
         """Return the last estimate whose momentum nothing but the capture has changed."""

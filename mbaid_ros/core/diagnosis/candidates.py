@@ -1,69 +1,81 @@
-"""What may be wrong where a run contradicts its model: what the latest windows would gain by one thing at a time.
+"""What may be wrong where a run contradicts its model: a table of candidates, scored by one loop.
 
-The windows are passed through the filter once without any jump of the momentum, at the point that the run has come to,
-with more unknowns than the run has (`unknowns/suspects.py`). What is known of the robot is then made less certain, one
-thing at a time: what the data would gain by that follows from this one pass. The likeliest are passed once more, ever
-nearer to what they say. What acts from outside, jumps of the momentum and a target that has changed are passes of their
-own. All gains are log-likelihoods over the same pass: they tell the causes apart.
+The latest windows are passed through the filter once without any jump of the momentum, at the point that the run has
+come to, with more unknowns than the run has (`unknowns/catalogue.py`). What they would gain by a wider prior of one
+unknown follows from this one pass; the likeliest are passed once more. Further candidates are readings in other
+conventions, readings that are left out, vibrations, disturbances, jumps of the momentum and a target that has changed.
+All gains are log-likelihoods over the same pass: they tell the causes apart.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.conventions import (
-    FITTED,
-    Fit,
-    as_described,
-    convention_errors,
-    fitted,
+from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
+from mbaid_ros.core.diagnosis.passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
+from mbaid_ros.core.diagnosis.readings import (
+    loose_joint_text,
+    noise_factors,
+    noisier_poses,
+    slipped_readings,
+    stopped_readings,
+    swinging,
+    vibration_frequencies,
 )
-from mbaid_ros.core.diagnosis.encoders import size, swinging, times_of
-from mbaid_ros.core.diagnosis.left_out import FEWEST, LeftOut, noisier_poses
-from mbaid_ros.core.diagnosis.ranking import (
-    WORTH,
-    CandidateCause,
-    Change,
-    IsolationResult,
-    lines,
-)
-from mbaid_ros.core.diagnosis.wider_priors import (
-    SLIPPING,
-    WiderPriors,
-    Windows,
-    tried,
-)
+from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.estimate import PULSE
-from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.base import OF_TWIST, vibration
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
-from mbaid_ros.core.unknowns.suspects import OF_TWIST, line, suspects
-from mbaid_ros.core.unknowns.words import of_change, of_line, of_suspect, of_swinging
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
-_EVERY = 2  # one window in so many tells which other robot is likely: for half of the work
-# Part of the misfit that another robot may leave to be tried, and how many are.
+_EVERY = 2  # one window in so many shows which convention is likely: for half of the work
+# Part of the misfit that another convention may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 2
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
+_SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
-_BEFORE = 10  # windows before a change of the target that tell of it: the body before has to be known
+_BEFORE = 10  # windows before a change of the target: the body before has to be known
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones are what the first leads to
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
+FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
 
 
-Inquiry = Iterator['int | IsolationResult']
+@dataclass(frozen=True)
+class Candidate:
+    """Something that may be wrong, as the filter would pass the windows if it were.
+
+    Attributes
+    ----------
+    text : what is wrong; or of the filter at the end, None where that cannot be
+    passes, windows : of what it is then
+    point : where windows are linearised first; None for that of a fit, as what is left out has led the run astray
+    of_twist : whether it is something wrong with the base's twist
+    rival : the same data without what is supposed, which may explain as much
+    """
+
+    text: str | Callable[[HypothesisFilter], str | None]
+    passes: FilterPasses
+    windows: Sequence[Window]
+    point: Point | None = None
+    of_twist: bool = False
+    rival: Candidate | None = None
+
+
+Candidates = Iterator[int | Candidate]
 
 
 @dataclass(frozen=True)
@@ -74,7 +86,7 @@ class CandidateCauses:
     ----------
     layout : of the run's state
     plane : whether the motion is planar
-    uncertainty : of the known side
+    uncertainty : of the nominal model
     hypotheses : that the run is followed under
     """
 
@@ -83,7 +95,9 @@ class CandidateCauses:
     uncertainty: Uncertainty
     hypotheses: tuple[Hypothesis, ...]
 
-    def inquire(self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()) -> Inquiry:
+    def inquire(
+        self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()
+    ) -> Iterator[int | IsolationResult]:
         """Yield how much work each bit was, in steps of the filter, and at last what has been found.
 
         Parameters
@@ -95,127 +109,152 @@ class CandidateCauses:
         Raises
         ------
         LinAlgError
-            There is no point to pass the windows at that is of a robot that can be, or none with other noise. It comes
-            with the bit of work that shows it.
+            There is no point of a robot that can be to pass the windows at, or none with other noise. It comes with the
+            bit of work that shows it.
         """
-        wide, quiet = self.extended(*self._suspects()), self.hypotheses[0]
+        wide, quiet = self.extended(*self._suspects), self.hypotheses[0]
         fits = yield from self._fits(windows)
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
-        found = yield from self._widened(wide.gains(base, self.layout.causes), windows, at, base)
-        found += yield from self._misread(windows, fits, base)
-        left_out = LeftOut(self.extended(), quiet, base)
-        for part in (left_out.twist, left_out.stopped, left_out.slipped):
-            found += yield from part(windows)
-        for frequency in lines(wide.unpredicted(passed, base, quiet), windows[0].length):
-            track = yield from tried(self.extended(line(frequency)).repeated(windows, at, quiet))
-            found += _gained(of_line(frequency), track, base)
-        found += yield from self._from_outside(wide, passed, base)
+        found: list[CandidateCause] = []
+        for candidate in self._table(windows, at, fits, wide.gains(base, self.layout.causes)):
+            if isinstance(candidate, int):
+                yield candidate
+            else:
+                found += yield from self._scored(candidate, base)
+        for frequency in vibration_frequencies(wide.unpredicted(passed, base, quiet), windows[0].length):
+            text = f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid'
+            passes = self.extended(vibration(frequency))
+            found += yield from self._scored(Candidate(text, passes, windows, at), base)
+        for hypothesis in self.hypotheses[1:]:
+            track = yield from wide.passed(passed, hypothesis)
+            found.append(replace(_gained(hypothesis.cause, track, base), physical=hypothesis.physical))
         track = yield from wide.passed(passed, quiet, LONGEST)
-        found += _pulses(track, base)
+        if _explains(track) and 0 < len(track.jumps) <= _MOST_PULSES:
+            found.append(_gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in track.jumps)} s', track, base))
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
-        found += yield from self._changed(windows, point or at, times[:_PARTS], base)
-        misfit = base.misfit
-        if misfit > WORTH:
-            found += yield from self._noisier(windows, at, base)
+        found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
+        if base.misfit > WORTH:
+            text, noisier = noisier_poses(windows, base.innovations)
+            if noisier:
+                track = yield from self.extended().once(noisier, at, quiet)
+                found += [_gained(text, track, base)] if _explains(track) else []
         # What has no name but its place is looked for where nothing that has one explains the data.
-        left = misfit - max((each.gain for each in found if each.physical), default=0.0)
-        if left > max(WORTH, _LEFT * misfit):
+        left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
+        if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        worth = tuple(each for each in found if each.gain > WORTH)
-        yield IsolationResult(worth, base.innovations, misfit)
+        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, base.misfit)
 
-    def _from_outside(
-        self, wide: WiderPriors, passed: Windows, base: SquareRootInformation
-    ) -> Generator[int, None, list[CandidateCause]]:
-        """Return what would be gained by what acts or drifts."""
-        found: list[CandidateCause] = []
-        for hypothesis in self.hypotheses[1:]:
-            track = yield from wide.passed(passed, hypothesis, 0)
-            gained = track.belief.log_likelihood - base.log_likelihood
-            found.append(CandidateCause(hypothesis.cause, gained, hypothesis.physical))
-        return found
+    def _table(
+        self, windows: Sequence[Window], at: Point, fits: Sequence[Fit], gains: Mapping[str, tuple[float, float]]
+    ) -> Candidates:
+        """Yield unknowns with a wider prior, other conventions, and data that are left out."""
+        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
+            suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
+            passes = self.extended(*suspected).widened(cause, gains[cause][1])
+            text = _text_of(passes, cause)
+            yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
+        likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
+        for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
+            other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.convention.change))
+            passes = replace(self, layout=other).extended()
+            yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))
+        passes, names = self.extended(), self.layout.kernel.model.joint_names
+        wrong_twist = twist_convention_error(windows)
+        yield 1
+        if wrong_twist:
+            yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
+        for stopped in stopped_readings(windows, names)[:_SPOILT]:
+            yield Candidate(stopped.text, passes, stopped.windows)
+        for slipped in slipped_readings(windows, names)[:_SPOILT]:
+            # A contact jolts the joints, and is left out with the same windows.
+            jolted = Candidate(slipped.text, passes, slipped.as_read)
+            yield Candidate(slipped.text, passes, slipped.windows, rival=jolted)
 
-    def _changed(
+    def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
+        """Return what would be gained by a candidate, if it leads to anything."""
+        left_out, point = candidate.point is None, candidate.point
+        if len(candidate.windows) < FEWEST:
+            return []
+        if point is None:
+            point = point_as_described(self.layout, candidate.windows)
+            yield FITTED
+        track = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
+        if track is None:
+            return []
+        text = candidate.text if isinstance(candidate.text, str) else candidate.text(track)
+        if text is None:
+            return []
+        # What is left out counts as if it were explained.
+        gain = base.misfit - track.belief.misfit if left_out else track.belief.log_likelihood - base.log_likelihood
+        if candidate.rival is not None:
+            rivals = yield from self._scored(candidate.rival, base)
+            if not rivals or gain <= rivals[0].gain + WORTH:
+                return []
+        return [CandidateCause(text, gain, of_twist=candidate.of_twist)]
+
+    def _target_changes(
         self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation
-    ) -> Generator[int, None, list[CandidateCause]]:
+    ) -> Work[list[CandidateCause]]:
         """Return what would be gained by a target that has moved in the grasp, or was exchanged, at some time."""
-        changes: list[CandidateCause] = []
-        plain, quiet = self.extended(), self.hypotheses[0]
+        found: list[CandidateCause] = []
+        passes = self.extended()
         for time in times:
             place = next(index for index, window in enumerate(windows) if window.start >= time)
             later = windows[place + SLIPPING :]
             if place < _BEFORE:
                 continue
             # What has been explained needs no later change.
-            if len(later) < FEWEST or any(each.change for each in changes):
+            if len(later) < FEWEST or any(each.change for each in found):
                 break
-            # Another body may be far from the one before: where it is to be looked for, a fit tells.
-            points = point, as_described(self.layout, later)
+            # Another body may be far from the one before.
+            points = point, point_as_described(self.layout, later)
             yield FITTED
-            for change in (Change(time, exchanged=False), Change(time, exchanged=True)):
-                track = yield from tried(plain.changed(windows, place, points, quiet, exchanged=change.exchanged))
-                explains = track is not None and _explains(track)
-                text = of_change(time, exchanged=change.exchanged)
-                changes += _gained(text, track, base, change if explains else None)
-        return sorted(changes, key=lambda each: -each.gain)[:1]
+            for exchanged in (False, True):
+                track = yield from attempted(
+                    passes.target_changes(windows, place, points, self.hypotheses[0], exchanged=exchanged)
+                )
+                if track is not None:
+                    cause = _gained(target_changed_text(time, exchanged=exchanged), track, base)
+                    found.append(replace(cause, change=Change(time, exchanged) if _explains(track) else None))
+        return sorted(found, key=lambda each: -each.gain)[:1]
 
-    def _fits(self, windows: Sequence[Window]) -> Generator[int, None, list[Fit]]:
-        """Return what windows say of the robot as it is described, and of those that it may be taken for."""
+    def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
+        """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
-        for misreading in convention_errors(self.layout.kernel):
-            if not misreading.possible(windows):
-                continue
-            found.append(fitted(self.layout.kernel, windows, misreading, _EVERY))
-            yield FITTED // _EVERY
+        for convention in conventions(self.layout.kernel):
+            if convention.possible(windows):
+                found.append(fitted(self.layout.kernel, windows, convention, _EVERY))
+                yield FITTED // _EVERY
         return found
 
     def _base(
-        self, wide: WiderPriors, windows: Sequence[Window], points: Sequence[Point]
-    ) -> Generator[int, None, tuple[Point, Windows, SquareRootInformation]]:
-        """Return the point that explains windows best if nothing is wrong, and the pass there.
-
-        Raises
-        ------
-        LinAlgError
-            None of the points is of a robot that can be.
-        """
-        results: list[tuple[Point, Windows, SquareRootInformation]] = []
+        self, wide: FilterPasses, windows: Sequence[Window], points: Sequence[Point]
+    ) -> Work[tuple[Point, WhitenedWindows, SquareRootInformation]]:
+        """Return the point that explains windows best if nothing is wrong, and the pass there."""
+        results: list[tuple[Point, WhitenedWindows, SquareRootInformation]] = []
         for point in points:
             # Where a robot is badly misdescribed, what fits best may be none that can be.
-            passed = yield from tried(wide.linearised(windows, point))
+            passed = yield from attempted(wide.linearised(windows, point))
             if passed is not None:
-                track = yield from wide.passed(passed, self.hypotheses[0], 0)
+                track = yield from wide.passed(passed, self.hypotheses[0])
                 results.append((point, passed, track.belief))
         if not results:
             raise np.linalg.LinAlgError('there is no point to pass the windows at')
         return max(results, key=lambda each: each[2].log_likelihood)
 
-    def _misread(
-        self, windows: Sequence[Window], fits: Sequence[Fit], base: SquareRootInformation
-    ) -> Generator[int, None, list[CandidateCause]]:
-        """Return what would be gained by another robot; of those that the fits make likely."""
-        likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
-        found: list[CandidateCause] = []
-        for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
-            other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.misreading.change))
-            trial = replace(self, layout=other).extended()
-            read_so = fit.misreading.windows(windows)
-            track = yield from tried(trial.repeated(read_so, fit.point(other), self.hypotheses[0]))
-            found += _gained(fit.misreading.text, track, base)
-        return found
-
     def _swinging(
         self, windows: Sequence[Window], point: Point, base: SquareRootInformation
-    ) -> Generator[int, None, list[CandidateCause]]:
+    ) -> Work[list[CandidateCause]]:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
-        first, *others = times_of(base.nis / base.measured)
+        first, *others = noise_factors(base.nis / base.measured)
         tracks: dict[tuple[int, float], HypothesisFilter] = {}
 
-        def tried(joint: int, times: float) -> Generator[int, None, None]:
-            tracks[joint, times] = yield from self._once(swinging(windows, joint, times, len(names)), point)
+        def tried(joint: int, times: float) -> Work[None]:
+            noisier = swinging(windows, joint, times, len(names))
+            tracks[joint, times] = yield from self.extended().once(noisier, point, self.hypotheses[0])
 
         def best() -> tuple[int, float]:
             return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
@@ -229,54 +268,29 @@ class CandidateCauses:
         _, times = best()
         if not _explains(tracks[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
-        text = of_swinging(names[likeliest], size(windows, times))
-        return [replace(each, physical=False) for each in _gained(text, tracks[best()], base)]
+        text = loose_joint_text(names[likeliest], windows, times)
+        return [replace(_gained(text, tracks[best()], base), physical=False)]
 
-    def _noisier(
-        self, windows: Sequence[Window], point: Point, base: SquareRootInformation
-    ) -> Generator[int, None, list[CandidateCause]]:
-        """Return what would be gained by a base that is read with a little more noise."""
-        text, noisier = noisier_poses(windows, base.innovations)
-        track = (yield from self._once(noisier, point)) if noisier else None
-        return _gained(text, track, base) if track is not None and _explains(track) else []
-
-    def _once(self, windows: Sequence[Window], point: Point) -> Generator[int, None, HypothesisFilter]:
-        passed = yield from self.extended().linearised(windows, point)
-        return (yield from self.extended().passed(passed, self.hypotheses[0], 0))
-
+    @property
     def _suspects(self) -> tuple[Unknown, ...]:
         return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
 
-    def extended(self, *more: Unknown) -> WiderPriors:
-        """Return what passes windows, with more unknowns."""
-        return WiderPriors(self.layout.extended(more), self.plane, self.uncertainty)
+    def extended(self, *more: Unknown) -> FilterPasses:
+        """Return passes with more unknowns."""
+        return FilterPasses(self.layout.extended(more), self.plane, self.uncertainty)
 
-    def _widened(
-        self,
-        gains: Mapping[str, tuple[float, float]],
-        windows: Sequence[Window],
-        point: Point,
-        base: SquareRootInformation,
-    ) -> Generator[int, None, list[CandidateCause]]:
-        """Return what would be gained by less certainty of each thing; of the likeliest by passes of their own."""
-        found: list[CandidateCause] = []
-        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
-            factor = gains[cause][1]
-            suspected = (each.part(cause) for each in self._suspects() if cause in each.causes)
-            using = self.extended(*suspected).widened(cause, factor)
-            track = yield from tried(using.repeated(windows, point, self.hypotheses[0]))
-            if track is not None and self._possible(cause, value := using.value(track, cause)):
-                text = of_suspect(cause, value)
-                found += [replace(each, of_twist=cause in OF_TWIST) for each in _gained(text, track, base)]
-        return found
 
-    def _possible(self, cause: str, value: Array) -> bool:
-        """Tell whether a link could be so: one that is lighter by far more than it weighs explains nothing."""
-        kind, _, name = cause.partition(':')
-        if kind != 'link':
-            return True
-        body = self.layout.kernel.model.link(name).body
-        return bool(value[0] > -_LIGHTER * self.layout.kernel.known[body, 0])
+def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], str | None]:
+    """Return what an unknown would have to be; None of a link lighter by far more than it weighs."""
+    kind, _, name = cause.partition(':')
+
+    def text(track: HypothesisFilter) -> str | None:
+        value, kernel = passes.value(track, cause), passes.layout.kernel
+        if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
+            return None
+        return deviation_text(cause, value)
+
+    return text
 
 
 def _explains(track: HypothesisFilter) -> bool:
@@ -284,13 +298,9 @@ def _explains(track: HypothesisFilter) -> bool:
     return track.belief.nis < LARGEST_NIS * track.belief.measured
 
 
-def _gained(
-    text: str, track: HypothesisFilter | None, base: SquareRootInformation, change: Change | None = None
-) -> list[CandidateCause]:
-    """Return what a cause gains over a pass without it, if it has led to anything."""
-    if track is None:
-        return []
-    return [CandidateCause(text, track.belief.log_likelihood - base.log_likelihood, change=change)]
+def _gained(text: str, track: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+    """Return what a cause gains over a pass without it."""
+    return CandidateCause(text, track.belief.log_likelihood - base.log_likelihood)
 
 
 def _likeliest(gains: Mapping[str, float]) -> list[str]:
@@ -303,11 +313,3 @@ def _likeliest(gains: Mapping[str, float]) -> list[str]:
         if kinds[kind] <= _ALIKE:
             found.append(cause)
     return found[:_REFINED]
-
-
-def _pulses(track: HypothesisFilter, base: SquareRootInformation) -> list[CandidateCause]:
-    """Return what would be gained by jumps of the momentum, where a few leave nothing unexplained."""
-    if not _explains(track) or not 0 < len(track.jumps) <= _MOST_PULSES:
-        return []
-    times = ', '.join(f'{jump.time:.1f}' for jump in track.jumps)
-    return [CandidateCause(f'{PULSE} at {times} s', track.belief.log_likelihood - base.log_likelihood)]

@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.candidates import CandidateCauses
-from mbaid_ros.core.diagnosis.left_out import FEWEST
-from mbaid_ros.core.diagnosis.ranking import Change, IsolationResult, ranked, roughness
-from mbaid_ros.core.diagnosis.wider_priors import SLIPPING
+from mbaid_ros.core import chi_square
+from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
+from mbaid_ros.core.diagnosis.passes import SLIPPING
+from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
+from mbaid_ros.core.diagnosis.readings import roughness
 from mbaid_ros.core.filter.batch import BackgroundTask
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.results.innovations import seen_in
-from mbaid_ros.core.results.verdict import Cause
+from mbaid_ros.core.results.evidence import correlation_time_of
+from mbaid_ros.core.results.status import Cause, Verdict
+from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.unknowns.environment import Gravity, rate_of
 
 _FIRST = 24  # windows before the first inquiry: of fewer, causes cannot be told apart
-_AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since what may be a change of the target: what tells of it is there
-# Windows, at most, that a jump is left open while an inquiry is under way: by then it has been told what became of
-# it.
+_AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
+# Windows, at most, that a jump is left open while an inquiry is under way: by then its result is there.
 _OPEN = 16
-_APART = 16  # windows from one inquiry to the next, at least: what fewer new ones tell is lost in the noise
+_APART = 16  # windows from one inquiry to the next, at least: what fewer new ones add is lost in the noise
 # Windows that one is over: what has begun to be wrong is seldom longer ago, and work and memory stay bounded.
 _KEPT = 80
-_LATEST = 8  # windows whose samples tell how noisy the sensors are: as noisy as they are now
+_LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
 _SHORT = 0.12  # of a window, below which a time of correlation is none: poses between two others look like that, too
 # Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
 _SHARE_BESIDE, _SHARE = 700, 1200
@@ -87,13 +92,13 @@ class FaultIsolation:
         """Do a part of what an inquiry has to do before the next window; return whether some is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
             found = self._inquiry.work_off()
-            # What a run still contradicts may have died down: the latest windows know nothing of it any more.
+            # What a run still contradicts may have died down: it is not in the latest windows any more.
             if found is not None and (found.causes or self._over or self._found is None):
                 self._found, self._over = found, False
         return self._inquiry.owing
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
-        """Return when the momentum of a run seems to have jumped, s, where an inquiry is under way into what it was.
+        """Return when the momentum of a run seems to have jumped, s, where an inquiry into it is under way.
 
         A constant force that leads explains what are jumps without it.
         """
@@ -111,16 +116,18 @@ class FaultIsolation:
         return (self._windows[-1].start - run.jumped[0]) / self._windows[-1].length
 
     @property
+    def _leading(self) -> CandidateCause | None:
+        return None if self._found is None else self._found.leading
+
+    @property
     def change(self) -> Change | None:
         """What has become of the target, if the latest inquiry has found that to be what is wrong."""
-        leading = None if self._found is None else self._found.leading
-        return None if leading is None else leading.change
+        return self._leading.change if self._leading else None
 
     @property
     def wrong_twist(self) -> str:
         """What is wrong with the base's twist, if the latest inquiry has found that to be it; else empty."""
-        leading = None if self._found is None else self._found.leading
-        return leading.text if leading is not None and leading.of_twist else ''
+        return self._leading.text if self._leading and self._leading.of_twist else ''
 
     def since(self, time: float) -> list[Window]:
         """Return the windows that begin at a time, s, or later."""
@@ -133,14 +140,34 @@ class FaultIsolation:
             return ()
         inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
         leading = run.best.hypothesis if run.started else None
-        if leading is not None and leading.disturbed:  # the run may know more by now
+        if leading is not None and leading.disturbed:  # the run may have more windows by now
             # Over all of the run, not its latest windows alone: what explains anything is no likelier for that.
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.found_in(self._samples[-1])
         rough = roughness(self._samples, latest.joint_position)
-        correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else seen_in(self._samples[-1])
-        if correlated[0] < _SHORT * self._windows[-1].length:  # poses between two others look like that, too
+        correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else correlation_time_of(self._samples[-1])
+        if correlated[0] < _SHORT * self._windows[-1].length:
             correlated = (0.0, 0.0)
         return ranked(inquired, found.innovations, found.misfit, rough, correlated)
+
+
+_FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days
+
+
+def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout: Layout) -> Verdict:
+    """Return a verdict on a run with the gravity gradient of an undeclared orbit as a cause, if the data show one.
+
+    The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that is
+    not known either. That suffices to detect it, not for what the intervals claim.
+    """
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, Gravity) and unknown.count:
+            begin = np.arange(place.start, place.start + 5)  # the others say how it changes
+            found = moments.mean[begin]
+            square = float(found @ np.linalg.solve(moments.covariance(begin), found))
+            if square > chi_square.limit(_FALSE_ALARM, len(found)):
+                rate = rate_of(unknown.factor @ moments.mean[place])
+                return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)
+    return judgement

@@ -22,6 +22,7 @@ from mbaid_ros.core.difference.window_rows import BODY, subspace, window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.status import contradictions, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.robot.planar import PlaneDetector
@@ -186,10 +187,10 @@ class DifferenceEstimator:
 def _judged(
     estimate: Estimate,
     event: Event | None,
-    contradictions: tuple[str, ...],
+    contradicting: tuple[str, ...],
     causes: tuple[tuple[str, float], ...],
     warnings: tuple[str, ...],
 ) -> Estimate:
     """Return the estimate with what contradicts a constant momentum, and further warnings."""
-    told = estimate.contradicted_by(contradictions)
-    return replace(told, causes=causes, events=() if event is None else (event,), warnings=(*told.warnings, *warnings))
+    reasons = [*contradictions(contradicting), *notes(warnings)]
+    return replace(with_reasons(estimate, reasons), causes=causes, events=() if event is None else (event,))

@@ -14,7 +14,11 @@ import numpy as np
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.difference.run import Run
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.reporting import NOISE_MARGIN, Solution, inverses
+from mbaid_ros.core.linear_algebra import inverses
+from mbaid_ros.core.results.reporting import Solution
+
+# The noise's own information fluctuates: what is less than twice it is not signal.
+NOISE_MARGIN = 2.0
 
 
 @dataclass(frozen=True)

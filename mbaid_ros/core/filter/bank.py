@@ -19,7 +19,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # Log-likelihood by which another hypothesis must explain the data better than the first: odds of 20,000 to 1.
 MARGIN = 10.0

@@ -32,7 +32,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.scale import unknown_scale
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 Outcome = TypeVar('Outcome')
 

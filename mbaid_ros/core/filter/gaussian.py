@@ -17,7 +17,7 @@ from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.evidence import Innovations
 
 
 @dataclass(frozen=True, eq=False)

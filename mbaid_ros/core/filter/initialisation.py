@@ -13,7 +13,7 @@ from mbaid_ros.core.filter.state import BODY, BODY_PLACES
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
-from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.model_errors import body_sizes
 
 # Growth of a young run until all of it is linearised again, or searched again where a search explains next to

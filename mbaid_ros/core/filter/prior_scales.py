@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.results.variance_components import (
+from mbaid_ros.core.results.evidence import (
     AS_DECLARED,
     Distance,
     LikelyScale,

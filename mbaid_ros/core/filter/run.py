@@ -23,8 +23,8 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.results.reporting import Curvature
-from mbaid_ros.core.results.verdict import LARGEST_NIS
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.results.status import LARGEST_NIS
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # Steps of the filter, more or less, that a search may take between two windows: while there is an estimate, and
 # before, when nothing else is to be had.

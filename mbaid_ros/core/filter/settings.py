@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Axes
+from mbaid_ros.core.unknowns.environment import Axes
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
 

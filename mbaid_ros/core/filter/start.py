@@ -41,7 +41,7 @@ from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # First windows, whose mean angular momentum a start has: noise is far below the rate, disturbances have hardly acted.
 _FIRST = 5

@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
-from mbaid_ros.core.unknowns.hypotheses import Axes
+from mbaid_ros.core.unknowns.environment import Axes
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.budget import ErrorBudget
+from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.sensors.levels import SensorLevels
 
 # Said where none of the parameters is told that might be, if the data did not contradict the model.
@@ -98,7 +98,7 @@ class Estimate:
     Attributes
     ----------
     method : name of the method
-    status : see Status; the rules stand in core/results/reporting.py
+    status : see Status; the rules stand in core/results/status.py
     time : s since the first sample of the run
     stamp : ns, stamp of the last sample used
     parameters : (10,) in the order of PARAMETERS, SI; NaN where the data do not determine one
@@ -155,14 +155,6 @@ class Estimate:
     def likely_causes(self) -> tuple[tuple[str, float], ...]:
         """The causes where the data contradict the model; none where something is suspicious at most."""
         return self.causes if self.contradicted else ()
-
-    def contradicted_by(self, reasons: Sequence[str]) -> Estimate:
-        """Return it with what contradicts the model, a line each, if anything does: inconsistent, or withheld."""
-        if not reasons:
-            return self
-        if self.status == 'not_identifiable':
-            return replace(self, warnings=(*self.warnings, *reasons, WITHHELD))
-        return replace(self, status='inconsistent', warnings=(*self.warnings, *reasons))
 
     @property
     def std(self) -> Array:

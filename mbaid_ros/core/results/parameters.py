@@ -1,14 +1,19 @@
-"""The ten parameters of a rigid body that estimates are of: their order, names and units."""
+"""The ten parameters of a rigid body: names, units, rounding, and which share of their variance comes from what."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
 
 # Mass, centre of mass (link frame), inertia about it (link axes).
 PARAMETERS = ('mass', 'com_x', 'com_y', 'com_z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 UNITS = ('kg', 'm', 'm', 'm', *('kg m^2',) * 6)
 BAND = 1.96  # standard deviations either side that hold 95 % of a Gaussian
-
 
 _DIGITS = 2  # of a standard deviation: more would claim to know how well it is known
 _MOST_DECIMALS = 7  # written out: more of them, or a number from 1e7 on whose ones are not known, are a power of ten
@@ -19,9 +24,8 @@ def rounded(value: float, std: float, unknown: str = '', digits: int = 6) -> tup
 
     Parameters
     ----------
-    value : number
-    std : one standard deviation of it; NaN where not known
-    unknown : what is returned for what is not known
+    value, std : number and one standard deviation of it; NaN where not known
+    unknown : text for a number that is not known
     digits : significant ones of a value whose standard deviation is not known
     """
     if not math.isfinite(value):
@@ -41,3 +45,111 @@ def _with_decimals(value: float, decimals: int) -> str:
         return f'{kept:.0f}'
     exponent = math.floor(math.log10(abs(kept)))
     return f'{kept:.{max(exponent + decimals, 0)}e}'
+
+
+SENSOR_NOISE = 'sensor noise'
+MAIN_CAUSES = 'main causes of the variance'  # heads what `ErrorBudget.told` returns
+UNCHECKED = 'rests on what this motion cannot check'  # heads what `ErrorBudget.resting` returns
+GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
+_MOST = 0.5  # share from which one cause is named: it alone decides what may be known
+_RESTS, _TOLD = 0.1, 5  # share from which an unobservable declaration is named; how many of them
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBudget:
+    """Shares of the ten parameters' variances: what sensor noise and the independent priors contribute adds up.
+
+    Attributes
+    ----------
+    causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
+    shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
+    unchecked : (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is
+        further off than its interval says, and no residual shows it; none where not given
+    """
+
+    causes: tuple[str, ...]
+    shares: Array
+    unchecked: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
+
+    def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
+        """Return the shares of one parameter, the largest first, without those below `least`; empty where not known."""
+        return self._ordered(self.shares[PARAMETERS.index(parameter)], least)
+
+    def grouped(self, std: Array, least: float = 1e-3) -> dict[str, dict[str, float]]:
+        """Return the shares, from `least` on, of mass, centre of mass and inertia as wholes, where any is determined.
+
+        The variance of a whole is the sum of its elements', so it does not depend on how the axes lie; std (10,).
+        """
+        found = {}
+        for group, which in GROUPS.items():
+            variances, shares = std[which] ** 2, self.shares[which]
+            known = np.isfinite(variances) & np.all(np.isfinite(shares), axis=1)
+            total = float(np.sum(variances[known]))
+            if total > 0.0:
+                found[group] = self._ordered(variances[known] @ shares[known] / total, least)
+        return found
+
+    def told(self, std: Array) -> str:
+        """Return the largest share of each group's variance in a line, empty where not known; std (10,).
+
+        'link base_link (62 % of mass, 40 % of inertia), zero of joint7 (26 % of centre of mass)'
+        """
+        found: dict[str, list[str]] = {}
+        for group, shares in self.grouped(std, 0.0).items():
+            cause, share = next(iter(shares.items()))
+            found.setdefault(cause, []).append(f'{percent(share)} of {group}')
+        return _listed(found, found)
+
+    def resting(self) -> str:
+        """Return which declarations the intervals rest on that the data hardly see, in a line as that of `told`.
+
+        The share is the largest that one has in the variance of any parameter of a group.
+        """
+        found: dict[str, list[tuple[float, str]]] = {}
+        shares = np.where(self.unchecked & np.isfinite(self.shares), self.shares, 0.0)
+        for group, which in GROUPS.items():
+            for cause, share in zip(self.causes, np.max(shares[which], axis=0), strict=True):
+                if share >= _RESTS:
+                    found.setdefault(cause, []).append((float(share), f'{percent(share)} of {group}'))
+        order = sorted(found, key=lambda cause: -max(found[cause])[0])[:_TOLD]
+        return _listed(order, {cause: [text for _, text in found[cause]] for cause in order})
+
+    def dominant(self, std: Array) -> dict[str, dict[str, float]]:
+        """Return what, other than sensor noise, makes more than half of a group's variance: by group; std (10,)."""
+        found: dict[str, dict[str, float]] = {}
+        for group, shares in self.grouped(std).items():
+            for cause, share in shares.items():
+                if cause != SENSOR_NOISE and share > _MOST:
+                    found.setdefault(cause, {})[group] = share
+        return found
+
+    def left_of_std(self, times: float) -> Array:
+        """Return the least that n = `times` times the data of the same motion leave of each standard deviation, (10,).
+
+        Where sensor noise makes the share s of a variance V, they leave at least V / (1 + (n - 1) s). Relative, NaN
+        where not determined.
+        """
+        noise = self.shares[:, self.causes.index(SENSOR_NOISE)]
+        return np.asarray(1.0 / np.sqrt(1.0 + (times - 1.0) * noise))
+
+    def _ordered(self, row: Array, least: float) -> dict[str, float]:
+        pairs = [(cause, float(share)) for cause, share in zip(self.causes, row, strict=True) if share >= least]
+        return dict(sorted(pairs, key=lambda pair: -pair[1]))
+
+
+def _listed(causes: Iterable[str], shares: dict[str, list[str]]) -> str:
+    return ', '.join(f'{short(cause)} ({", ".join(shares[cause])})' for cause in causes)
+
+
+_SHORT = {'zero': 'zero of {}', 'origin': 'origin of {}', 'axis': 'axis of {}', 'link': 'link {}'}
+
+
+def short(cause: str) -> str:
+    """Return a cause in a few words."""
+    kind, _, name = cause.partition(':')
+    return _SHORT.get(kind, '{}').format(name) if name else cause
+
+
+def percent(share: float) -> str:
+    """Return a share in words."""
+    return f'{100.0 * share:.0f} %'

@@ -1,29 +1,24 @@
-"""How far equations linearised at a solution are from those linearised anywhere else within its interval.
+"""From solutions to estimates: which parameters are published, projected to a body that can exist, with which status.
 
 A solution of linear equations is the same wherever they are linearised. One that moves by a good part of its standard
-deviation, where it is linearised at another point as likely, owes that deviation to the point: what tells of the
-parameter is of second order, a product of two unknowns. So it is with the moments of inertia of a body that a planar
-arm holds, of which only the tilts of its own axes tell.
+deviation, where it is linearised at another point as likely, owes that deviation to the point: the data observe the
+parameter at second order only, by products of two unknowns. So it is with the moments of inertia of a body that a
+planar arm holds, which only the tilts of its own axes observe.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
-from mbaid_ros.core.linear_algebra import are_doubtful, inverse_factors
-from mbaid_ros.core.results.estimate import Estimate, Status
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import (
-    IMPOSSIBLE,
-    are_physical,
-    project,
-    project_planar,
-)
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
+from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.planar import Plane
 
@@ -65,36 +60,33 @@ class Curvature:
         return not bool(self.straight(np.eye(10)).all())
 
 
-# Standard deviations of an estimate from the nearest real body, from which that is told.
+# Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
 _SECOND = np.array([4, 7, 9, 7, 9, 9])
-# The noise's own information fluctuates: what is less than twice it is not signal.
-NOISE_MARGIN = 2.0
-# How much better the mass has to be known than others, for it and for what is a quotient with it to be believed. Its
-# deviation grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
+# How much better the mass has to be known than others, for it and for a quotient with it to be believed. Its deviation
+# grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
 _OF_THE_MASS = 0.2
-_LEAST = 1e-12  # information in units of a reference, which stands for none
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The solution of a set of windows.
+    """The solution of a set of windows: numbers, covariance, and the reasons of the run beside them.
 
     Attributes
     ----------
-    x : (16,) (m, h, I_o, P_0, L_0)
-    covariance : (16, 16) of x
-    cautious_covariance : (16, 16) the same with NOISE_MARGIN times the noise's own information taken off; of
+    x, covariance : (16,), (16, 16) of (m, h, I_o, P_0, L_0)
+    cautious_covariance : (16, 16) the same with twice the noise's own information taken off (core/difference); of
         `trajectory` the same as the covariance
     cost : sum of the squared normalised residuals; of `trajectory` of the normalised innovations
     redundancy : number of equations less that of unknowns; of `trajectory` that of the innovations
     origin : (3,) m, about which L_0 is taken, odometry frame
     plane : of a planar motion, which leaves six of the ten parameters open; else None
     restarted : whether earlier windows had to be given up
-    curvatures : how near linear what it is of is, as far as that is known
+    curvatures : of its equations, as far as they are known
+    reasons : further ones of the run, in order
     """
 
     x: Array
@@ -106,17 +98,12 @@ class Solution:
     plane: Plane | None
     restarted: bool = False
     curvatures: tuple[Curvature, ...] = ()
+    reasons: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True)
 class Instant:
-    """Where in a run a solution belongs.
-
-    Attributes
-    ----------
-    time, stamp : s, ns of the last sample
-    samples : number used by then
-    """
+    """Where in a run a solution belongs: s and ns of the last sample, number of samples used by then."""
 
     time: float
     stamp: int
@@ -142,38 +129,36 @@ class Reporting:
     largest_residual: float
 
     def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
-        """Return what is published of N solutions, none of which depends on the others: together they take less time.
+        """Return what is published of N > 0 independent solutions, each at its instant: together they take less time.
 
-        Parameters
-        ----------
-        method : name
-        solutions, instants : N of each, N > 0
+        Parameters that the data do not identify are withheld: NaN, with their covariance.
         """
         bodies = np.array([one.x[:10] for one in solutions])
         covariance = np.array([one.covariance[:10, :10] for one in solutions])
         cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
         momentum, momentum_covariance = _about_odometry_origin(solutions)
         parameters, jacobian = physical(bodies), physical_jacobian(bodies)
-        straight = _straight(solutions, jacobian)
-        identifiable = self._identifiable(parameters, jacobian, cautious) & straight
+        linear = _linear(solutions, jacobian)
+        identifiable = self._identifiable(parameters, jacobian, cautious) & linear
         planes = [one.plane for one in solutions]
         possible, corrections = self._possible(bodies, covariance, identifiable, planes)
         if possible is not bodies:
             parameters, jacobian = physical(possible), physical_jacobian(possible)
-            straight = _straight(solutions, jacobian)
-            identifiable = self._identifiable(parameters, jacobian, cautious) & straight
+            linear = _linear(solutions, jacobian)
+            identifiable = self._identifiable(parameters, jacobian, cautious) & linear
         published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
-        relative = relative_std(published, self.sizes(parameters))
-        settled = np.all((relative < self.converged_std) | ~identifiable, axis=1)
+        converged = np.all(
+            (relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1
+        )
         estimates = []
         for k, (solution, instant) in enumerate(zip(solutions, instants, strict=True)):
             residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
             known, correction = identifiable[k], float(corrections[k])
             estimate = Estimate(
                 method=method,
-                status=self._status(known, residual, correction, solution.redundancy, settled=bool(settled[k])),
+                status=('converged' if converged[k] else 'estimating') if known.any() else 'not_identifiable',
                 time=instant.time,
                 stamp=instant.stamp,
                 parameters=parameters[k],
@@ -184,18 +169,15 @@ class Reporting:
                 residual=residual,
                 consistency_correction=correction,
                 samples=instant.samples,
-                warnings=self._warnings(known, straight[k], residual, correction, solution),
             )
-            estimates.append(estimate)
+            reasons = [*self._reasons(known, linear[k], residual, correction, solution), *solution.reasons]
+            estimates.append(with_reasons(estimate, reasons))
         return estimates
 
     def _possible(
         self, bodies: Array, covariance: Array, identifiable: Flags, planes: Sequence[Plane | None]
     ) -> tuple[Array, Array]:
-        """Return (N, 10) bodies that can exist for those of which anything is known, and how far off they were, (N,).
-
-        The very array that was given where it needs no change.
-        """
+        """Return (N, 10) bodies that can exist for those and how far off they were, (N,); itself if all can exist."""
         corrections = np.zeros(len(bodies))
         open_plane = np.array([plane is not None for plane in planes])
         asked = np.flatnonzero(identifiable.any(axis=1) & (open_plane | ~are_physical(bodies)))
@@ -225,67 +207,32 @@ class Reporting:
         typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
 
-    def _status(
-        self, identifiable: Flags, residual: float, correction: float, redundancy: int, *, settled: bool
-    ) -> Status:
-        if not identifiable.any():
-            return 'not_identifiable'
-        if correction > IMPOSSIBLE or self._contradicted(residual, redundancy):
-            return 'inconsistent'
-        return 'converged' if settled else 'estimating'
-
-    def _contradicted(self, residual: float, redundancy: int) -> bool:
-        """Tell whether residuals are too large, and not because there are few of them."""
-        if redundancy <= 0 or residual <= self.largest_residual:
-            return False
-        return residual**2 * redundancy > chi_square.limit(_BY_CHANCE, redundancy)
-
-    def _warnings(
-        self, identifiable: Flags, straight: Flags, residual: float, correction: float, solution: Solution
-    ) -> tuple[str, ...]:
-        warnings = []
+    def _reasons(
+        self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
+    ) -> Iterator[Reason]:
+        """Yield what a solution shows by itself; what contradicts the model does only where parameters are known."""
+        serious: Severity = 'contradiction' if identifiable.any() else 'note'
         if solution.plane is not None:
-            warnings.append('planar motion: only mass, CoM in the plane and moment about its normal can be found')
+            yield Reason('planar motion: only mass, CoM in the plane and moment about its normal can be found')
         elif not identifiable.all():
-            names = ', '.join(name for name, known in zip(PARAMETERS, identifiable, strict=True) if not known)
-            warnings.append(f'not determined by the data: {names}')
-        if not straight.all() and identifiable.any():
-            names = ', '.join(name for name, known in zip(PARAMETERS, straight, strict=True) if not known)
-            warnings.append(f'the data tell only by products of unknowns of: {names}')
+            yield Reason(f'not determined by the data: {_names(~identifiable)}')
+        if not linear.all() and identifiable.any():
+            yield Reason(f'the data tell only by products of unknowns of: {_names(~linear)}')
         if residual > self.largest_residual:
-            warnings.append(f'residuals are {residual:.1f} times what the noise parameters explain')
+            text = f'residuals are {residual:.1f} times what the noise parameters explain'
+            # Few equations leave large residuals by chance.
+            square = residual**2 * solution.redundancy
+            large = solution.redundancy > 0 and square > chi_square.limit(_BY_CHANCE, solution.redundancy)
+            yield Reason(text, serious if large else 'note')
         if correction > _LARGE_CORRECTION and identifiable.any():
-            warnings.append(f'the estimate was {correction:.1f} standard deviations away from any real body')
+            text = f'the estimate was {correction:.1f} standard deviations away from any real body'
+            yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
         if solution.restarted:
-            warnings.append('the motion turned out not to be planar: what was learnt before was given up')
-        return tuple(warnings)
+            yield Reason('the motion turned out not to be planar: what was learnt before was given up')
 
 
-def inverses(references: Array, matrices: Array) -> Array:
-    """Return the inverses of symmetric (N, u, u) matrices, conditioned by the diagonals of definite references.
-
-    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times what the
-    reference's diagonal says.
-    """
-    size = 1.0 / np.sqrt(references.diagonal(axis1=1, axis2=2))
-    factors = inverse_factors(matrices)
-    if factors is None:
-        if len(matrices) > 1:  # one of them: each by itself
-            pairs = zip(references, matrices, strict=True)
-            return np.concatenate([inverses(reference[None], matrix[None]) for reference, matrix in pairs])
-        return _inverse_of_positive_part(matrices[0], size[0])[None]
-    found = np.asarray(np.swapaxes(factors, 1, 2) @ factors)
-    # No direction has as much variance where the sum of all has less.
-    large = ((factors / size[:, None]) ** 2).sum(axis=(1, 2)) >= 1.0 / _LEAST
-    for k in np.flatnonzero(large | are_doubtful(matrices, factors)):
-        found[k] = _inverse_of_positive_part(matrices[k], size[k])
-    return found
-
-
-def _inverse_of_positive_part(matrix: Array, size: Array) -> Array:
-    values, vectors = np.linalg.eigh(matrix * size * size[:, None])
-    inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
-    return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
+def _names(which: Flags) -> str:
+    return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
 
 
 def relative_std(covariance: Array, size: Array) -> Array:
@@ -293,7 +240,7 @@ def relative_std(covariance: Array, size: Array) -> Array:
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
 
 
-def _straight(solutions: Sequence[Solution], jacobian: Array) -> Flags:
+def _linear(solutions: Sequence[Solution], jacobian: Array) -> Flags:
     """Return of which parameters, (N, 10), the solutions depend little on where equations were linearised."""
     return np.array(
         [

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.undeclared_orbit import with_undeclared_orbit
+from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import KnotAveraging, Taken
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.settings import TrajectorySettings
@@ -21,7 +21,7 @@ from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.verdict import judge
+from mbaid_ros.core.results.status import contradictions, judge, notes
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
@@ -38,7 +38,7 @@ from mbaid_ros.core.trajectory.solution import (
     with_linear_momentum_unknown,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns
-from mbaid_ros.core.unknowns.words import of_size
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
 _TUMBLING = (
@@ -211,6 +211,11 @@ class TrajectoryEstimator:
         if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
             judgement = replace(judgement, causes=causes)
         judgement = with_undeclared_orbit(judgement, moments, layout)
+        # Where the data contradict the model, the verdict names what would have to be further off.
+        too_small = [underestimated_text(*each) for each in sizes.sure if judgement.adequate]
+        acting = track.hypothesis.disturbed and track.hypothesis.physical
+        estimated = [f'{track.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
+        reasons = (*notes((*self._runs.notes, *too_small, *estimated)), *contradictions(judgement.reasons))
         numbers, factor = moments.published(sizes, layout, _ORDER)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_ORDER, _ORDER)]) * judgement.widening
         solution = Solution(
@@ -222,20 +227,18 @@ class TrajectoryEstimator:
             origin=origin,
             plane=self._plane.plane(self._kernel.target),
             curvatures=run.curvatures(explained=judgement.adequate),
+            reasons=reasons,
         )
         found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments, origin))
         return Solved(
             moments.mean,
             solution,
             now,
-            track.hypothesis,
             judgement,
             found,
             error_budget(moments, layout, self._settings.uncertainty, sizes),
             thrusters(moments, layout),
             joint_delay(moments, layout),
-            # Where the data contradict the model, the judgement names what would have to be further off.
-            (*self._runs.notes, *(of_size(*each) for each in sizes.sure if judgement.adequate)),
         )
 
     def _reported(self, solved: list[Solved]) -> list[Estimate]:
@@ -245,5 +248,5 @@ class TrajectoryEstimator:
         estimates = self._reporting.estimates(
             self.method, [one.solution for one in solved], [one.instant for one in solved]
         )
-        judged = [one.judged(estimate) for estimate, one in zip(estimates, solved, strict=True)]
-        return judged if self._settings.located else [with_linear_momentum_unknown(estimate) for estimate in judged]
+        completed = [one.completed(estimate) for estimate, one in zip(estimates, solved, strict=True)]
+        return completed if self._settings.located else list(map(with_linear_momentum_unknown, completed))

@@ -13,7 +13,7 @@ from mbaid_ros.core.filter.window import window_noises
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
 FIRST = LINEAR.start  # the pose error before it begins anew with every motion
 

@@ -13,7 +13,6 @@ from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import (
     PULSE,
     SYMPTOM,
@@ -23,12 +22,12 @@ from mbaid_ros.core.results.estimate import (
     changed_by,
     constant_force,
 )
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Solution
-from mbaid_ros.core.results.verdict import MOST_JUMPS, Verdict
+from mbaid_ros.core.results.status import MOST_JUMPS, Verdict
 from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: of one that is less sure nothing is told
@@ -173,39 +172,31 @@ class Solved:
     mean : of the state
     solution : body and momentum, as they are reported
     instant : when
-    hypothesis : the best one
     judgement : of the run
     events : what has acted or changed
     budget : parts of the variance
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
-    warnings : of the run, and of declarations that are too small
     """
 
     mean: Array
     solution: Solution
     instant: Instant
-    hypothesis: Hypothesis
     judgement: Verdict
     events: tuple[Event, ...]
     budget: ErrorBudget
     thrusters: tuple[Thruster, ...]
     delay: tuple[float, float]
-    warnings: tuple[str, ...]
 
-    def judged(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of this solution with what its run says against it."""
-        judgement = self.judgement
-        warnings = [*estimate.warnings, *self.warnings]
-        if self.hypothesis.disturbed and self.hypothesis.physical:
-            warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
-        known = estimate.status != 'not_identifiable'
-        shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
+    def completed(self, estimate: Estimate) -> Estimate:
+        """Return the estimate of this solution with everything else that its run has found."""
+        known = estimate.identifiable
+        shares = np.where(known[:, None], self.budget.shares, np.nan)
         return replace(
-            replace(estimate, warnings=tuple(warnings)).contradicted_by(judgement.reasons),
+            estimate,
             stage='trajectory',
-            budget=replace(self.budget, shares=shares) if known else None,
-            causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
+            budget=replace(self.budget, shares=shares) if known.any() else None,
+            causes=tuple((cause.text, cause.gain) for cause in self.judgement.causes),
             events=self.events,
             thrusters=self.thrusters,
             time_offset=self.delay[0],

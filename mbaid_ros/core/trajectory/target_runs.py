@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.core.diagnosis.candidates import CandidateCauses
-from mbaid_ros.core.diagnosis.changed_target import another_body
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
+from mbaid_ros.core.diagnosis.passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
@@ -19,14 +19,14 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event
-from mbaid_ros.core.results.verdict import Evidence
+from mbaid_ros.core.results.status import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
-from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.core.unknowns.catalogue import kind_in_words, target_changed_text
+from mbaid_ros.core.unknowns.environment import hypotheses
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.core.unknowns.words import all_of, of_change
 
 # Windows that a changing target may take: the next run begins as many later, and jumps as near belong to the change.
 _SETTLING = 2
@@ -129,7 +129,7 @@ class TargetRuns:
         known = None if belief is None else MeanAndCovariance.of(belief, self.variables)
         met = jumps(run.best, run.moments(), origin) if run.started else ()
         self._earlier = (*self.past(known), *(jump for jump in met if jump.time < change.time - slack))
-        text = of_change(change.time, exchanged=change.exchanged)
+        text = target_changed_text(change.time, exchanged=change.exchanged)
         self._changed = ChangedTarget(change.time, text, change.exchanged, known)
         if belief is not None:
             after = another_body(belief, self.variables, exchanged=change.exchanged)
@@ -160,14 +160,14 @@ class TargetRuns:
         return Evidence(
             nis=belief.nis / max(belief.measured, 1),
             innovations=belief.innovations,
-            distances={all_of(cause): value for cause, value in beside_prior.distances.items()},
+            distances={kind_in_words(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(track.jumps),
             unconfirmed=run.unconfirmed or self.inquiries.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
             odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
-            instead=(all_of(instead), explained),
+            instead=(kind_in_words(instead), explained),
             latest=latest,
             correlation_time=self._settings.noise.found_in(latest).base_correlation_time,
         )

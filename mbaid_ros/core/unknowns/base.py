@@ -1,4 +1,4 @@
-"""Where the odometry is mounted: the base's frame in the one that it locates.
+"""The base's readings: mount, scale and bias of the odometry, a frame that turns, a late twist, a vibration.
 
 With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. What is read is the other way round.
 """
@@ -6,21 +6,40 @@ With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
+from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
-from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown
+from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal, twist_in_plane
+
+SCALE, ANGULAR_BIAS, LINEAR_BIAS = 'odometry scale', 'twist bias', 'twist velocity bias'
+TURNING, LATE = 'odometry turning', 'twist late'
+OF_TWIST = (LATE, ANGULAR_BIAS, LINEAR_BIAS)  # errors of the twist alone
+
+_MINUTE = 60.0  # s: a unit
 
 
 @dataclass(frozen=True, eq=False)
 class OdometryMount(Unknown):
     """Rotation vector (rad) and position (m) of the base's frame in the one that the odometry locates."""
 
+    words: ClassVar = {
+        'mount': Words(
+            'position and orientation of the odometry mount',
+            'odometry_mount.position_std, .orientation_std',
+            'where the odometry is mounted: measure it (odometry_mount)',
+            lambda _, value: (
+                f'the odometry is mounted {1e3 * np.linalg.norm(value[3:]):.3g} mm and '
+                f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad off: measure the mount'
+            ),
+        )
+    }
     read = True
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -53,30 +72,32 @@ class OdometryMount(Unknown):
         return pose, twist
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with this mount."""
+        """Return the nominal model with this mount."""
         return replace(side, mount=side.mount + value)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the displacement in the plane."""
-        plane = detector.plane_of(0)
-        basis = np.zeros((6, 3))
-        basis[:3, 0], basis[3:, 1:] = plane.normal, plane.across.T
-        return basis
+        return twist_in_plane(detector)
 
 
 def odometry_mount(position_std: float, orientation_std: float) -> OdometryMount:
     """Return the mount as an unknown, of these standard deviations (m, rad); 0 is exact."""
-    deviations = np.repeat((orientation_std, position_std), 3)
-    return OdometryMount(np.diag(deviations)[:, deviations > 0.0], ('mount',) * 6)
-
-
-SCALE = 'odometry scale'
+    return OdometryMount(diagonal(np.repeat((orientation_std, position_std), 3)), ('mount',) * 6)
 
 
 @dataclass(frozen=True, eq=False)
 class OdometryScale(Linear):
-    """What of every length is too much, relative: positions are read (1 + s) times as far as they are."""
+    """Relative scale error s: positions are read (1 + s) times as far as they are."""
 
+    words: ClassVar = {
+        SCALE: Words(
+            remedy='the scale of the odometry: calibrate it (odometry.scale_std)',
+            deviation=lambda _, value: (
+                f'the scale of the odometry is off: lengths {1e2 * np.sum(value):+.2g} % too long; calibrate it, or '
+                'raise odometry.scale_std'
+            ),
+        )
+    }
     in_equations = True
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -97,13 +118,24 @@ def odometry_scale(deviation: float) -> OdometryScale:
     return OdometryScale(np.array([[deviation]]), (SCALE,))
 
 
-TURNS, SPEEDS = ('twist bias', 'twist velocity bias')
-
-
 @dataclass(frozen=True, eq=False)
 class TwistBias(Linear):
     """Constant in base axes, angular (rad/s) and linear (m/s)."""
 
+    words: ClassVar = {
+        ANGULAR_BIAS: Words(
+            remedy='the bias of the angular velocity: more motion determines it (odometry.angular_velocity_bias_std)',
+            deviation=lambda _, value: (
+                f'the angular velocity of the twist has a bias of {np.linalg.norm(value):.2g} rad/s: leave the twist '
+                'out, or raise odometry.angular_velocity_bias_std'
+            ),
+        ),
+        LINEAR_BIAS: Words(
+            deviation=lambda _, value: (
+                f'the velocity of the twist has a bias of {np.linalg.norm(value):.2g} m/s: leave the twist out'
+            )
+        ),
+    }
     in_equations = True
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -121,13 +153,67 @@ class TwistBias(Linear):
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the speeds in the plane."""
-        plane = detector.plane_of(0)
-        basis = np.zeros((6, 3))
-        basis[:3, 0], basis[3:, 1:] = plane.normal, plane.across.T
-        return basis
+        return twist_in_plane(detector)
 
 
 def twist_bias(angular: float, linear: float) -> TwistBias:
     """Return the bias as an unknown, of standard deviations in rad/s and m/s; 0 is exact."""
-    deviations = np.repeat((angular, linear), 3)
-    return TwistBias(np.diag(deviations)[:, deviations > 0.0], (TURNS,) * 3 + (SPEEDS,) * 3)
+    return TwistBias(diagonal(np.repeat((angular, linear), 3)), (ANGULAR_BIAS,) * 3 + (LINEAR_BIAS,) * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryTurning(Linear):
+    """Angular velocity of the odometry's frame, rad/s, (3,) in its own axes: an orbit's, say."""
+
+    words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
+
+    def reading(self, motion: Reading) -> tuple[Array, Array]:
+        """Return what such a frame turns back by, about the run's origin."""
+        pose, twist = np.zeros((2, len(motion.time), 6, 3))
+        arm, time = skew(motion.position), motion.time[:, None, None]
+        pose[:, :3], pose[:, 3:] = -time * np.eye(3), time * arm
+        twist[:, :3], twist[:, 3:] = -np.eye(3), arm
+        return pose, twist
+
+
+@dataclass(frozen=True, eq=False)
+class TwistLate(Linear):
+    """By how much the twist is behind the pose, s."""
+
+    words: ClassVar = {
+        LATE: Words(
+            deviation=lambda _, value: f'the twist is {1e3 * np.sum(value):+.3g} ms late against the pose: leave it out'
+        )
+    }
+
+    def reading(self, motion: Reading) -> tuple[Array, Array]:
+        """Return what the twist was before."""
+        return np.zeros((len(motion.time), 6, 1)), -motion.slope[..., None]
+
+
+@dataclass(frozen=True, eq=False)
+class Vibration(Linear):
+    """The pose vibrates at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
+
+    Attributes
+    ----------
+    frequency : Hz
+    """
+
+    frequency: float = 0.0
+
+    def reading(self, motion: Reading) -> tuple[Array, Array]:
+        """Return each, and how fast it changes."""
+        rate, time = 2.0 * np.pi * self.frequency, motion.time[:, None, None]
+        axes = np.eye(6)
+        sine, cosine = np.sin(rate * time) * axes, np.cos(rate * time) * axes
+        late = time / _MINUTE
+        pose = np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        growing = (rate * late * cosine + sine / _MINUTE, cosine / _MINUTE - rate * late * sine)
+        return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
+
+
+def vibration(frequency: float) -> Vibration:
+    """Return a vibration of the pose at a frequency, Hz, as an unknown."""
+    size = np.tile(np.repeat((1e-3, 1e-2), 3), 4)
+    return Vibration(np.diag(size), ('vibration',) * 24, frequency)

@@ -1,10 +1,11 @@
-"""The known bodies: mass, first moment and inertia of each may be off."""
+"""Bodies: errors of the known ones and of spin inertias, and what is known of the target beforehand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,7 +16,16 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
+
+
+def _link_deviation(name: str, value: Array) -> str:
+    heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+    moment = ', '.join(f'{part:+.2g}' for part in value[1:4])
+    return (
+        f'link {name} is not as described: it looks {abs(value[0]):.3g} kg {heavier}, its first moment ({moment}) '
+        'kg m off; check its inertial, or raise known_links.relative_std'
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +38,16 @@ class KnownBodies(Unknown):
     """
 
     bodies: tuple[int, ...]
+
+    words: ClassVar = {
+        'link': Words(
+            'the links',
+            'known_links.relative_std',
+            'how well link {} is known: weigh it, or calibrate before the capture (known_links)',
+            _link_deviation,
+        ),
+        'mass': Words(parameter='known_links.relative_std'),
+    }
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
@@ -45,7 +65,7 @@ class KnownBodies(Unknown):
         return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, -1)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with these bodies."""
+        """Return the nominal model with these bodies."""
         change = np.zeros_like(side.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
         return replace(side, kernel=side.kernel.corrected(change))
@@ -56,13 +76,7 @@ class KnownBodies(Unknown):
 
 
 def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
-    """Return which of e independent numbers are the masses of links, 'mass:arm', all else of these going with them.
-
-    Parameters
-    ----------
-    names : of b links
-    factor : (10 b, e) of the covariance of their standard parameters
-    """
+    """Return which of e independent numbers are links' masses, 'mass:arm', by their covariance factor (10 b, e)."""
     found = [''] * factor.shape[1]
     for name, row in zip(names, factor[::10], strict=True):
         (columns,) = np.nonzero(row)
@@ -91,8 +105,8 @@ class TargetPrior:
     Attributes
     ----------
     mass, mass_std : kg; 0 where nothing is known of it
-    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it. That of an unknown mass is not used:
-        what is estimated is their product
+    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it. Not used where the mass is unknown,
+        as their product is estimated
     """
 
     mass: float = 0.0
@@ -153,17 +167,11 @@ class SpinInertias(Unknown):
         return columns
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with these spin inertias."""
+        """Return the nominal model with these spin inertias."""
         return replace(side, kernel=side.kernel.storing(side.kernel.storage.changed(value)))
 
 
 def spin_inertias(kernel: MomentumKernel, deviations: Sequence[float]) -> SpinInertias:
-    """Return the spin inertias as an unknown.
-
-    Parameters
-    ----------
-    kernel : MomentumKernel
-    deviations : (c,) standard deviation of each, kg m^2; 0 is exact, and empty all of them
-    """
-    sizes = np.array(deviations if len(deviations) else (0.0,) * kernel.storage.count)
-    return SpinInertias(np.diag(sizes)[:, sizes > 0.0], tuple(f'wheel:{name}' for name in kernel.storage.names))
+    """Return the spin inertias as an unknown, of standard deviations (c,) in kg m^2; 0 is exact, and empty all."""
+    sizes = deviations if len(deviations) else (0.0,) * kernel.storage.count
+    return SpinInertias(diagonal(sizes), tuple(f'wheel:{name}' for name in kernel.storage.names))

@@ -1,22 +1,71 @@
-"""The list of what is uncertain on the known side. A new unknown is a file beside this one, a field and a line here.
+"""The list of what is uncertain of the nominal model, and the words of each cause.
 
-The field is one of `Uncertainty`. The line is in `of_sensors` where the unknown belongs to a run, in `catalogue` where
-it belongs to the robot: `CalibratedSide` then has to count its numbers, too, which no calibration speaks of.
+A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `of_sensors` where
+it belongs to a run, in `catalogue` where it belongs to the robot; a `CalibratedSide` then counts its numbers, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.base import odometry_mount, odometry_scale, twist_bias
-from mbaid_ros.core.unknowns.bodies import KnownTarget, TargetPrior, known_bodies, spin_inertias
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.environment import Circle, Thrusters, external_torque, gravity, orbit_shape, thrusters
-from mbaid_ros.core.unknowns.joints import JointTracking, joint_placements, joint_tracking
+from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.unknowns.base import (
+    LATE,
+    TURNING,
+    OdometryMount,
+    OdometryScale,
+    OdometryTurning,
+    TwistBias,
+    TwistLate,
+    odometry_mount,
+    odometry_scale,
+    twist_bias,
+)
+from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, known_bodies, spin_inertias
+from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words
+from mbaid_ros.core.unknowns.environment import (
+    Circle,
+    ExternalTorque,
+    Gravity,
+    OrbitShape,
+    Thrusters,
+    external_torque,
+    gravity,
+    orbit_shape,
+    thrusters,
+)
+from mbaid_ros.core.unknowns.joints import (
+    FlexibleJoints,
+    JointPlacements,
+    JointTracking,
+    flexible_joints,
+    joint_placements,
+    joint_tracking,
+)
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.core.unknowns.sensors import GyroErrors, clock_drift, gyro, time_offset
+from mbaid_ros.core.unknowns.sensors import ClockDrift, GyroErrors, TimeOffset, clock_drift, gyro, time_offset
+
+# By kind of cause: those of every unknown, and of what may be given beforehand.
+_WORDS: dict[str, Words] = {
+    'target prior': Words(remedy='what was given of the target (target_prior)'),
+    'momentum prior': Words(remedy='what was given of the momentum (momentum.linear_prior_std)'),
+}
+for _unknown in (
+    *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
+    *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
+    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque),
+):
+    _WORDS.update(_unknown.words)
+_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 8): beyond it, how many times is not known
+_LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
 
 @dataclass(frozen=True)
@@ -110,3 +159,165 @@ def pushing(uncertainty: Uncertainty) -> Thrusters:
 def wandering(kernel: MomentumKernel, uncertainty: Uncertainty) -> JointTracking:
     """Return how joints wander from where they are read to be: of a run, as no calibration speaks of it."""
     return joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedSide:
+    """What a calibration has found beside the robot description that has its bodies, origins and axes already.
+
+    Attributes
+    ----------
+    links : k of them
+    zeros : (n,) rad or m, what is added to the measured joint positions
+    mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
+    covariance : (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
+        displacement of its frame and tilts of its axis; mount
+    """
+
+    links: tuple[Link, ...]
+    zeros: Array
+    mount: Array
+    covariance: Array
+
+    def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
+        """Return a kernel and what is uncertain of its known side, for the catalogue: all of it with its correlations.
+
+        Parameters
+        ----------
+        kernel : of the robot, with its target
+        uncertainty : of what no calibration speaks of
+        """
+        joints = kernel.model.joints
+        bodies, carry = to_bodies(self.links, [link.name for link in kernel.unknown])
+        whole = block_diag(carry, np.eye(6 * joints + 6))
+        covariance, mount = whole @ self.covariance @ whole.T, self.mount
+        if uncertainty.gyro is not None and uncertainty.gyro.alone:
+            # No poses are measured: there is nothing that is mounted elsewhere than the base's own frame.
+            covariance[-6:] = covariance[:, -6:] = 0.0
+            mount = np.zeros(6)
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        of_bodies = deviations[: len(carry)]
+        each = deviations[len(carry) : -6].reshape(joints, 6)
+        zeros, origins, axes = (_size(part) for part in (each[:, :1], each[:, 1:4], each[:, 4:]))
+        orientation, position = _size(deviations[-6:].reshape(2, 3))
+        units = np.concatenate(
+            (
+                of_bodies,
+                np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2)).ravel(),
+                np.repeat((orientation, position), 3),
+            )
+        )
+        values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), mount))
+        values[len(carry) : -6 : 6] = self.zeros
+        known = _gaussian(values, covariance, units)
+        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
+        others += wandering(kernel, uncertainty).count
+        known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
+        sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
+        known = known.beside(sensing, before=len(known.mean))
+        doubted = kernel.with_uncertainty(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
+        return doubted, replace(
+            uncertainty,
+            zeros=zeros.tolist(),
+            origins=origins.tolist(),
+            axes=axes.tolist(),
+            mount_position=float(position),
+            mount_orientation=float(orientation),
+            carried=known,
+        )
+
+
+def _size(deviations: Array) -> Array:
+    """Return the root mean square of each row."""
+    return np.sqrt(np.mean(deviations**2, axis=-1))
+
+
+def _gaussian(values: Array, covariance: Array, units: Array) -> UnknownsPrior:
+    """Return numbers in their units with a factor of their covariance; those without a unit are left out."""
+    uncertain = units > 0.0
+    own = units[uncertain]
+    scaled = covariance[np.ix_(uncertain, uncertain)] / own / own[:, None]
+    size = np.maximum(np.sqrt(np.maximum(np.diag(scaled), 0.0)), _LEAST_STD)
+    eigenvalues, vectors = np.linalg.eigh(scaled / size / size[:, None])
+    return UnknownsPrior(values[uncertain] / own, size[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
+
+
+def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
+    """Return further unknowns of the readings that only a run under suspicion is given, but for those it has anyway.
+
+    Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what
+    it was. The likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
+
+    Parameters
+    ----------
+    known : labels of the unknowns that the run has
+    joints : their names
+    """
+    every: tuple[Linear, ...] = (
+        odometry_scale(5e-5),
+        OdometryTurning(3e-6 * np.eye(3), (TURNING,) * 3),
+        clock_drift(1e-6),
+        TwistLate(np.array([[3e-4]]), (LATE,)),
+        twist_bias(1e-5, 0.0),
+        twist_bias(0.0, 1e-4),
+        flexible_joints(joints),
+    )
+    return tuple(each for each in every if not set(each.causes) & set(known))
+
+
+def _words_of(cause: str) -> tuple[Words, str]:
+    """Return the words of a cause's kind and the name of the thing: 'zero:elbow', or 'zero' for all zeros."""
+    kind, _, name = cause.partition(':')
+    return _WORDS.get(kind, Words()), name
+
+
+def in_words(cause: str) -> str:
+    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
+    kind, _, name = cause.partition(':')
+    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind
+
+
+@lru_cache(maxsize=1024)  # asked for at each window
+def kind_in_words(cause: str) -> str:
+    """Return a cause of the error budget, or a kind of them, in words: 'zero' is the joints' zeros."""
+    words, name = _words_of(cause)
+    return words.every if words.every and not name else in_words(cause)
+
+
+def remedy_text(cause: str) -> str:
+    """Return a cause in words, and what would help."""
+    words, name = _words_of(cause)
+    return words.remedy.format(name) or cause
+
+
+def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
+    """Return that a thing, or all of a kind, is so many times as far off as declared.
+
+    Parameters
+    ----------
+    cause : of the error budget, 'link:arm', or a kind of them, 'link'
+    size : how many times
+    declared : by kind, parameters other than a run's
+    """
+    words, name = _words_of(cause)
+    parameter = (declared or {}).get(cause.partition(':')[0], words.parameter) or 'its standard deviation'
+    times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
+    return (
+        f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
+        f'for that; raise {parameter}'
+    )
+
+
+def deviation_text(cause: str, value: Array) -> str:
+    """Return what an unknown would have to be, by its label and numbers (k,), SI units, and what to do."""
+    words, name = _words_of(cause)
+    if words.deviation is None:
+        return f'{cause} is off by {np.linalg.norm(value):.3g}'
+    return words.deviation(name, value)
+
+
+def target_changed_text(time: float, *, exchanged: bool) -> str:
+    """Return that the body moved in the grasp at a time, s, or was exchanged for another."""
+    if exchanged:
+        return f'another body is in the grasp since {time:.1f} s, caught or lost: identify it from then on'
+    return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'

@@ -1,9 +1,11 @@
-"""The known side of a robot where a prediction is linearised: its URDF, moved by what has been estimated of it."""
+"""What an unknown of the nominal model declares: its prior, its words, and how momentum and readings depend on it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,16 +18,16 @@ from mbaid_ros.core.samples import Samples
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """What the prediction takes for known.
+    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it.
 
     Attributes
     ----------
     kernel : bodies and joint placements
-    zeros : (n,) rad or m, what is added to the measured joint positions
+    zeros : (n,) rad or m, added to the measured joint positions
     mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
     delay : s, by how much the joints' stamps are late
     thrust : (5 f,) by how much each thruster is off its command: scale, turn, delay; empty is not at all
-    gyro : (12,) bias, scale, turn and what axes have in common, of a gyro that alone tells the orientation
+    gyro : (12,) bias, scale, turn and cross-axis of a gyro that alone observes the orientation
     """
 
     kernel: MomentumKernel
@@ -79,11 +81,10 @@ class ImuMotion:
 
     Attributes
     ----------
-    rate : (B, 3) rad/s, mean angular velocity at the knots
-    slope : (B, 3) its weighted mean slope
+    rate, slope : (B, 3) rad/s, mean angular velocity at the knots; its weighted mean slope
     axes : (B, 3, 3) weighted mean of R, its axes to the odometry's
-    stretching, turning : (B, 3, 3) weighted means of R diag(R^T w) and of [w]x R
-    crossing : (B, 3, 3) weighted mean of R X(R^T w), X as in `geometry.crossed`
+    stretching, turning, crossing : (B, 3, 3) weighted means of R diag(R^T w), [w]x R and R X(R^T w), X as in
+        `geometry.crossed`
     """
 
     rate: Array
@@ -100,13 +101,11 @@ class Reading:
 
     Attributes
     ----------
-    twist : (B, 6) mean twist (w, v) of the base at the knots
-    slope : (B, 6) weighted mean of (w', v' - w x v)
+    twist, slope : (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
     rotation : (B, 3, 3) mean orientation of the base at the knots
-    turning, sliding : (B, 3, 3) weighted means of [w]x R and [v]x R
+    turning, sliding, axes : (B, 3, 3) weighted means of [w]x R, [v]x R and R
     time : (B,) s, of the windows' middles
     position : (B, 3) m, mean position of the base at the knots, from the run's origin
-    axes : (B, 3, 3) weighted mean of R
     origin : (3,) m, the run's, in the odometry frame
     imu : where there is one
     """
@@ -123,12 +122,29 @@ class Reading:
     imu: ImuMotion | None = None
 
 
+@dataclass(frozen=True)
+class Words:
+    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'.
+
+    Attributes
+    ----------
+    every : all causes of the kind together
+    parameter : where their standard deviation is declared
+    remedy : what would make them better known; {} stands for the thing's name
+    deviation : of the thing's name and its numbers (SI units), what they would have to be, and what to do
+    """
+
+    every: str = ''
+    parameter: str = ''
+    remedy: str = ''
+    deviation: Callable[[str, Array], str] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """An uncertain thing of the known side.
+    """An uncertain thing of the nominal model.
 
-    The k numbers themselves (SI units) are `factor` times e independent standard normal ones, which is what the filter
-    has among its variables.
+    The k numbers themselves (SI units) are `factor` times e independent standard normal ones, which are the filter's.
 
     Attributes
     ----------
@@ -139,6 +155,8 @@ class Unknown:
     factor: Array
     labels: tuple[str, ...]
 
+    # By the kind of its labels.
+    words: ClassVar[Mapping[str, Words]] = {}
     # Whether the sensors' readings depend on it. Windows that follow each other then share its linearisation point: the
     # pose error that links them is about the readings.
     read = False
@@ -184,12 +202,7 @@ class Unknown:
         return None
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return how the momentum equations about the base's origin depend on it, at measured motion, (N, 6, k).
-
-        Parameters
-        ----------
-        kernel, states : as for `momentum_columns`
-        """
+        """Return how the momentum equations about the base's origin depend on it, at measured motion, (N, 6, k)."""
         columns = self.momentum_columns(kernel, states)
         if columns is None:
             raise NotImplementedError(type(self).__name__)
@@ -217,32 +230,26 @@ class Unknown:
         raise NotImplementedError(type(self).__name__)
 
     def gyro_reading(self, motion: Reading) -> Array | None:
-        """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None for nothing.
-
-        It does not depend on how the odometry is mounted, or what its frame does.
-        """
+        """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None: nothing."""
         del motion
         return None
 
     @property
     def walk(self) -> Array:
-        """The (k, w) factor of what it changes by in a second, covariance factor factor^T; of no columns: it stays."""
+        """The (k, w) factor of the covariance that a second adds; no columns where it is constant."""
         return np.zeros((len(self.factor), 0))
 
     @property
     def times(self) -> Array:
-        """Time constant (e,) of each independent number that is a first-order Gauss-Markov process, s; inf: it stays.
+        """Time constant (e,) of each independent number that is a first-order Gauss-Markov process, s; inf: constant.
 
-        Its prior is the stationary one: variance one. What lies D apart has a correlation of exp(-D / time).
+        Its prior is the stationary one, of unit variance; numbers D apart correlate by exp(-D / time).
         """
         return np.full(self.count, np.inf)
 
     @property
     def joint_steps(self) -> Array | None:
-        """How much further on than read the joints are by each independent number, (n, e); None: it is not of them.
-
-        Where the number changes, joints move as no reading tells, and the base with them.
-        """
+        """How much further on than read the joints are by each independent number, (n, e); None: it is not of them."""
         return None
 
     def settled(self, value: Array, deviation: Array) -> Array:
@@ -251,7 +258,7 @@ class Unknown:
         return value
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with this value (k,)."""
+        """Return the nominal model with this value (k,)."""
         raise NotImplementedError
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
@@ -270,7 +277,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Linear(Unknown):
-    """An unknown, of the readings as a rule, that windows are not linearised at: they stay as they are read."""
+    """An unknown, mostly of the readings, that enters the measurement linearly: windows need no relinearisation."""
 
     read = True
     in_equations = False
@@ -281,6 +288,20 @@ class Linear(Unknown):
         return np.zeros_like(value)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side as it is."""
+        """Return the nominal model as it is."""
         del value
         return side
+
+
+def diagonal(deviations: Sequence[float] | Array) -> Array:
+    """Return the (k, e) factor of independent numbers with these standard deviations (k,); 0 is exact."""
+    sizes = np.asarray(deviations, dtype=float)
+    return np.diag(sizes)[:, sizes > 0.0]
+
+
+def twist_in_plane(detector: PlaneDetector) -> Array:
+    """Return the (6, 3) basis of the base's planar twists: the turn about the normal, two directions in the plane."""
+    plane = detector.plane_of(0)
+    basis = np.zeros((6, 3))
+    basis[:3, 0], basis[3:, 1:] = plane.normal, plane.across.T
+    return basis

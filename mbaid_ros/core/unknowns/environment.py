@@ -1,4 +1,4 @@
-"""The gravity gradient of an orbit that nobody has declared: its size and directions.
+"""What acts from outside: gravity of an undeclared orbit, an orbit's shape, torques, thrusters; constant forces, walks.
 
 In a frame that falls along an orbit a mass at x falls by G x faster, with a symmetric G without trace (Hill 1878). Of a
 robot with the integrals H of x and S of x x^T over its mass, the momentum about the frame's origin changes by
@@ -12,16 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from mbaid_ros.core.geometry import Array, cross, skew, unvec
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown
+from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
-GRAVITY = 'gravity gradient'
+GRAVITY, SHAPE, TORQUE = 'gravity gradient', 'orbit shape', 'external torque'
 
 # Orthonormal symmetric matrices without trace, (5, 3, 3).
 _TRACELESS = np.array(
@@ -38,22 +41,36 @@ _NEAR = 200.0
 
 
 @dataclass(frozen=True, eq=False)
-class Gravity(Linear):
-    """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
+class _Pushing(Linear):
+    """An unknown that changes the momentum as time goes by; none of a planar motion, as tables do not orbit."""
 
     in_equations = True
     pushes = True
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return no direction."""
+        del detector
+        return np.zeros((len(self.factor), 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity(_Pushing):
+    """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
+
+    words: ClassVar = {
+        GRAVITY: Words(
+            remedy='an orbit that is not declared: orbit.mean_motion, or 0 for orbit.undeclared_rate',
+            deviation=lambda _, value: (
+                f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion'
+            ),
+        )
+    }
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each of them."""
         del rotation
         rates = rates_by(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
-
-    def plane_basis(self, detector: PlaneDetector) -> Array:
-        """Return nothing: tables do not orbit."""
-        del detector
-        return np.zeros((len(self.factor), 0))
 
 
 def rates_by(gradients: Array, whole: Array, origin: Array) -> Array:
@@ -72,15 +89,12 @@ def gravity(rate: float) -> Gravity:
     """Return the gradient as an unknown, that of a circular orbit at a rate (rad/s) in a plane of any direction."""
     size = np.sqrt(6.0 / 5.0) * rate**2
     deviations = np.repeat((size, np.sqrt(3.0) * rate * size), len(_TRACELESS))
-    return Gravity(np.diag(deviations)[:, deviations > 0.0], (GRAVITY,) * len(deviations))
+    return Gravity(diagonal(deviations), (GRAVITY,) * len(deviations))
 
 
 def rate_of(value: Array) -> float:
     """Return the mean motion, rad/s, of an orbit with a gradient of (10,) numbers at the begin."""
     return float((value[:5] @ value[:5] / 6.0) ** 0.25)
-
-
-SHAPE = 'orbit shape'
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +114,21 @@ class Circle:
 
 
 @dataclass(frozen=True, eq=False)
-class OrbitShape(Linear):
-    """The numbers k, h and d.
-
-    Attributes
-    ----------
-    circle : Circle
-    """
+class OrbitShape(_Pushing):
+    """The numbers k, h and d of an orbit beside its circle (docs/orbit.md)."""
 
     circle: Circle
 
-    in_equations = True
-    pushes = True
+    words: ClassVar = {
+        SHAPE: Words(
+            'eccentricity and mean motion of the orbit',
+            'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
+            'an orbit that may be no circle: orbit.eccentricity, or 0 for orbit.undeclared_eccentricity',
+            lambda _, __: (
+                'the orbit is no circle, or orbit.mean_motion is off: set orbit.eccentricity and orbit.true_anomaly'
+            ),
+        )
+    }
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return what gravity brings otherwise than that of the circle does."""
@@ -125,7 +142,7 @@ class OrbitShape(Linear):
             turned[:, 3:] += skew(np.cross(orbit.normal, origin)) @ brought[:, :3]
         else:
             turned = rates_by((normal @ gradient - gradient @ normal)[:, None], whole, origin)
-        ahead, stronger = self._course(time)[::2]
+        ahead, stronger = self._orbit_sensitivity(time)[::2]
         return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -135,13 +152,13 @@ class OrbitShape(Linear):
         if self.circle.orbit.turning:
             normal = np.broadcast_to(self.circle.orbit.normal, motion.position.shape)
             turn = np.concatenate((normal, cross(normal, motion.origin + motion.position)), axis=1)[..., None]
-            ahead, faster, _ = self._course(motion.time)
+            ahead, faster, _ = self._orbit_sensitivity(motion.time)
             pose = np.asarray(-turn * ahead[:, None])
             if self.circle.relative_twist:
                 twist = np.asarray(-turn * faster[:, None])
         return pose, twist
 
-    def _course(self, time: Array) -> tuple[Array, Array, Array]:
+    def _orbit_sensitivity(self, time: Array) -> tuple[Array, Array, Array]:
         """Return how D, its rate and s depend on the numbers, (N, 3) each."""
         n = self.circle.orbit.mean_motion
         angle, one = n * time, np.ones(len(time))
@@ -150,26 +167,27 @@ class OrbitShape(Linear):
         faster = n * np.column_stack((2.0 * cosine, -2.0 * sine, one))
         return ahead, faster, np.column_stack((3.0 * cosine, -3.0 * sine, 2.0 * one))
 
-    def plane_basis(self, detector: PlaneDetector) -> Array:
-        """Return nothing: tables do not orbit."""
-        del detector
-        return np.zeros((len(self.factor), 0))
-
 
 def orbit_shape(circle: Circle) -> OrbitShape:
     """Return what a circle may lack as an unknown: each number as large as the eccentricity is in one direction."""
     return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
 
 
-TORQUE = 'external torque'
-
-
 @dataclass(frozen=True, eq=False)
-class ExternalTorque(Linear):
+class ExternalTorque(_Pushing):
     """The torque, (3,) N m in base axes; another one in every motion."""
 
-    in_equations = True
-    pushes = True
+    words: ClassVar = {
+        TORQUE: Words(
+            'torques from outside',
+            'disturbance.torque_std',
+            'a torque from outside: shield it, or a longer motion determines it (disturbance.torque_std)',
+            lambda _, value: (
+                f'a torque of {np.linalg.norm(value):.2g} N m acts from outside: find what pushes, or raise '
+                'disturbance.torque_std'
+            ),
+        )
+    }
     of_a_motion = True
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
@@ -186,8 +204,7 @@ class ExternalTorque(Linear):
 
 def external_torque(deviation: float) -> ExternalTorque:
     """Return it as an unknown, with a standard deviation in N m about each axis; 0 is none."""
-    deviations = np.full(3, deviation)
-    return ExternalTorque(np.diag(deviations)[:, deviations > 0.0], (TORQUE,) * 3)
+    return ExternalTorque(diagonal(np.full(3, deviation)), (TORQUE,) * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,18 +224,105 @@ class Thrusters(Unknown):
         return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with these thrusters."""
+        """Return the nominal model with these thrusters."""
         return replace(side, thrust=side.thrust + value if side.thrust.size else value)
 
 
 def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:
-    """Return the thrusters as an unknown.
+    """Return thrusters by their frames as an unknown; relative, rad about each axis and s; 0 is exact."""
+    deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
+    labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(OF_A_THRUSTER))
+    return Thrusters(diagonal(deviations), labels, tuple(frames))
+
+
+# N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
+_CHANGING_FORCE = 5e-5
+
+Axes = Literal['none', 'inertial', 'body']
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What acts or drifts: a constant force, and random walks with intensities a square root of a second.
+
+    Attributes
+    ----------
+    name : in words
+    cause : what it may be, and what to do
+    momentum : N s and N m s: an external force
+    position, orientation : m, rad: the odometry's own drift
+    force : axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
+    physical : whether it says what happens; a walk follows whatever it is
+    """
+
+    name: str
+    cause: str = ''
+    momentum: float = 0.0
+    position: float = 0.0
+    orientation: float = 0.0
+    force: Axes = 'none'
+    physical: bool = True
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether anything acts or drifts at all."""
+        return self.force != 'none' or len(self.walking) > 0
+
+    @cached_property
+    def walking(self) -> npt.NDArray[np.int64]:
+        """Which of pose error and momentum (12) walk."""
+        return np.flatnonzero(self._intensities)
+
+    @cached_property
+    def intensities(self) -> Array:
+        """Of these."""
+        return self._intensities[self.walking]
+
+    @cached_property
+    def _intensities(self) -> Array:
+        return np.repeat((self.orientation, self.position, self.momentum), (3, 3, 6))
+
+
+UNDISTURBED = Hypothesis('nothing drifts')
+
+
+def _constant_force(axes: Axes, what: str) -> Hypothesis:
+    name = f'a constant force or torque acts, in {"inertial" if axes == "inertial" else "base"} axes'
+    return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {axes}', force=axes)
+
+
+_INERTIAL_FORCE = _constant_force('inertial', 'a tilted table, drag or a leak')
+_BODY_FORCE = _constant_force('body', 'a leak or thrust, or wheels that nobody reads spin up')
+
+
+def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
+    """Return the hypotheses of a run; the first is the one to beat.
 
     Parameters
     ----------
-    frames : in which they are commanded
-    scale_std, direction_std, delay_std : relative, rad about each axis, s; 0 is exact
+    known_mass : kg, of the known bodies
+    position_std : m, of one reading of the base's position
+    constant : axes of a force that is taken to act; it is then the only hypothesis
+    adapt : whether others than the first are followed
     """
-    deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
-    labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(OF_A_THRUSTER))
-    return Thrusters(np.diag(deviations)[:, deviations > 0.0], labels, tuple(frames))
+    if constant != 'none':
+        return (_BODY_FORCE if constant == 'body' else _INERTIAL_FORCE,)
+    if not adapt:
+        return (UNDISTURBED,)
+    return (
+        UNDISTURBED,
+        _INERTIAL_FORCE,
+        _BODY_FORCE,
+        Hypothesis(
+            'the momentum drifts',
+            'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+            momentum=_CHANGING_FORCE * known_mass,
+            physical=False,
+        ),
+        Hypothesis(
+            'the odometry position drifts',
+            'the odometry position drifts: check the sensor, or give noise.base_correlation_time',
+            position=position_std,
+            physical=False,
+        ),
+    )

@@ -1,4 +1,4 @@
-"""Where the joints are: zero position, origin and axis of each may be off.
+"""The joints: zero, origin and axis of each may be off; it may not be where it is read to be; it may be flexible.
 
 A joint's frame that is displaced by a small motion X, fixed in its parent, takes all that it carries along. With twists
 and momenta at one point, that changes the momentum h_S of what it carries by X x* h_S - I_S (X x V), V the twist of
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -18,7 +19,7 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import JointMotion, Linear, NominalModel, Unknown
+from mbaid_ros.core.unknowns.declaration import JointMotion, Linear, NominalModel, Unknown, Words, diagonal
 
 _PLACEMENT_NUMBERS = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)
 
@@ -35,6 +36,27 @@ class JointPlacements(Unknown):
     """
 
     across: Array
+
+    words: ClassVar = {
+        'zero': Words(
+            "the joints' zeros",
+            'known_joints.zero_std',
+            'the zero of {}: calibrate it (known_joints)',
+            lambda name, value: f'the zero of {name} is off by {1e3 * np.sum(value):+.3g} mrad (mm): measure it',
+        ),
+        'origin': Words(
+            "the joints' origins",
+            'known_joints.origin_std',
+            'where {} is: measure or calibrate it (known_joints)',
+            lambda name, value: f'the origin of {name} is off by {1e3 * np.linalg.norm(value):.3g} mm: check the URDF',
+        ),
+        'axis': Words(
+            "the joints' axes",
+            'known_joints.axis_std',
+            'the axis of {}: measure or calibrate it (known_joints)',
+            lambda name, value: f'the axis of {name} is off by {1e3 * np.linalg.norm(value):.3g} mrad: check the URDF',
+        ),
+    }
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the momentum changes where what a joint carries is displaced."""
@@ -53,7 +75,7 @@ class JointPlacements(Unknown):
         return momentum_displaced(kernel, states, displacement)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with these placements."""
+        """Return the nominal model with these placements."""
         each = value.reshape(-1, _PLACEMENT_NUMBERS)
         tilts = (self.across @ each[:, 4:, None])[..., 0]
         return replace(side, kernel=side.kernel.displaced(each[:, 1:4], tilts), zeros=side.zeros + each[:, 0])
@@ -74,20 +96,11 @@ class JointPlacements(Unknown):
 def joint_placements(
     kernel: MomentumKernel, zeros: Sequence[float], origins: Sequence[float], axes: Sequence[float]
 ) -> JointPlacements:
-    """Return the joints' placements as an unknown.
-
-    Parameters
-    ----------
-    kernel : MomentumKernel
-    zeros, origins, axes : (n,) standard deviations of each joint: rad (m for a prismatic one), m, rad; 0 is exact
-    """
-    each = np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2))
-    deviations = each.ravel()
-    factor = np.diag(deviations)[:, deviations > 0.0]
-    labels = [
-        f'{part}:{name}' for name in kernel.model.joint_names for part in ('zero', *('origin',) * 3, *('axis',) * 2)
-    ]
-    return JointPlacements(factor, tuple(labels), Kinematics(kernel.model).axial[1:, :, :2])
+    """Return the placements as an unknown; (n,) standard deviations: rad (m for a prismatic one), m, rad; 0: exact."""
+    factor = diagonal(np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2)).ravel())
+    parts = ('zero', *('origin',) * 3, *('axis',) * 2)
+    labels = tuple(f'{part}:{name}' for name in kernel.model.joint_names for part in parts)
+    return JointPlacements(factor, labels, Kinematics(kernel.model).axial[1:, :, :2])
 
 
 def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
@@ -98,17 +111,17 @@ def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement:
     kernel, states : as for `Unknown.momentum_columns`
     displacement : (N, n, d, 6) of each joint d small motions, as twists
     """
-    change = _by_displacement(kernel, states, list(kernel.model.parents))
+    change = _displacement_matrices(kernel, states)
     columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, d numbers, 6 of the momentum)
     return np.swapaxes(columns.reshape(len(columns), -1, 6), 1, 2)
 
 
-def _by_displacement(kernel: MomentumKernel, states: BodyStates, parents: Sequence[int]) -> Array:
+def _displacement_matrices(kernel: MomentumKernel, states: BodyStates) -> Array:
     """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint (trajectory.md, eq. 2)."""
     carried = kernel.kinematics.ancestors.T
     inertia = inertia_matrix(carried @ states.known)
     whole = carried @ states.momenta
-    parent = states.body_twist[:, list(parents)]
+    parent = states.body_twist[:, list(kernel.model.parents)]
     # X x* h and X x V are linear in X: -[h] and -[V] in brackets.
     force = np.zeros((*whole.shape, 6))
     force[..., :3, 3:] = force[..., 3:, :3] = -skew(whole[..., :3])
@@ -133,6 +146,16 @@ class JointTracking(Linear):
 
     correlation: Array
 
+    words: ClassVar = {
+        TRACKING: Words(
+            'how far joints are from where they are read to be',
+            'known_joints.tracking_std',
+            deviation=lambda name, value: (
+                f'{name} deviates by {1e3 * np.sum(value):+.3g} mrad (mm) from its reading: log encoder positions, not '
+                'commands, or raise known_joints.tracking_std'
+            ),
+        )
+    }
     read = False
     in_equations = True
     of_a_motion = True
@@ -158,7 +181,7 @@ class JointTracking(Linear):
 
 
 def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Sequence[float]) -> JointTracking:
-    """Return it as an unknown, for joints of these names.
+    """Return it as an unknown of n joints.
 
     Parameters
     ----------
@@ -167,9 +190,8 @@ def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Seq
     times : (n,) s, time constants
     """
     each = np.asarray(deviations if len(deviations) else np.zeros(len(names)), dtype=float)
-    wandering = each > 0.0
-    correlation = np.asarray(times if len(times) else np.ones(len(names)), dtype=float)[wandering]
-    return JointTracking(np.diag(each)[:, wandering], tuple(f'{TRACKING}:{name}' for name in names), correlation)
+    correlation = np.asarray(times if len(times) else np.ones(len(names)), dtype=float)[each > 0.0]
+    return JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)
 
 
 FLEXIBLE = 'flexible'
@@ -178,10 +200,19 @@ FLEXIBLE = 'flexible'
 _FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
 
 
+def _flexible_deviation(name: str, value: Array) -> str:
+    load, lag, swing = (f'{1e3 * part:.2g}' for part in (value[0], value[1], float(np.hypot(*value[2:]))))
+    return (
+        f'{name} is flexible or geared: against its encoder it gives by {load} mrad/(N m), lags by {lag} ms and is '
+        f'off by {swing} mrad (mm) with its own angle'
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class FlexibleJoints(Linear):
     """Of each joint: compliance (rad/(N m) or m/N), lag (s), and how it swings with its own angle (rad or m)."""
 
+    words: ClassVar = {FLEXIBLE: Words(deviation=_flexible_deviation)}
     read = False
     of_joints = True
 

@@ -1,4 +1,4 @@
-"""What is known of all unknowns together beforehand, correlations and all: what a calibration has left open."""
+"""What is known of all unknowns together beforehand, with the correlations that a calibration leaves."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class UnknownsPrior:
-    """A Gaussian of the catalogue's independent numbers, which are so no more.
+    """A Gaussian of the catalogue's independent numbers, correlated after a calibration.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class UnknownsPrior:
 
     @staticmethod
     def nothing(numbers: int) -> UnknownsPrior:
-        """Return what is known of so many numbers before anything is measured."""
+        """Return the prior of so many numbers before anything is measured."""
         return UnknownsPrior(np.zeros(numbers), np.eye(numbers))
 
     @cached_property
@@ -44,7 +44,7 @@ class UnknownsPrior:
     def whitening(self) -> Array:
         """The (e, e) matrix W that makes W (numbers - mean) independent, of unit variance, each near its own number."""
         size = np.sqrt(np.sum(self.factor**2, axis=1))
-        size[size == 0.0] = 1.0  # of what a planar motion does not depend on
+        size[size == 0.0] = 1.0  # a planar motion does not depend on it
         left, values, _ = np.linalg.svd(self.factor / size[:, None], full_matrices=False)
         values = np.maximum(values, _NEGLIGIBLE * values.max(initial=0.0))
         return np.asarray((left / values) @ left.T / size)
@@ -55,13 +55,7 @@ class UnknownsPrior:
         return np.asarray(np.linalg.qr(self.whitening, mode='r'))
 
     def beside(self, count: int, *, before: int) -> UnknownsPrior:
-        """Return what is known of these numbers and, put in after the first of them, of others of unit variance.
-
-        Parameters
-        ----------
-        count : of the others, which are independent
-        before : how many of these come first
-        """
+        """Return this prior with `count` more independent numbers of unit variance after the first `before`."""
         if not count:
             return self
         rows = np.arange(len(self.mean))
@@ -73,12 +67,12 @@ class UnknownsPrior:
         return UnknownsPrior(np.insert(self.mean, before, np.zeros(count)), factor)
 
     def of(self, maps: Sequence[Array]) -> UnknownsPrior:
-        """Return the same of the numbers that maps, one for each unknown, make of these."""
+        """Return the prior of the numbers that linear maps, one for each unknown, make of these."""
         together = block_diag(*maps)
         return UnknownsPrior(together @ self.mean, together @ self.factor)
 
     def expected(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> NominalModel:
-        """Return the known side at the mean of the unknowns' numbers."""
+        """Return the nominal model at the mean of the unknowns' numbers."""
         side, place = NominalModel.nominal(kernel), 0
         for unknown in unknowns:
             side = unknown.moved(side, unknown.factor @ self.mean[place : place + unknown.count])

@@ -1,21 +1,23 @@
-"""What an IMU's angular velocity is wrong by: bias, which walks, scale and cross-axis, how it is mounted, its delay.
+"""Gyro and clocks: the errors of an IMU, a delay of the joints' stamps, a drift between clocks.
 
-It reads (1 + diag(k) + C) Exp(-e) w(t - d) + b, C symmetric without a diagonal, in the axes that its frame is said to
-have, w in those of its link.
+A gyro reads (1 + diag(k) + C) Exp(-e) w(t - d) + b, C symmetric without a diagonal, in the declared axes of its frame,
+w in those of its link.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown
+from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
+OFFSET, CLOCK = 'time offset', 'clock drift'
 _LATE = 12  # place of the delay: as many numbers are before it
 
 
@@ -96,7 +98,7 @@ class Gyro(Unknown):
         return np.asarray(np.linalg.pinv(self.factor) @ numbers)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with these errors."""
+        """Return the nominal model with these errors."""
         return replace(side, gyro=side.gyro + value[:_LATE]) if self.alone else side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
@@ -135,8 +137,9 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
-    factor = np.diag(deviations)[:, deviations > 0.0]
-    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.with_orientation, own.link)
+    return Gyro(
+        diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.with_orientation, own.link
+    )
 
 
 _CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
@@ -146,6 +149,12 @@ _CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved
 class TimeOffset(Unknown):
     """A constant delay of the joints' stamps, s. A pose error that comes of joints tau too late is -tau (w, v)."""
 
+    words: ClassVar = {
+        OFFSET: Words(
+            remedy='the offset between the stamps: more motion determines it',
+            deviation=lambda _, value: f'the joints are stamped {1e3 * np.sum(value):+.3g} ms late: check the stamps',
+        )
+    }
     read = True
     in_equations = False  # of the measured motion at one instant
 
@@ -163,16 +172,13 @@ class TimeOffset(Unknown):
         return np.where(np.abs(value) > _CLEAR * deviation, value, 0.0)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the known side with this delay."""
+        """Return the nominal model with this delay."""
         return replace(side, delay=side.delay + float(value[0]))
 
 
 def time_offset(deviation: float) -> TimeOffset:
     """Return the offset as an unknown, of a standard deviation, s."""
-    return TimeOffset(np.array([[deviation]]), ('time offset',))
-
-
-CLOCK = 'clock drift'
+    return TimeOffset(np.array([[deviation]]), (OFFSET,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +188,16 @@ class ClockDrift(Linear):
     The momentum is then that of the joints' clock. Linear, as far as the base's motion is over that delay: to some
     50 ms, eight minutes at 100 ppm.
     """
+
+    words: ClassVar = {
+        CLOCK: Words(
+            remedy='the drift between the clocks of joints and odometry: synchronise them (time_offset.drift_std)',
+            deviation=lambda _, value: (
+                f'the clocks drift apart by {1e6 * np.sum(value):+.3g} ppm: synchronise them, or raise '
+                'time_offset.drift_std'
+            ),
+        )
+    }
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return how much further on pose and twist are read, and how much faster the base is by the joints' clock."""

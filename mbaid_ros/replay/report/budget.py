@@ -6,9 +6,15 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, percent, short
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.parameters import (
+    PARAMETERS,
+    SENSOR_NOISE,
+    ErrorBudget,
+    percent,
+    short,
+)
+from mbaid_ros.core.unknowns.catalogue import remedy_text
 from mbaid_ros.replay.report.markup import paragraph, table, text
 
 _OTHERS = 'all others'
@@ -144,7 +150,7 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
     for cause, groups in budget.dominant(std).items():
         names = _joined(list(groups))
         shares = _joined([percent(share) for share in groups.values()])
-        told.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {described(cause)}.')
+        told.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {remedy_text(cause)}.')
     if resting := budget.resting():
         told.append(
             f'The intervals rest on what this motion cannot check: {resting}. They hold if these are as declared; if '

@@ -10,10 +10,10 @@ from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from checked import some
-from mbaid_ros.core.diagnosis.ranking import CHANNELS, Roughness, lines, ranked, roughness
+from mbaid_ros.core.diagnosis.ranking import ranked
+from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness, roughness, vibration_frequencies
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.results.innovations import Innovations
-from mbaid_ros.core.results.variance_components import PriorComparison
+from mbaid_ros.core.results.evidence import Innovations, PriorComparison
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
@@ -65,10 +65,10 @@ def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
     rng = np.random.default_rng(1)
     time = 0.5 * np.arange(80)
     values = rng.normal(size=(80, 6))
-    assert lines(values, 0.5) == []
+    assert vibration_frequencies(values, 0.5) == []
     values += 0.02 * (time - 20.0)[:, None] ** 2
     values[:, 2] += 1.5 * np.sin(2.0 * np.pi * 0.31 * time)
-    assert lines(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
+    assert vibration_frequencies(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
 
 
 def ranks(rough: Roughness, correlated: tuple[float, float] = (0.0, 0.0)) -> list[str]:

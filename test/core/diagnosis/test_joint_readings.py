@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from joint_windows import SPACING, joint_window
-from mbaid_ros.core.diagnosis.encoders import size, slipped_readings, stopped_readings, swinging
+from mbaid_ros.core.diagnosis.readings import (
+    slipped_readings,
+    stopped_readings,
+    swing_size,
+    swinging,
+)
 from mbaid_ros.core.filter.knots import AFTER, BEFORE
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.window import Window
@@ -151,4 +156,4 @@ def test_the_size_is_that_of_a_windows_mean(window: Window, robot: MomentumKerne
     assert loose.noise.joint_position == pytest.approx(
         JOINT_NOISE * np.where(np.arange(robot.model.joints) == JOINT, TIMES, 1.0)
     )
-    assert size([window], TIMES) == pytest.approx(TIMES * JOINT_NOISE / np.sqrt(window.noise.samples))
+    assert swing_size([window], TIMES) == pytest.approx(TIMES * JOINT_NOISE / np.sqrt(window.noise.samples))

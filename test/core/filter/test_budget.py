@@ -15,8 +15,8 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformat
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.budget import SENSOR_NOISE
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import SENSOR_NOISE
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model

@@ -20,7 +20,7 @@ from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from observed import kernel
 
 MEASURED = 12

@@ -16,8 +16,8 @@ from mbaid_ros.core.filter.square_root import advance, momentum_inflation, pose_
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.innovations import Innovations
-from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED, Hypothesis
+from mbaid_ros.core.results.evidence import Innovations
+from mbaid_ros.core.unknowns.environment import UNDISTURBED, Hypothesis
 
 
 def covariance_of(belief: SquareRootInformation, space: Variables) -> Array:

@@ -19,7 +19,7 @@ from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
-from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 

@@ -9,10 +9,15 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, short
-from mbaid_ros.core.results.parameters import rounded
+from mbaid_ros.core.results.parameters import (
+    SENSOR_NOISE,
+    ErrorBudget,
+    rounded,
+    short,
+)
 from mbaid_ros.core.results.physical_consistency import inertia_ratios
 from mbaid_ros.core.results.reporting import Curvature
+from mbaid_ros.core.unknowns.catalogue import remedy_text
 
 CAUSES = (SENSOR_NOISE, 'link:base_link', 'zero:joint6')
 STD = np.array([0.5, 1e-3, 2e-3, 1e-3, *[0.1] * 6])
@@ -73,12 +78,12 @@ def test_a_cause_dominates_from_half_of_a_group_on_and_sensor_noise_never() -> N
         ('link:a:b', 'link a:b', 'how well link a:b is known: weigh it, or calibrate before the capture (known_links)'),
         ('zero:joint6', 'zero of joint6', 'the zero of joint6: calibrate it (known_joints)'),
         ('mount', 'mount', 'where the odometry is mounted: measure it (odometry_mount)'),
-        ('time offset', 'time offset', 'the offset between the stamps: more motion tells it'),
+        ('time offset', 'time offset', 'the offset between the stamps: more motion determines it'),
         ('something else', 'something else', 'something else'),
     ],
 )
 def test_causes_in_words(cause: str, few: str, help_: str) -> None:
-    assert (short(cause), described(cause)) == (few, help_)
+    assert (short(cause), remedy_text(cause)) == (few, help_)
 
 
 @pytest.mark.parametrize('times', [2.0, 10.0, 1e3])

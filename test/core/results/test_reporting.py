@@ -11,6 +11,7 @@ from checked import same, some
 from made_runs import BODY as MADE_BODY
 from made_runs import STD, estimate, planar
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import inverses
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.publication import (
@@ -18,11 +19,11 @@ from mbaid_ros.core.results.publication import (
     DebrisPublication,
     Frame,
     InertiaPublication,
-    IntervalConsistency,
     is_complete,
     is_usable,
 )
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverses
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.status import IntervalConsistency
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.results.innovations import seen_in
+from mbaid_ros.core.results.evidence import correlation_time_of
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.base import usable_covariance
 from mbaid_ros.core.sensors.found_noise import FoundNoise
@@ -245,15 +245,15 @@ def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
 
 @pytest.mark.parametrize('constant', [0.05, 0.3, 2.0])
 def test_the_time_is_seen_in_a_window(constant: float) -> None:
-    found = [seen_in(samples(coloured(constant, 100, seed)))[0] for seed in range(20)]
+    found = [correlation_time_of(samples(coloured(constant, 100, seed)))[0] for seed in range(20)]
     assert np.median(found) == pytest.approx(constant, rel=0.15)
 
 
 def test_neither_white_noise_nor_interpolated_poses_are_taken_for_correlated() -> None:
     for seed in range(20):
         white = np.random.default_rng(seed).normal(size=(100, 3))
-        assert seen_in(samples(white)) == (0.0, 0.0)
-        assert seen_in(samples(white, every=10)) == (0.0, 0.0)
+        assert correlation_time_of(samples(white)) == (0.0, 0.0)
+        assert correlation_time_of(samples(white, every=10)) == (0.0, 0.0)
 
 
 def test_poses_weigh_as_much_less_as_their_slow_means_vary() -> None:

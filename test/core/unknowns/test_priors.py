@@ -18,8 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import TargetPrior
-from mbaid_ros.core.unknowns.calibrated import CalibratedSide
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty, catalogue
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from observed import HIGH, configured_motion, kernel, observe, windows

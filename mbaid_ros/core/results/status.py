@@ -1,17 +1,69 @@
-"""The verdict on a run: whether a physical hypothesis explains the data, and if not, what the likeliest causes are."""
+"""Status and warnings of an estimate, made here alone: of the verdict on a run, and of the reasons of every stage."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.results.innovations import SENSORS, Innovations, seen_in
-from mbaid_ros.core.results.innovations import cause as correlated_cause
-from mbaid_ros.core.results.variance_components import Distance
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.evidence import SENSORS, Distance, Innovations, correlated_noise, correlation_time_of
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.samples import Samples
+
+Severity = Literal['note', 'contradiction', 'conflict']
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why an estimate is to be read with care, as a stage returns it.
+
+    Attributes
+    ----------
+    text : one line: what is wrong, the value, what to do
+    severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
+        one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
+    gain : log-likelihood, where the text is a cause as well: the first one, of a note where there are others only
+    """
+
+    text: str
+    severity: Severity = 'note'
+    gain: float | None = None
+
+
+def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
+    """Return an estimate with the status, warnings and causes that further reasons lead to."""
+    if not reasons:
+        return estimate
+    status, causes, warnings = estimate.status, estimate.causes, [*estimate.warnings]
+    withheld = 0
+    for reason in reasons:
+        warnings.append(reason.text)
+        if reason.severity == 'contradiction' and status == 'not_identifiable':
+            withheld = len(warnings)
+        elif reason.severity != 'note':
+            status = 'inconsistent'
+        if reason.gain is not None and (causes or status == 'inconsistent'):
+            causes = ((reason.text, reason.gain), *causes)
+    if withheld:
+        warnings.insert(withheld, WITHHELD)
+    return replace(estimate, status=status, causes=causes, warnings=tuple(warnings))
+
+
+def contradictions(texts: Sequence[str]) -> list[Reason]:
+    """Return the reasons of data that contradict the model, a line each."""
+    return [Reason(text, 'contradiction') for text in texts]
+
+
+def notes(texts: Sequence[str]) -> list[Reason]:
+    """Return reasons that are warnings alone."""
+    return [Reason(text) for text in texts]
+
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
@@ -185,7 +237,52 @@ def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
     """
     if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
         return []
-    time, gain = seen_in(evidence.latest)
+    time, gain = correlation_time_of(evidence.latest)
     if time == 0.0:
         return []
-    return [Cause(correlated_cause(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]
+    return [Cause(correlated_noise(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]
+
+
+_KEPT = 10.0  # s, that an estimate is compared with later ones
+_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
+
+
+class IntervalConsistency:
+    """Compares each estimate of a run with those of the latest seconds before it."""
+
+    def __init__(self) -> None:
+        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
+        self._changes = 0  # of the target
+
+    def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
+        """Return an estimate that is inconsistent where it has left the interval of one before it.
+
+        Parameters
+        ----------
+        estimate : the next one
+        early : whether it is one of the first, from which later ones are known to differ
+        """
+        changes = sum(event.kind == 'target_changed' for event in estimate.events)
+        if changes != self._changes:
+            self._earlier.clear()
+            self._changes = changes
+        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
+            self._earlier.popleft()
+        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
+            return estimate
+        reasons = [Reason(text, 'conflict') for text in self._moved(estimate)]
+        if not early:
+            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
+        return with_reasons(estimate, reasons)
+
+    def _moved(self, estimate: Estimate) -> Iterator[str]:
+        if not self._earlier:
+            return
+        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
+        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
+        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
+        if distance[place, which] >= _FAR:
+            yield (
+                f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
+                f'{times[place]:.1f} s: one of the two is wrong'
+            )

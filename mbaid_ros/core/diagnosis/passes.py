@@ -1,4 +1,4 @@
-"""Passes of the filter over windows with more unknowns than the run has, one hypothesis at a time."""
+"""Passes of the filter over windows with more unknowns than the run has, or another target, by one hypothesis."""
 
 from __future__ import annotations
 
@@ -9,32 +9,33 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.changed_target import target_changed
-from mbaid_ros.core.filter.bank import HypothesisFilter, update_bank
+from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual, update_bank
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.square_root import inflated, pose_reset
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import STACK, Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.variance_components import PriorComparison
+from mbaid_ros.core.results.evidence import PriorComparison
 from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.hypotheses import Hypothesis
+from mbaid_ros.core.unknowns.environment import Hypothesis
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Passes, ever nearer to what the windows say: what is left then is far below what decides between causes.
 _REFINEMENTS = 3
-_MOST = (30.0, 1000.0)  # times as uncertain as declared: what has been declared, and suspects
+_MOST = (30.0, 1000.0)  # times as uncertain as declared: declared unknowns, and suspects
 SLIPPING = 2  # windows that a slip may take
 
-Passed = Generator[int, None, HypothesisFilter]
 T = TypeVar('T')
-Windows = list[tuple[Window, WhitenedWindow]]
+# Yields the work of each bit, in steps of the filter, and returns its result.
+Work = Generator[int, None, T]
+WhitenedWindows = list[tuple[Window, WhitenedWindow]]
 
 
 @dataclass(frozen=True)
-class WiderPriors:
+class FilterPasses:
     """Passes windows through the filter, with the unknowns of a layout."""
 
     layout: Layout
@@ -46,12 +47,7 @@ class WiderPriors:
         """Of the filter."""
         return variables(self.layout, self.plane, self.uncertainty)
 
-    def fresh(self, hypothesis: Hypothesis) -> SquareRootInformation:
-        """Return what is believed before the first window."""
-        own = self.variables
-        return SquareRootInformation.prior(own, own.force.shape[1] if hypothesis.force != 'none' else 0)
-
-    def linearised(self, windows: Sequence[Window], point: Point) -> Generator[int, None, Windows]:
+    def linearised(self, windows: Sequence[Window], point: Point) -> Work[WhitenedWindows]:
         """Return windows linearised at a point of this layout, or of the one that it extends."""
         own = self.layout
         lengths = own.parameters.stop - own.parameters.start, own.size - own.readings.start
@@ -61,28 +57,51 @@ class WiderPriors:
         )
         at = replace(point, parameters=parameters, readings=readings)
         cache = LinearisationCache(self.layout, self.variables)
-        passed: Windows = []
+        passed: WhitenedWindows = []
         for part in in_stacks(windows):
             passed += cache.all_whitened(part, at)
             yield LINEARISED * STACK
         return passed
 
     def passed(
-        self,
-        passed: Windows,
-        hypothesis: Hypothesis,
-        longest: int,
-        begin: HypothesisFilter | None = None,
-    ) -> Passed:
-        """Return a hypothesis after windows; its jumps may take some of them."""
-        track = begin or HypothesisFilter(hypothesis, self.fresh(hypothesis), longest=longest)
-        own = self.variables
+        self, passed: WhitenedWindows, hypothesis: Hypothesis, longest: int = 0, begin: HypothesisFilter | None = None
+    ) -> Work[HypothesisFilter]:
+        """Return a hypothesis, from `begin` on or the prior, after windows; its jumps may take up to `longest`."""
+        track, own = begin, self.variables
+        if track is None:
+            forces = own.force.shape[1] if hypothesis.force != 'none' else 0
+            track = HypothesisFilter(hypothesis, SquareRootInformation.prior(own, forces), longest=longest)
         for window, white in passed:
             (track,) = update_bank((track,), window, white, own)
             yield 1
         return track
 
-    def changed(
+    def once(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
+        """Return a hypothesis after windows linearised at a point."""
+        passed = yield from self.linearised(windows, point)
+        return (yield from self.passed(passed, hypothesis))
+
+    def refined(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
+        """Return the best of some passes, each linearised at the estimate of the one before.
+
+        Raises
+        ------
+        LinAlgError
+            The first point is of no robot that can be.
+        """
+        best: HypothesisFilter | None = None
+        for _ in range(_REFINEMENTS):
+            try:
+                track = yield from self.once(windows, point, hypothesis)
+                point = self._point(track.belief)
+            except np.linalg.LinAlgError:
+                break  # it has led to a robot that cannot be
+            best = _better(best, track)
+        if best is None:
+            raise np.linalg.LinAlgError('the first point is of no robot that can be')
+        return best
+
+    def target_changes(
         self,
         windows: Sequence[Window],
         place: int,
@@ -90,13 +109,13 @@ class WiderPriors:
         hypothesis: Hypothesis,
         *,
         exchanged: bool,
-    ) -> Passed:
-        """Return a hypothesis after windows, from one of which on the target is another, or elsewhere: the best.
+    ) -> Work[HypothesisFilter]:
+        """Return the best of some passes in which the target is another one, or elsewhere, from a window on.
 
         Parameters
         ----------
         windows : in order
-        place : of the first window in which the target changes
+        place : of the first window in which the target changes: nothing is predicted of the next `SLIPPING`
         points : at which windows before and after are linearised first
         hypothesis : that is followed
         exchanged : whether it is another target
@@ -105,14 +124,15 @@ class WiderPriors:
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
             passed = yield from self.linearised(windows[:end], before)
-            track = yield from self.passed(passed[:place], hypothesis, 0)
-            before = self._point(track.belief)
-            during = [white for _, white in passed[place:]]
-            track = target_changed(track, during, self.variables, exchanged=exchanged)
+            track = yield from self.passed(passed[:place], hypothesis)
+            belief = track.belief
+            before = self._point(belief)
+            skipped = sum(as_usual(belief, white) - belief.log_likelihood for _, white in passed[place:])
+            changed = another_body(belief, self.variables, exchanged=exchanged)
+            track = replace(track, belief=replace(changed, log_likelihood=belief.log_likelihood + skipped))
             passed = yield from self.linearised(windows[end:], after)
-            track = yield from self.passed(passed, hypothesis, 0, begin=track)
-            if best is None or track.belief.log_likelihood > best.belief.log_likelihood:
-                best = track
+            track = yield from self.passed(passed, hypothesis, begin=track)
+            best = _better(best, track)
             after = self._point(track.belief)
         assert best is not None, 'there is a first pass'
         return best
@@ -121,29 +141,7 @@ class WiderPriors:
         moments = MeanAndCovariance.of(belief, self.variables)
         return self.layout.point(moments.mean, moments.deviation)
 
-    def repeated(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Passed:
-        """Return a hypothesis linearised at points that are ever nearer to what it says: the best of these.
-
-        Raises
-        ------
-        LinAlgError
-            There is no robot at the first of them.
-        """
-        best: HypothesisFilter | None = None
-        for _ in range(_REFINEMENTS):
-            try:
-                passed = yield from self.linearised(windows, point)
-                track = yield from self.passed(passed, hypothesis, 0)
-                point = self._point(track.belief)
-            except np.linalg.LinAlgError:
-                break  # it has led to a robot that cannot be
-            if best is None or track.belief.log_likelihood > best.belief.log_likelihood:
-                best = track
-        if best is None:
-            raise np.linalg.LinAlgError('the first point is of no robot that can be')
-        return best
-
-    def unpredicted(self, passed: Windows, belief: SquareRootInformation, hypothesis: Hypothesis) -> Array:
+    def unpredicted(self, passed: WhitenedWindows, belief: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.
 
         Parameters
@@ -164,7 +162,7 @@ class WiderPriors:
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:
-        """Return what each cause would gain by less certainty, and by how much less; some have been declared."""
+        """Return what each cause would gain by a wider prior, and how many times as wide; some have been declared."""
         values, covariance = MeanAndCovariance.of(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
@@ -174,13 +172,12 @@ class WiderPriors:
             found[cause] = float(gain), float(times)
         return found
 
-    def widened(self, cause: str, factor: float) -> WiderPriors:
-        """Return the same with one cause less certain."""
+    def widened(self, cause: str, factor: float) -> FilterPasses:
+        """Return the same with the prior of one cause so many times as wide."""
         known, place = self.layout.known, self.layout.causes.index(cause)
         wider = np.where(self.layout.belongs[:, place] > 0.0, factor, 1.0)
-        return replace(
-            self, layout=replace(self.layout, known=UnknownsPrior(known.mean, wider[:, None] * known.factor))
-        )
+        prior = UnknownsPrior(known.mean, wider[:, None] * known.factor)
+        return replace(self, layout=replace(self.layout, known=prior))
 
     def value(self, track: HypothesisFilter, cause: str) -> Array:
         """Return the numbers (k,) of a cause as they are estimated, SI units."""
@@ -192,9 +189,29 @@ class WiderPriors:
         return np.concatenate(found) if found else np.zeros(0)
 
 
-def tried(passes: Generator[int, None, T]) -> Generator[int, None, T | None]:
+def another_body(belief: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:
+    """Return the belief with an unknown target, or with the same mass elsewhere in the grasp, and a new pose error.
+
+    Parameters
+    ----------
+    belief : before
+    variables : of the filter
+    exchanged : whether it is another body, which brings or takes along a momentum of its own
+    """
+    own, opened = variables.own, variables.open.copy()
+    if not exchanged:
+        opened[MOMENTUM] = opened[BODY.start] = 0.0
+    places = np.flatnonzero(opened)
+    return pose_reset(inflated(belief, variables.gather[:own, places] * opened[places]), variables)
+
+
+def attempted(passes: Work[T]) -> Work[T | None]:
     """Return what passes come to; None where they start at a robot that cannot be."""
     try:
         return (yield from passes)
     except np.linalg.LinAlgError:
         return None
+
+
+def _better(best: HypothesisFilter | None, track: HypothesisFilter) -> HypothesisFilter:
+    return track if best is None or track.belief.log_likelihood > best.belief.log_likelihood else best

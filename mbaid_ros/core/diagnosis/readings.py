@@ -1,0 +1,246 @@
+"""What the readings show without a model: joints that stand still, slip or swing, noise, outliers, vibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.geometry import Array, Flags, log
+from mbaid_ros.core.results.evidence import SENSORS, Innovations
+from mbaid_ros.core.results.status import LARGEST_NIS
+from mbaid_ros.core.samples import Samples
+
+
+@dataclass(frozen=True)
+class SpoiltReading:
+    """A joint's reading that may be wrong in some of the windows.
+
+    Attributes
+    ----------
+    text : what is wrong, and what to do
+    windows : the others, as they would be without it
+    as_read : the others with a jump left in, where it is one
+    """
+
+    text: str
+    windows: list[Window]
+    as_read: Sequence[Window] = ()
+
+
+def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
+    """Return windows without spoilt ones (W,) and their neighbours, `fresh` where nothing links one to that before."""
+    left = ~(spoilt | np.append(spoilt[1:], False) | np.append(False, spoilt[:-1]))
+    return [
+        replace(window, fresh=window.fresh or (place > 0 and not left[place - 1]))
+        for place, window in enumerate(windows)
+        if left[place]
+    ]
+
+
+# A step among the middle ones of eight knots, less what those beside them go by: of a quadratic motion there is none.
+_STEP = np.array([0.75, 0.0, -1.75, 0.0, 0.0, 1.75, 0.0, -0.75])
+_MIDDLE = 3.5  # knots, from the first of them: where a step between knots lies
+# Times the usual second difference of the joint's motion: acceleration and noise seldom reach it.
+_LARGE_STEP = 8.0
+
+
+def slipped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
+    """Return the joints, by name, whose readings may have jumped, the clearest first; a pass has to confirm it."""
+    parts = [_steps(window) for window in windows]
+    times, steps = (np.concatenate(each) for each in zip(*parts, strict=True))
+    size = np.abs(steps)
+    usual = np.median(size, axis=0)
+    found = []
+    for joint, place in enumerate(np.argmax(size, axis=0).tolist()):
+        if size[place, joint] > _LARGE_STEP * usual[joint]:
+            clear = size[place, joint] / max(usual[joint], np.finfo(float).tiny)
+            found.append((clear, joint, float(times[place]), float(steps[place, joint])))
+    found.sort(reverse=True)
+    return [_slipped(windows, joints[joint], joint, time, step) for _, joint, time, step in found]
+
+
+def _steps(window: Window) -> tuple[Array, Array]:
+    """Return the times, s, and the steps between knots there, (J - 7, n); zero where a knot is empty."""
+    steps = sliding_window_view(window.knots.joint_position, len(_STEP), axis=0) @ _STEP
+    places = np.arange(len(steps)) + _MIDDLE - window.inside.start
+    return window.start + window.spacing * places, np.nan_to_num(steps)
+
+
+def _slipped(windows: Sequence[Window], name: str, joint: int, time: float, step: float) -> SpoiltReading:
+    spoilt = np.array([window.start <= time < window.start + window.length for window in windows])
+    back = [_shifted(window, joint, -step) if window.start > time else window for window in windows]
+    text = f'the reading of {name} jumps by {1e3 * step:+.3g} mrad (mm) at {time:.1f} s: look at its encoder'
+    return SpoiltReading(text, without(back, spoilt), without(windows, spoilt))
+
+
+def _shifted(window: Window, joint: int, step: float) -> Window:
+    positions = window.knots.joint_position.copy()
+    positions[:, joint] += step
+    return replace(window, knots=replace(window.knots, joint_position=positions))
+
+
+_SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
+_LISTED = 3  # times that are listed: a line holds no more
+
+
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
+    """Return the joints, by name, that stand still to the bit in some windows while others move; the longest first."""
+    still = np.array([np.ptp(window.knots.joint_position, axis=0) <= _SAME for window in windows])  # False of NaN
+    still[still.all(axis=1)] = False  # the robot may be at rest
+    found = [place for place in np.argsort(-still.sum(axis=0), kind='stable') if still[:, place].any()]
+    return [_stopped(windows, still[:, place], joints[place]) for place in found]
+
+
+def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReading:
+    groups = groupby(enumerate(still.tolist()), key=itemgetter(1))
+    stretches = [[place for place, _ in group] for stands, group in groups if stands]
+    times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
+    listed = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
+    text = f'the reading of {joint} stands still from {listed} s: look at its encoder or driver'
+    return SpoiltReading(text, without(windows, still))  # the windows beside them may have a part of it
+
+
+# The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is
+# unexplained, a swing that has died down, fewer.
+_LARGE_SWING, _SMALL_SWING = (30.0, 10.0, 100.0), (3.0, 2.0, 10.0)
+
+
+def noise_factors(nis: float) -> tuple[float, ...]:
+    """Return how many times as noisy a joint is tried, by the mean normalised innovation squared."""
+    return _LARGE_SWING if nis > LARGEST_NIS else _SMALL_SWING
+
+
+def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -> list[Window]:
+    """Return windows in which one of so many joints' readings is so many times as noisy."""
+    larger = np.where(np.arange(joints) == joint, times, 1.0)
+    return [
+        replace(window, noise=replace(window.noise, joint_position=larger * window.noise.joint_position))
+        for window in windows
+    ]
+
+
+def swing_size(windows: Sequence[Window], times: float) -> float:
+    """Return by how much a window's mean is off with noise so many times as declared, one standard deviation."""
+    noise = [window.noise for window in windows]
+    return times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
+
+
+def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str:
+    """Return that what a joint carries swings against its encoder, with that many times the declared noise."""
+    size = 1e3 * swing_size(windows, times)
+    return (
+        f'{joint} is flexible or has play: what it carries swings against its encoder by about {size:.1g} mrad '
+        '(mm), as a spring does or a loose encoder'
+    )
+
+
+# Times the declared noise: what is less is within its tolerance, and more would show in the samples.
+_NOISIER, _MOST = 1.3, 3.0
+
+
+def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[str, list[Window]]:
+    """Return windows with the base as noisy as innovations of a pass say, and that in words; no words where not so."""
+    times = np.sqrt(np.maximum(np.nan_to_num(innovations.ratio[:4], nan=1.0), 1.0))
+    large = [
+        f'noise.{SENSORS[place]} is {times[place]:.1f} times too small' for place in range(4) if times[place] > _NOISIER
+    ]
+    if not large or times.max() > _MOST:
+        return '', []
+    pose, twist = np.repeat(times, 3).reshape(2, 6)
+    noisier = [
+        replace(
+            window,
+            noise=replace(
+                window.noise,
+                pose=pose[:, None] * window.noise.pose * pose,
+                twist=twist[:, None] * window.noise.twist * twist,
+            ),
+        )
+        for window in windows
+    ]
+    return f'{", ".join(large)}, or poses are stamped early or late by turns', noisier
+
+
+CHANNELS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'joint_position')
+_WEIGHT = 70.0  # variance of a fourth difference of white noise of unit variance
+_MEDIAN = 0.6745  # of a normal number's size: what makes a median a standard deviation
+_FAR = 6.0  # robust standard deviations, from which a difference has an outlier in it
+_FEWEST_SAMPLES = 12  # samples of a window: fewer have too few differences of fourth order for a median
+_TOUCHED = 5  # differences of fourth order that a sample is in
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """How noisy samples are by their fourth differences, in which no motion is left.
+
+    Attributes
+    ----------
+    factor : (5,) of CHANNELS, how many times as noisy as declared; NaN where they cannot say
+    outliers : share of the poses that are far off
+    """
+
+    factor: Array
+    outliers: float
+
+
+def roughness(windows: Sequence[Samples], joint_position: float) -> Roughness:
+    """Return how noisy windows are beside the base's declared noise, in them, and the joints', rad."""
+    parts = [_differences(window, joint_position) for window in windows if len(window) >= _FEWEST_SAMPLES]
+    if not parts:
+        return Roughness(np.full(len(CHANNELS), np.nan), 0.0)
+    size = [np.abs(np.concatenate([part[channel] for part in parts])) for channel in range(len(CHANNELS))]
+    factor = np.array([np.nanmedian(each) / _MEDIAN if np.isfinite(each).any() else np.nan for each in size])
+    pose = np.maximum(*(np.max(size[channel], axis=1) / max(factor[channel], 1e-9) for channel in range(2)))
+    return Roughness(factor, float(np.mean(pose > _FAR)) / _TOUCHED)
+
+
+def _differences(window: Samples, joint_position: float) -> tuple[Array, ...]:
+    """Return the fourth differences of each channel in units of their declared standard deviations."""
+    middle = window.base_rotation[len(window) // 2]
+    turned = log(window.base_rotation @ middle.T)
+    pose, twist = (
+        np.sqrt(_WEIGHT * np.mean(np.diagonal(each, axis1=1, axis2=2), axis=0))
+        for each in (window.pose_covariance, window.twist_covariance)
+    )
+    return (
+        np.diff(turned, 4, axis=0) / pose[3:],
+        np.diff(window.base_position, 4, axis=0) / pose[:3],
+        np.diff(window.base_angular_velocity, 4, axis=0) / twist[3:],
+        np.diff(window.base_linear_velocity, 4, axis=0) / twist[:3],
+        np.diff(window.joint_position, 4, axis=0) / (np.sqrt(_WEIGHT) * joint_position),
+    )
+
+
+_FEWEST_WINDOWS = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside
+_FINER = 4  # frequencies tried for each that the length of the series tells apart
+_SWINGS = 2.5  # in the series at least: fewer are a drift
+# Robust standard deviations (by the median) at which the series is clipped: a single large one is a jump, no swing.
+_LARGEST = 4.0
+_TREND = 5  # numbers of a polynomial that is no swing
+_PEAKS = 2  # frequencies that are tried: each takes passes of its own
+# Times the median of the spectrum: of noise, one frequency in 4000 (2^-12) is as high in one of the six numbers.
+_CLEAR = 12.0
+
+
+def vibration_frequencies(values: Array, spacing: float) -> list[float]:
+    """Return the frequencies (Hz) of the highest peaks in the spectrum of (W, k) values of windows, s apart."""
+    count = len(values)
+    if count < _FEWEST_WINDOWS:
+        return []
+    trend = np.vander(np.linspace(-1.0, 1.0, count), _TREND)
+    left = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
+    size = np.median(np.abs(left), axis=0) / 0.67
+    clipped = np.clip(left, -_LARGEST * size, _LARGEST * size)
+    power = np.abs(np.fft.rfft(clipped * np.hanning(count)[:, None], _FINER * count, axis=0)) ** 2
+    power = np.max(power / np.maximum(np.median(power, axis=0), 1e-300), axis=1)
+    frequency = np.fft.rfftfreq(_FINER * count, spacing)
+    inner = power[1:-1]
+    peak = np.flatnonzero((inner > power[:-2]) & (inner >= power[2:]) & (inner > _CLEAR)) + 1
+    peak = peak[frequency[peak] * count * spacing > _SWINGS]
+    return [float(frequency[index]) for index in peak[np.argsort(-power[peak])][:_PEAKS]]
