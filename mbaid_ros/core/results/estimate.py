@@ -1,4 +1,4 @@
-"""What an estimator says: parameters, their uncertainty, what is identifiable, and the momentum."""
+"""An estimate: parameters, their uncertainty, which are identifiable, momentum, events and causes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.sensors.levels import SensorLevels
 
-# Said where none of the parameters is told that might be, if the data did not contradict the model.
-WITHHELD = 'the data contradict the model, and intervals as wide as that asks for tell of no parameter'
+# Where the parameters would be published if the data did not contradict the model.
+WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
 
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
@@ -57,15 +57,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Thruster:
-    """By how much a thruster is off its command.
-
-    Attributes
-    ----------
-    frame : in which it is commanded
-    scale, scale_std : how much stronger it is than that (1: as commanded)
-    turn, turn_std : (3,) rad, by which it is turned, in the axes of its frame
-    delay, delay_std : s, by which it fires late
-    """
+    """By how much a thruster is off its command, in a frame: scale (1: as commanded), turn (3,) rad, delay in s."""
 
     frame: str
     scale: float
@@ -83,17 +75,14 @@ class Thruster:
 
     @staticmethod
     def of(frame: str, value: Array, std: Array) -> Thruster:
-        """Return it from (5,) numbers with standard deviations: scale less 1, turn, delay.
-
-        The delay is that of one as strong as commanded: what it takes away it takes of the true strength.
-        """
+        """Return it from (5,) numbers with standard deviations: scale less 1, turn, delay at the commanded strength."""
         scale, delay, delay_std = 1.0 + float(value[0]), float(value[4]), float(std[4])
         return Thruster(frame, scale, float(std[0]), value[1:4], std[1:4], delay / scale, delay_std / abs(scale))
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The state of an identification after a window (or a sample, for the paper's methods).
+    """The state of an identification after a window, or after a sample with the paper's methods.
 
     Attributes
     ----------
@@ -114,7 +103,7 @@ class Estimate:
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     thrusters : what has been found of each thruster that may be off its command
-    noise : how noisy the sensors have turned out to be; None where nobody has looked
+    noise : of the sensors as estimated; None where it is not
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
         the data would be without it (log-likelihood)
@@ -183,23 +172,12 @@ SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:
     """Return what a force and torque may be that are constant in inertial or in the base's axes."""
-    likely = (
-        'inertial axes: a tilted table, drag, a leak or gravity in orbit'
-        if axes == 'inertial'
-        else 'base axes: a leak or thrust'
-    )
-    return f'a force or torque that is constant in {likely}'
+    inertial = 'inertial axes: a tilted table, drag, a leak or gravity in orbit'
+    return f'a force or torque that is constant in {inertial if axes == "inertial" else "base axes: a leak or thrust"}'
 
 
 def changed_by(text: str, mass: float | None, centre: Array) -> str:
-    """Return that a target has changed, with by how much.
-
-    Parameters
-    ----------
-    text : what has happened
-    mass : kg; None where it cannot have changed
-    centre : (3,) m, of the centre of mass, target link's frame
-    """
+    """Return a target-changed text with the size of the change: kg, None if fixed, and (3,) m of the centre of mass."""
     along = ', '.join(f'{value:+.3g}' for value in centre)
     heavier = '' if mass is None else f', the mass by {mass:+.3g} kg'
     return f'{text}; the centre of mass has changed by ({along}) m{heavier}'

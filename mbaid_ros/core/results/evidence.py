@@ -1,4 +1,4 @@
-"""Noise that is correlated over a time, a first-order autoregression, as it shows in windows."""
+"""Evidence about a model: correlated noise, innovations, and numbers beside their prior once data have been seen."""
 
 from __future__ import annotations
 
@@ -27,14 +27,10 @@ def correlated_noise(time: float) -> str:
 
 
 def correlation_time_of(window: Samples) -> tuple[float, float]:
-    """Return over what time (s) the positions' errors are correlated, by how little they change, and what tells it.
+    """Return over what time (s) the positions' errors are correlated, and the log-likelihood of that; 0 where not.
 
-    With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance they have
-    without. 0 where they are about as large as declared; the second number is a log-likelihood.
-
-    Parameters
-    ----------
-    window : of samples with the noise that is declared
+    With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance that the
+    window declares.
     """
     if len(window) < _FEWEST:
         return 0.0, 0.0
@@ -136,14 +132,7 @@ _SEEN = 0.01
 
 
 class LikelyScale(NamedTuple):
-    """How many times as far from zero as declared numbers are.
-
-    Attributes
-    ----------
-    factor : at least one
-    chance : that it is more than one
-    gain : of log-likelihood, by the likeliest factor
-    """
+    """How many times as far from zero as declared numbers are, the chance of more than once, the gain of likelihood."""
 
     factor: float
     chance: float
@@ -154,14 +143,7 @@ AS_DECLARED = LikelyScale(1.0, 0.0, 0.0)
 
 
 class Distance(NamedTuple):
-    """How far from zero the data see numbers.
-
-    Attributes
-    ----------
-    square : chi-square distributed if the numbers are as declared
-    twice : the same if they are twice as far off, which a careful engineer's are at times
-    degrees : of freedom
-    """
+    """How far from zero the data see numbers: chi-square as declared, and if twice as far off; degrees of freedom."""
 
     square: float
     twice: float
@@ -171,6 +153,12 @@ class Distance(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class PriorComparison:
     """Numbers of unit variance beforehand, in the directions that the data know independently.
+
+    If the prior is right, the posterior mean m varies about zero with S = 1 - P, P the posterior covariance; if the
+    numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior information falls
+    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (docs/trajectory.md, eq. 8)
+
+        1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
 
     Attributes
     ----------
@@ -197,12 +185,7 @@ class PriorComparison:
         return np.add.reduce(squares, axis=-1), np.add.reduce(twice, axis=-1), np.add.reduce(enough, axis=-1)
 
     def gain(self, most: float) -> tuple[Array, Array]:
-        """Return the largest gains of log-likelihood (...), and the factors of the standard deviations that do it.
-
-        Parameters
-        ----------
-        most : largest factor that is plausible
-        """
+        """Return the largest gains of log-likelihood (...), and the factors k up to `most` that do it."""
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
     def likely_sizes(self, too_small: float, doubt: float) -> tuple[Array, Array, Array]:

@@ -47,18 +47,12 @@ def are_physical(standard_parameters: Array) -> Flags:
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:
-    """Return the real body nearest to an estimate and how far away it is.
+    """Return the real body nearest to (10,) standard parameters, and its distance in standard deviations, 0 if itself.
 
     Parameters
     ----------
-    standard_parameters : (10,) (m, h, I_o)
-    covariance : (10, 10) of them, positive definite: its inverse is the metric
+    standard_parameters, covariance : (10,), (10, 10) positive definite: its inverse is the metric
     scale : (10,) typical size of each parameter, to condition the search
-
-    Returns
-    -------
-    (10,) standard parameters with positive definite pseudo-inertia, and the distance in standard deviations
-    (0 where the estimate is physical already)
     """
     if is_physical(standard_parameters):
         return standard_parameters, 0.0
@@ -75,19 +69,10 @@ def project(standard_parameters: Array, covariance: Array, scale: Array) -> tupl
 
 
 def project_planar(standard_parameters: Array, covariance: Array, scale: Array, plane: Plane) -> tuple[Array, float]:
-    """Return a real body for an estimate from planar motion, which leaves six directions open.
+    """Return the same as `project` for planar motion, in a plane in the link's frame, which leaves six directions open.
 
-    What a planar motion tells, (m, h in the plane, the moment about its normal), belongs to a real body exactly when
-    mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
-
-    Parameters
-    ----------
-    standard_parameters, covariance, scale : as for `project`
-    plane : of the motion, in the link's frame
-
-    Returns
-    -------
-    as for `project`
+    What a planar motion determines, (m, h in the plane, the moment about its normal), belongs to a real body exactly
+    when mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
     """
     basis, across = plane.basis, plane.across.T
     about = float(np.linalg.norm(vec(plane.normal[:, None] * plane.normal)))
@@ -134,13 +119,8 @@ def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
 
     Newton's steps on 1/2 |A x - b|^2 - w ln det(pseudo-inertia - floor), with w falling to next to nothing (Boyd,
     Vandenberghe, Convex Optimization, 2004, chapter 11). There is one minimum only, mostly on the boundary, where
-    coordinates that cannot leave the cone would never arrive.
-
-    Parameters
-    ----------
-    rows, offset : (k, 10) A of full rank, (k,) b
-    units : (10, 4, 4) pseudo-inertias of unit x
-    start : (10,) inside the cone
+    coordinates that cannot leave the cone would never arrive. (k, 10) rows A of full rank, (k,) offset b, (10, 4, 4)
+    pseudo-inertias of unit x, a start inside the cone.
     """
     orthonormal, triangle = np.linalg.qr(rows)
     back = np.linalg.inv(triangle)  # z = R x, in which |A x - b| is the distance from a point
@@ -216,13 +196,7 @@ class InertiaRatios:
 
 
 def inertia_ratios(parameters: Array, covariance: Array) -> InertiaRatios:
-    """Return the ratios of a body of which something is known, to first order.
-
-    Parameters
-    ----------
-    parameters : (10,) mass, CoM, inertia about it
-    covariance : (10, 10) of these
-    """
+    """Return the ratios of (10,) physical parameters with their covariance, to first order."""
     inertia, of_inertia = parameters[4:], covariance[4:, 4:]
     trace = float(_TRACE @ inertia)
     elements = inertia / trace

@@ -1,4 +1,4 @@
-"""The captured body alone: what was identified less the target link's own inertia."""
+"""What is published of estimates: the captured body alone, and when numbers are withdrawn."""
 
 from __future__ import annotations
 
@@ -17,13 +17,7 @@ _MASS_MAY_VANISH = 0.5
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame fixed to the target link.
-
-    Attributes
-    ----------
-    name : of the link it belongs to, or what it is called
-    rotation, position : (3, 3), (3,) m, its axes and origin in the target link's frame
-    """
+    """A frame fixed to the target link: its name, axes (3, 3) and origin (3,) m in that link's frame."""
 
     name: str
     rotation: Array
@@ -32,14 +26,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Debris:
-    """Mass properties of the captured body.
-
-    Attributes
-    ----------
-    frame : that they are given in
-    parameters : (10,) mass, CoM, inertia about it, in that frame and its axes
-    covariance : (10, 10) of them; the frame itself counts as known
-    """
+    """The captured body: mass, CoM and inertia about it (10,), with their covariance, in a frame that counts as known."""
 
     frame: Frame
     parameters: Array
@@ -59,7 +46,7 @@ def debris(
     in_principal_axes: bool = False,
     link_covariance: Array | None = None,
 ) -> Debris | None:
-    """Return the captured body, None where not all ten parameters are determined or its mass may as well be zero.
+    """Return the captured body, None where not all ten parameters are determined or its mass may be zero.
 
     Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
 
@@ -100,10 +87,7 @@ def _change(frame: Frame) -> Array:
 
 
 def is_usable(estimate: Estimate) -> bool:
-    """Tell whether an estimate says enough to compute with, at least in a plane.
-
-    That is a positive mass, two coordinates of the centre of mass and a moment of inertia.
-    """
+    """Tell whether an estimate has a positive mass, two coordinates of the CoM and a moment: enough in a plane."""
     mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
     known = mass > 0.0 and np.sum(np.isfinite(com)) >= 2 and np.any(moments > 0.0)
     return bool(known) and estimate.status != 'inconsistent'
@@ -118,12 +102,12 @@ class InertiaPublication:
     """The mass properties of estimates that follow each other."""
 
     def __init__(self) -> None:
-        self._told = False  # whether the last ones can be used
+        self._published = False  # whether the last ones can be used
 
     def follow(self, estimate: Estimate) -> Estimate | None:
         """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
-        before, self._told = self._told, is_usable(estimate)
-        if self._told:
+        before, self._published = self._published, is_usable(estimate)
+        if self._published:
             return estimate
         return replace(estimate, parameters=np.full(10, np.nan)) if before else None
 
@@ -132,11 +116,11 @@ class DebrisPublication:
     """The captured body alone, as estimates that follow each other have it."""
 
     def __init__(self) -> None:
-        self._told: Debris | None = None
+        self._published: Debris | None = None
 
     def follow(self, found: Debris | None) -> Debris | None:
         """Return the next one, without numbers where it is not determined any more; None where that is known."""
-        before, self._told = self._told, found
+        before, self._published = self._published, found
         if found is None and before is not None:
             return replace(before, parameters=np.full(10, np.nan), covariance=np.full((10, 10), np.nan))
         return found

@@ -34,8 +34,7 @@ class Curvature:
 
     Attributes
     ----------
-    shifts : (d, 10) by which the standard parameters have moved, at each of d other points
-    covariance : (10, 10) of them at the solution
+    shifts, covariance : (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
     largest : standard deviations that a near linear one moves by at most
     """
 
@@ -44,12 +43,7 @@ class Curvature:
     largest: float = _LARGEST
 
     def straight(self, jacobian: Array) -> Flags:
-        """Return of which numbers (m,) the equations are near linear.
-
-        Parameters
-        ----------
-        jacobian : (m, 10) of the numbers with respect to the standard parameters
-        """
+        """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
         moved = np.max(np.abs(self.shifts @ jacobian.T), axis=0)
         variance = np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian)
         return np.asarray(moved**2 <= self.largest**2 * variance)

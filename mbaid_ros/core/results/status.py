@@ -28,7 +28,7 @@ class Reason:
     text : one line: what is wrong, the value, what to do
     severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
         one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
-    gain : log-likelihood, where the text is a cause as well: the first one, of a note where there are others only
+    gain : log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
     """
 
     text: str
@@ -88,23 +88,20 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a run says of its model.
+    """What a run shows of its model.
 
     Attributes
     ----------
     nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
     innovations : by sensor, and from window to window
-    distances : by what is declared, in words, how far off the data see it beside its prior; where a walk is reported,
-        those of the hypothesis that nothing drifts
-    jumps : of the momentum
-    unconfirmed : s, times of those that may be something else yet
-    hypothesis : which is reported, empty for the one without disturbance; physical : whether it says what happens
-    odometry_drifts : whether it lets the odometry wander
+    distances : by what is declared, in words, how far off the data see it beside its prior, if nothing drifts
+    jumps, unconfirmed : of the momentum: how many, and the times, s, of those that may be something else yet
+    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it says what happens, and
+        lets the odometry wander
     gain : log-likelihood of that hypothesis over the first
-    instead : what of the robot would explain most, in words, by being further off than declared if nothing acted, and
-        the log-likelihood gained by that
+    instead : what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
     latest : the window that the run ends with
-    correlation_time : s, over which the errors of the base's poses are declared to be correlated
+    correlation_time : s, declared of the errors of the base's poses
     """
 
     nis: float
@@ -139,7 +136,7 @@ class Verdict:
     widening: float
 
     def with_cause(self, cause: Cause) -> Verdict:
-        """Return the same with one more cause in its place, of which a reason tells; one that is there counts once."""
+        """Return the same with one more cause in its place, which is a reason, too; one that is there counts once."""
         others = [each for each in self.causes if each.text != cause.text]
         causes = tuple(sorted((*others, cause), key=lambda each: -each.gain))
         return replace(self, causes=causes, reasons=(*self.reasons, cause.text))
@@ -177,11 +174,8 @@ def judge(evidence: Evidence) -> Verdict:
 
 
 def _too_far(distance: Distance) -> bool:
-    """Tell whether something is further off than declared, beyond doubt."""
     square, twice, degrees = distance
-    if not degrees:
-        return False
-    return square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
+    return degrees > 0 and square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
 
 
 def _widening(evidence: Evidence) -> float:
@@ -228,13 +222,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
 
 
 def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
-    """Return that the odometry's noise is correlated, if samples say so where it seems to drift or to jump.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    of_noise : gain of larger noise of the odometry, which this explains as well
-    """
+    """Return that the odometry's noise is correlated, if samples say so; that explains a gain by larger noise, too."""
     if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
         return []
     time, gain = correlation_time_of(evidence.latest)
@@ -255,13 +243,7 @@ class IntervalConsistency:
         self._changes = 0  # of the target
 
     def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
-        """Return an estimate that is inconsistent where it has left the interval of one before it.
-
-        Parameters
-        ----------
-        estimate : the next one
-        early : whether it is one of the first, from which later ones are known to differ
-        """
+        """Return an estimate, inconsistent where it has left an interval before it; from an early one later ones may."""
         changes = sum(event.kind == 'target_changed' for event in estimate.events)
         if changes != self._changes:
             self._earlier.clear()
