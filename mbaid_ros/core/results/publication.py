@@ -26,7 +26,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Debris:
-    """The captured body: mass, CoM and inertia about it (10,), with their covariance, in a frame that counts as known."""
+    """The captured body: mass, CoM and inertia about it (10,), with covariance, in a frame that counts as known."""
 
     frame: Frame
     parameters: Array

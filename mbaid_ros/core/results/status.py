@@ -243,7 +243,7 @@ class IntervalConsistency:
         self._changes = 0  # of the target
 
     def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
-        """Return an estimate, inconsistent where it has left an interval before it; from an early one later ones may."""
+        """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
         changes = sum(event.kind == 'target_changed' for event in estimate.events)
         if changes != self._changes:
             self._earlier.clear()

@@ -1,7 +1,7 @@
 """The list of what is uncertain of the nominal model, and the words of each cause.
 
-A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `of_sensors` where
-it belongs to a run, in `catalogue` where it belongs to the robot; a `CalibratedSide` then counts its numbers, too.
+A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `_of_sensors`
+where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
 """
 
 from __future__ import annotations
@@ -30,13 +30,12 @@ from mbaid_ros.core.unknowns.base import (
     twist_bias,
 )
 from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, known_bodies, spin_inertias
-from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words
+from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
     ExternalTorque,
     Gravity,
     OrbitShape,
-    Thrusters,
     external_torque,
     gravity,
     orbit_shape,
@@ -70,74 +69,58 @@ _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact bes
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How uncertain the known side is: standard deviations, 0 is exact. Bodies' errors are those of the kernel.
+    """How uncertain the nominal model is: standard deviations, 0 is exact. Bodies' errors are those of the kernel."""
 
-    Attributes
-    ----------
-    zeros, origins, axes : of each joint: rad (m for a prismatic one), m, rad; empty is exact
-    mount_position, mount_orientation : m, rad, of the base's frame in the one that the odometry locates
-    time_offset : s, of the joints' stamps
-    target : what is known of the target body
-    linear_momentum : N s, of the total linear momentum about zero; 0 where nothing is known of it
-    carried : what is known of the unknowns' independent numbers together; None for nothing but their own variances
-    spin_inertias : kg m^2, of each of what stores momentum inside bodies; empty is exact
-    thrusters : frames of those that are not as commanded
-    thrust_scale, thrust_direction, thrust_delay : of each of them: relative; rad; s
-    gyro : of an IMU's angular velocity; None where there is none
-    clock_drift : s/s, of the joints' stamps
-    odometry_scale : relative, of the lengths that the odometry reads
-    twist_bias : rad/s, of its angular velocity
-    orbit : rad/s, mean motion of an orbit that may be there undeclared; 0 is none
-    circle : the orbit that is declared, where it may be no circle
-    torque : N m, of a torque from outside in base axes
-    tracking, tracking_time : of each joint: rad (m for a prismatic one), how far it wanders from where it is read to
-        be, and s, over which it does; empty is not at all
-    """
-
-    zeros: Sequence[float] = ()
-    origins: Sequence[float] = ()
-    axes: Sequence[float] = ()
-    mount_position: float = 0.0
-    mount_orientation: float = 0.0
-    time_offset: float = 0.0
+    zeros: Sequence[float] = ()  # of each joint: rad (m for a prismatic one); empty is exact
+    origins: Sequence[float] = ()  # of each joint: m
+    axes: Sequence[float] = ()  # of each joint: rad
+    mount_position: float = 0.0  # m, of the base's frame in the one that the odometry locates
+    mount_orientation: float = 0.0  # rad
+    time_offset: float = 0.0  # s, of the joints' stamps
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
-    linear_momentum: float = 0.0
-    carried: UnknownsPrior | None = None
-    spin_inertias: Sequence[float] = ()
-    thrusters: Sequence[str] = ()
-    thrust_scale: float = 0.0
-    thrust_direction: float = 0.0
-    thrust_delay: float = 0.0
-    gyro: GyroErrors | None = None
-    clock_drift: float = 0.0
-    odometry_scale: float = 0.0
-    twist_bias: float = 0.0
-    orbit: float = 0.0
-    circle: Circle | None = None
-    torque: float = 0.0
-    tracking: Sequence[float] = ()
-    tracking_time: Sequence[float] = ()
+    linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
+    carried: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
+    spin_inertias: Sequence[float] = ()  # kg m^2, of each wheel; empty is exact
+    thrusters: Sequence[str] = ()  # frames of those that are not as commanded
+    thrust_scale: float = 0.0  # relative, of each of them
+    thrust_direction: float = 0.0  # rad
+    thrust_delay: float = 0.0  # s
+    gyro: GyroErrors | None = None  # None where there is none
+    clock_drift: float = 0.0  # s/s, of the joints' stamps
+    odometry_scale: float = 0.0  # relative, of the lengths that the odometry reads
+    twist_bias: float = 0.0  # rad/s, of its angular velocity
+    orbit: float = 0.0  # rad/s, mean motion of an orbit that may be there undeclared; 0 is none
+    circle: Circle | None = None  # the orbit that is declared, where it may be no circle
+    torque: float = 0.0  # N m, of a torque from outside in base axes
+    tracking: Sequence[float] = ()  # of each joint: rad or m, how far it wanders from its reading; empty is not at all
+    tracking_time: Sequence[float] = ()  # s, over which it does
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return all unknowns of the known side; those that are exact are left out, those only read come last."""
+    """Return all unknowns of the nominal model but the exact ones; those only read come last."""
     none = [0.0] * kernel.model.joints
     placements = (uncertainty.zeros or none, uncertainty.origins or none, uncertainty.axes or none)
-    every = (
-        known_bodies(kernel.model, kernel.errors),
-        joint_placements(kernel, *placements),
-        spin_inertias(kernel, uncertainty.spin_inertias),
-        pushing(uncertainty),
-        wandering(kernel, uncertainty),
-        odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation),
-        *of_sensors(uncertainty),
+    return (
+        *_uncertain(known_bodies(kernel.model, kernel.errors), joint_placements(kernel, *placements)),
+        *_not_calibrated(kernel, uncertainty),
+        *_uncertain(odometry_mount(uncertainty.mount_position, uncertainty.mount_orientation)),
+        *_of_sensors(uncertainty),
     )
-    return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())
 
 
-def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to a run, its sensors and where it is, not to the robot: no calibration speaks of it."""
-    every = (
+def _not_calibrated(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return what belongs to the robot and to no calibration."""
+    thrust = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
+    return _uncertain(
+        spin_inertias(kernel, uncertainty.spin_inertias),
+        thrusters(uncertainty.thrusters, *thrust),
+        joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time),
+    )
+
+
+def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return what belongs to a run, its sensors and where it is, and to no calibration."""
+    return _uncertain(
         gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),
         clock_drift(uncertainty.clock_drift),
@@ -147,29 +130,20 @@ def of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         external_torque(uncertainty.torque),
         *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
-    return tuple(unknown for unknown in every if unknown.count and unknown.factor.any())
 
 
-def pushing(uncertainty: Uncertainty) -> Thrusters:
-    """Return the thrusters."""
-    deviations = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
-    return thrusters(uncertainty.thrusters, *deviations)
-
-
-def wandering(kernel: MomentumKernel, uncertainty: Uncertainty) -> JointTracking:
-    """Return how joints wander from where they are read to be: of a run, as no calibration speaks of it."""
-    return joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time)
+def _uncertain(*unknowns: Unknown) -> tuple[Unknown, ...]:
+    return tuple(unknown for unknown in unknowns if unknown.count and unknown.factor.any())
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedSide:
-    """What a calibration has found beside the robot description that has its bodies, origins and axes already.
+    """A calibration beside the robot description, which has its bodies, origins and axes already.
 
     Attributes
     ----------
     links : k of them
-    zeros : (n,) rad or m, what is added to the measured joint positions
-    mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
+    zeros, mount : (n,), (6,) as of a NominalModel
     covariance : (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
         displacement of its frame and tilts of its axis; mount
     """
@@ -180,13 +154,7 @@ class CalibratedSide:
     covariance: Array
 
     def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
-        """Return a kernel and what is uncertain of its known side, for the catalogue: all of it with its correlations.
-
-        Parameters
-        ----------
-        kernel : of the robot, with its target
-        uncertainty : of what no calibration speaks of
-        """
+        """Return a kernel with its target and its uncertainty, correlated; the rest of the uncertainty as given."""
         joints = kernel.model.joints
         bodies, carry = to_bodies(self.links, [link.name for link in kernel.unknown])
         whole = block_diag(carry, np.eye(6 * joints + 6))
@@ -210,12 +178,13 @@ class CalibratedSide:
         values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), mount))
         values[len(carry) : -6 : 6] = self.zeros
         known = _gaussian(values, covariance, units)
-        others = int(np.count_nonzero(uncertainty.spin_inertias)) + pushing(uncertainty).count
-        others += wandering(kernel, uncertainty).count
+        others, sensing = (
+            sum(unknown.count for unknown in each)
+            for each in (_not_calibrated(kernel, uncertainty), _of_sensors(uncertainty))
+        )
         known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
-        sensing = sum(unknown.count for unknown in of_sensors(uncertainty))
         known = known.beside(sensing, before=len(known.mean))
-        doubted = kernel.with_uncertainty(KnownErrors(bodies, np.diag(of_bodies)[:, of_bodies > 0.0]))
+        doubted = kernel.with_uncertainty(KnownErrors(bodies, diagonal(of_bodies)))
         return doubted, replace(
             uncertainty,
             zeros=zeros.tolist(),
@@ -243,15 +212,10 @@ def _gaussian(values: Array, covariance: Array, units: Array) -> UnknownsPrior:
 
 
 def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
-    """Return further unknowns of the readings that only a run under suspicion is given, but for those it has anyway.
+    """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
     Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what
     it was. The likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
-
-    Parameters
-    ----------
-    known : labels of the unknowns that the run has
-    joints : their names
     """
     every: tuple[Linear, ...] = (
         odometry_scale(5e-5),
@@ -291,13 +255,9 @@ def remedy_text(cause: str) -> str:
 
 
 def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
-    """Return that a thing, or all of a kind, is so many times as far off as declared.
+    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared.
 
-    Parameters
-    ----------
-    cause : of the error budget, 'link:arm', or a kind of them, 'link'
-    size : how many times
-    declared : by kind, parameters other than a run's
+    `declared` names parameters, by kind, other than a run's.
     """
     words, name = _words_of(cause)
     parameter = (declared or {}).get(cause.partition(':')[0], words.parameter) or 'its standard deviation'
