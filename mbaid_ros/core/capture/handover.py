@@ -19,19 +19,12 @@ ENOUGH = 50  # redundant equations, before residual and jumps are judged: varian
 
 @dataclass(frozen=True)
 class Chaser:
-    """What the known model says of the robot alone.
+    """What the known model says of the robot alone."""
 
-    Attributes
-    ----------
-    momentum, covariance : (6,), (6, 6) its (P, L) in the odometry frame, L about its origin, before any known thrust
-    residual : root mean square of the normalised residuals: 1 is momentum as constant as the noise lets it seem
-    samples : number used
-    """
-
-    momentum: Array
-    covariance: Array
-    residual: float
-    samples: int
+    momentum: Array  # (6,) its (P, L) in the odometry frame, L about its origin, before any known thrust
+    covariance: Array  # (6, 6)
+    residual: float  # root mean square of the normalised residuals: 1 is momentum as constant as the noise lets it seem
+    samples: int  # number used
 
 
 class KnownMomentum:
@@ -114,24 +107,15 @@ class KnownMomentum:
 
 @dataclass(frozen=True)
 class Handover:
-    """What a robot has learnt of itself before the capture, and the method that goes on with it.
+    """What a robot has learnt of itself before the capture, and the method that goes on with it."""
 
-    Attributes
-    ----------
-    kernel : with the calibrated bodies, and how far they may still be off
-    after : the method
-    again : makes that method anew
-    chaser : the robot before the capture
-    link_covariance : (10, 10) of the target link's own standard parameters, None where it counts as exact
-    told : the calibration in a line
-    """
-
-    kernel: MomentumKernel
-    after: Estimator
-    again: Callable[[], Estimator]
-    chaser: Chaser
+    kernel: MomentumKernel  # with the calibrated bodies, and how far they may still be off
+    after: Estimator  # the method
+    again: Callable[[], Estimator]  # makes that method anew
+    chaser: Chaser  # the robot before the capture
+    # (10, 10) of the target link's own standard parameters, None where it counts as exact
     link_covariance: Array | None
-    told: str
+    told: str  # the calibration in a line
 
 
 # From windows before the capture to what they tell of the robot's own bodies.
@@ -140,21 +124,12 @@ Calibrate = Callable[[list[Samples]], Handover]
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture and what it tells of the body that was captured.
+    """A capture and what it tells of the body that was captured."""
 
-    Attributes
-    ----------
-    time : s since the first sample
-    chaser : the robot before it, None where nothing was measured
-    momentum, covariance : (6,), (6, 6) of the captured body before it, as in Chaser; NaN where not known
-    velocity, spin : (3,) m/s, rad/s of that body before it, its CoM's and its own, odometry axes; NaN where not known
-    calibrated : what the robot has learnt of itself before it, in a line; empty where nothing
-    """
-
-    time: float
-    chaser: Chaser | None
-    momentum: Array
-    covariance: Array
-    velocity: Array
-    spin: Array
-    calibrated: str = ''
+    time: float  # s since the first sample
+    chaser: Chaser | None  # the robot before it, None where nothing was measured
+    momentum: Array  # (6,) of the captured body before it, as in Chaser; NaN where not known
+    covariance: Array  # (6, 6)
+    velocity: Array  # (3,) m/s, of the captured body's CoM before it, odometry axes; NaN where not known
+    spin: Array  # (3,) rad/s, as the velocity
+    calibrated: str = ''  # what the robot has learnt of itself before it, in a line; empty where nothing

@@ -56,23 +56,16 @@ FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Something that may be wrong, as the filter would pass the windows if it were.
+    """Something that may be wrong, as the filter would pass the windows if it were."""
 
-    Attributes
-    ----------
-    text : what is wrong; or of the filter at the end, None where that cannot be
-    passes, windows : of what it is then
-    point : where windows are linearised first; None for that of a fit, as what is left out has led the run astray
-    of_twist : whether it is something wrong with the base's twist
-    rival : the same data without what is supposed, which may explain as much
-    """
-
+    # what is wrong; or of the filter at the end, None where that cannot be
     text: str | Callable[[HypothesisFilter], str | None]
-    passes: FilterPasses
-    windows: Sequence[Window]
+    passes: FilterPasses  # with its unknowns
+    windows: Sequence[Window]  # as they are then
+    # where windows are linearised first; None for that of a fit, as what is left out has led the run astray
     point: Point | None = None
-    of_twist: bool = False
-    rival: Candidate | None = None
+    of_twist: bool = False  # whether it is something wrong with the base's twist
+    rival: Candidate | None = None  # the same data without what is supposed, which may explain as much
 
 
 Candidates = Iterator[int | Candidate]
@@ -80,20 +73,12 @@ Candidates = Iterator[int | Candidate]
 
 @dataclass(frozen=True)
 class CandidateCauses:
-    """Asks what may be wrong with a run.
+    """Asks what may be wrong with a run."""
 
-    Attributes
-    ----------
-    layout : of the run's state
-    plane : whether the motion is planar
-    uncertainty : of the nominal model
-    hypotheses : that the run is followed under
-    """
-
-    layout: Layout
-    plane: PlaneDetector
-    uncertainty: Uncertainty
-    hypotheses: tuple[Hypothesis, ...]
+    layout: Layout  # of the run's state
+    plane: PlaneDetector  # whether the motion is planar
+    uncertainty: Uncertainty  # of the nominal model
+    hypotheses: tuple[Hypothesis, ...]  # that the run is followed under
 
     def inquire(
         self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()

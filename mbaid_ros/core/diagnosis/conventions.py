@@ -30,21 +30,13 @@ _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near 
 
 @dataclass(frozen=True, eq=False)
 class Convention:
-    """How the readings or the robot may be meant.
+    """How the readings or the robot may be meant."""
 
-    Attributes
-    ----------
-    text : what is wrong then, and what to do
-    change : (n + 1, 10) added to the known bodies
-    windows : what windows are then
-    joint_range, base_range : rad or m, and m, that readings exceed at least where it may be so
-    """
-
-    text: str
-    change: Array
-    windows: Callable[[Sequence[Window]], Sequence[Window]] = list
-    joint_range: float = 0.0
-    base_range: float = 0.0
+    text: str  # what is wrong then, and what to do
+    change: Array  # (n + 1, 10) added to the known bodies
+    windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # what windows are then
+    joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
+    base_range: float = 0.0  # m, that positions of the base do
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Tell whether windows may be of it: joints in degrees make whole turns, lengths in millimetres are long."""
@@ -173,18 +165,11 @@ def _largest(values: Iterable[Array]) -> float:
 
 @dataclass(frozen=True)
 class Fit:
-    """The body and momentum that explain windows best under a convention, by linear least squares.
-
-    Attributes
-    ----------
-    convention : Convention
-    parameters : (16,) (P, L, phi), L about the run's origin
-    misfit : mean squared velocity of the base that is not explained, angular ones times the robot's size
-    """
+    """The body and momentum that explain windows best under a convention, by linear least squares."""
 
     convention: Convention
-    parameters: Array
-    misfit: float
+    parameters: Array  # (16,) (P, L, phi), L about the run's origin
+    misfit: float  # mean squared velocity of the base that is not explained, angular ones times the robot's size
 
     def point(self, layout: Layout) -> Point:
         """Return where windows are linearised."""

@@ -22,52 +22,30 @@ CATCH_ALL = 0.95
 
 @dataclass(frozen=True)
 class Change:
-    """A target that has moved in the grasp, or was exchanged for another.
+    """A target that has moved in the grasp, or was exchanged for another."""
 
-    Attributes
-    ----------
-    time : s since the first sample, start of the window in which it was noticed
-    exchanged : whether mass and momentum have changed as well
-    """
-
-    time: float
-    exchanged: bool
+    time: float  # s since the first sample, start of the window in which it was noticed
+    exchanged: bool  # whether mass and momentum have changed as well
 
 
 @dataclass(frozen=True)
 class CandidateCause:
-    """What may be wrong.
+    """What may be wrong."""
 
-    Attributes
-    ----------
-    text : in words
-    gain : how much likelier that makes the data (log-likelihood)
-    physical : whether it says what happens
-    change : what has become of the target, where that leaves nothing unexplained
-    of_twist : whether it is something wrong with the base's twist, which poses can do without
-    """
-
-    text: str
-    gain: float
-    physical: bool = True
-    change: Change | None = None
-    of_twist: bool = False
+    text: str  # in words
+    gain: float  # how much likelier that makes the data (log-likelihood)
+    physical: bool = True  # whether it says what happens
+    change: Change | None = None  # what has become of the target, where that leaves nothing unexplained
+    of_twist: bool = False  # whether it is something wrong with the base's twist, which poses can do without
 
 
 @dataclass(frozen=True)
 class IsolationResult:
-    """What an inquiry has come to.
+    """What an inquiry has come to."""
 
-    Attributes
-    ----------
-    causes : the likeliest first
-    innovations : of the pass without jumps
-    misfit : half of the sum of its normalised innovations squared, beyond what there should be
-    """
-
-    causes: tuple[CandidateCause, ...]
-    innovations: Innovations
-    misfit: float
+    causes: tuple[CandidateCause, ...]  # the likeliest first
+    innovations: Innovations  # of the pass without jumps
+    misfit: float  # half of the sum of its normalised innovations squared, beyond what there should be
 
     @property
     def leading(self) -> CandidateCause | None:

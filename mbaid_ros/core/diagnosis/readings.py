@@ -19,18 +19,11 @@ from mbaid_ros.core.samples import Samples
 
 @dataclass(frozen=True)
 class SpoiltReading:
-    """A joint's reading that may be wrong in some of the windows.
+    """A joint's reading that may be wrong in some of the windows."""
 
-    Attributes
-    ----------
-    text : what is wrong, and what to do
-    windows : the others, as they would be without it
-    as_read : the others with a jump left in, where it is one
-    """
-
-    text: str
-    windows: list[Window]
-    as_read: Sequence[Window] = ()
+    text: str  # what is wrong, and what to do
+    windows: list[Window]  # the others, as they would be without it
+    as_read: Sequence[Window] = ()  # the others with a jump left in, where it is one
 
 
 def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
@@ -177,16 +170,10 @@ _TOUCHED = 5  # differences of fourth order that a sample is in
 
 @dataclass(frozen=True)
 class Roughness:
-    """How noisy samples are by their fourth differences, in which no motion is left.
+    """How noisy samples are by their fourth differences, in which no motion is left."""
 
-    Attributes
-    ----------
-    factor : (5,) of CHANNELS, how many times as noisy as declared; NaN where they cannot say
-    outliers : share of the poses that are far off
-    """
-
-    factor: Array
-    outliers: float
+    factor: Array  # (5,) of CHANNELS, how many times as noisy as declared; NaN where they cannot say
+    outliers: float  # share of the poses that are far off
 
 
 def roughness(windows: Sequence[Samples], joint_position: float) -> Roughness:

@@ -16,7 +16,7 @@ from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, log, rotate, rotate_back, skew
 
 _FEWEST = 8  # windows, of six numbers each: enough that a wrong reading is no accident
-# Mean normalised square of the poses' ways less the twists', from which a twist is not the rate of the poses.
+# Mean normalised square of the poses' steps less the twists', from which a twist is not the rate of the poses.
 _CONTRADICTS = 4.0
 _LEFT = 0.25  # of what contradicts, and of what moves: what another reading leaves at most to be believed
 _MILLIMETRE = 1e-3  # m: a unit
@@ -28,49 +28,41 @@ class _Motion:
 
     Attributes
     ----------
-    way : (W, 6) as the poses say
-    said : (W, 6) as the twist says
-    arm : (W, 3, 3) what a point away from the base's adds to the linear one, m, per metre in base axes
+    step, read : (W, 6) by the poses, and as the twist is read
+    arm : (W, 3, 3) what a point away from the base's adds to the linear step, m, per metre in base axes
     middle : (W, 3, 3) rotation of the base in the middle of each
     noise : (W, 6) standard deviation of the difference between the two
     """
 
-    way: Array
-    said: Array
+    step: Array
+    read: Array
     arm: Array
     middle: Array
     noise: Array
 
-    def left(self, said: Array) -> float:
-        """Return the mean normalised square of what is left of the ways where the twist says something else."""
-        return float(np.mean(((self.way - said) / self.noise) ** 2))
+    def misfit(self, meant: Array) -> float:
+        """Return the mean normalised square of what (W, 6) leave of the steps."""
+        return float(np.mean(((self.step - meant) / self.noise) ** 2))
 
-    def read(self, meant: Callable[[Array, Array], Array]) -> Array:
-        """Return what the twist would say, (W, 6), if (W, 3) of it were meant otherwise, by the base's rotation."""
-        return np.concatenate([meant(self.middle, each) for each in np.split(self.said, 2, axis=1)], axis=1)
+    def turned(self, turn: Callable[[Array, Array], Array]) -> Array:
+        """Return (W, 6) of the twist with both parts turned, by a function of rotations and (W, 3) of it."""
+        return np.concatenate([turn(self.middle, each) for each in np.split(self.read, 2, axis=1)], axis=1)
 
 
 def twist_convention_error(windows: Sequence[Window]) -> str:
     """Return what the twist is instead of the rate of the poses; empty where it is that, or nothing explains it."""
-    motion = _motion(windows)
-    if motion is None:
-        return ''
-    contradiction = motion.left(motion.said)
-    if contradiction < _CONTRADICTS:
-        return ''
-    if not np.any(motion.said):
-        return 'the twist of the odometry is zero while its poses move: publish NaN where it is not measured'
-    left, text = min((motion.left(said), text) for text, said in _readings(motion))
-    return text if left < _LEFT * min(contradiction, motion.left(np.zeros(6))) else ''
-
-
-def _motion(windows: Sequence[Window]) -> _Motion | None:
-    """Return how windows move; None where too few have a twist."""
-    parts = [_moved(each) for each in windows if np.all(np.isfinite(each.knots.base_twist[_own(each)]))]
+    parts = [_of_window(each) for each in windows if np.all(np.isfinite(each.knots.base_twist[_own(each)]))]
     parts = [part for part in parts if np.all(np.isfinite(part[0]))]
     if len(parts) < _FEWEST:
-        return None
-    return _Motion(*(np.stack(each) for each in zip(*parts, strict=True)))
+        return ''
+    motion = _Motion(*(np.stack(each) for each in zip(*parts, strict=True)))
+    contradiction = motion.misfit(motion.read)
+    if contradiction < _CONTRADICTS:
+        return ''
+    if not np.any(motion.read):
+        return 'the twist of the odometry is zero while its poses move: publish NaN where it is not measured'
+    left, text = min((motion.misfit(meant), text) for text, meant in _meanings(motion))
+    return text if left < _LEFT * min(contradiction, motion.misfit(np.zeros(6))) else ''
 
 
 def _own(window: Window) -> slice:
@@ -78,24 +70,25 @@ def _own(window: Window) -> slice:
     return slice(window.inside.start, window.inside.stop + 1)
 
 
-def _moved(window: Window) -> tuple[Array, Array, Array, Array, Array]:
-    """Return what `_Motion` holds of one window."""
+def _of_window(window: Window) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the fields of `_Motion` for one window."""
     knots, own, noise = window.knots, _own(window), window.noise
     rotation, position, twist = knots.base_rotation[own], knots.base_position[own], knots.base_twist[own]
     turn = log(rotation[-1] @ rotation[0].T)
-    said = window.spacing * trapezoid(twist, axis=0)
+    read = window.spacing * trapezoid(twist, axis=0)
     arm = window.spacing * trapezoid(skew(twist[:, 3:]) @ rotation, axis=0)
     # Errors that stay for a while are no smaller in the mean of a knot.
     share = 1.0 if noise.correlation_time > 0.0 else (len(rotation) - 1) / noise.samples
     variance = 2.0 * share * np.diag(noise.pose) + window.length**2 / noise.samples * np.diag(noise.twist)
-    spread = np.sqrt(np.repeat(np.max(variance.reshape(2, 3), axis=1), 3))  # of whichever axes
+    spread = np.sqrt(np.repeat(np.max(variance.reshape(2, 3), axis=1), 3))  # in any axes
     middle = rotation[len(rotation) // 2]
-    return np.concatenate((turn, position[-1] - position[0])), np.roll(said, 3), arm, middle, spread
+    return np.concatenate((turn, position[-1] - position[0])), np.roll(read, 3), arm, middle, spread
 
 
-def _readings(motion: _Motion) -> Iterator[tuple[str, Array]]:
-    """Yield what the twist may be, and what it would say of each window's way if it were that."""
-    angular, linear = motion.said[:, :3], motion.said[:, 3:]
+def _meanings(motion: _Motion) -> Iterator[tuple[str, Array]]:
+    """Yield what the twist may be, and the steps (W, 6) that it would mean."""
+    what = 'the twist of the odometry'
+    angular, linear = motion.read[:, :3], motion.read[:, 3:]
     yield (
         'the angular velocity of the odometry is in degrees a second: in ROS it is in rad/s',
         np.concatenate((np.deg2rad(angular), linear), axis=1),
@@ -104,16 +97,13 @@ def _readings(motion: _Motion) -> Iterator[tuple[str, Array]]:
         'the linear velocity of the odometry is in millimetres a second: in ROS it is in m/s',
         np.concatenate((angular, _MILLIMETRE * linear), axis=1),
     )
-    yield 'the twist of the odometry has the wrong sign', -motion.said
-    yield (
-        'the twist of the odometry is in the axes of its header.frame_id: set twist_frame: inertial',
-        motion.read(rotate_back),
-    )
-    yield 'the twist of the odometry is in the axes of its child_frame_id: set twist_frame: child', motion.read(rotate)
+    yield f'{what} has the wrong sign', -motion.read
+    yield f'{what} is in the axes of its header.frame_id: set twist_frame: inertial', motion.turned(rotate_back)
+    yield f'{what} is in the axes of its child_frame_id: set twist_frame: child', motion.turned(rotate)
     point = _point(motion)
-    named = ', '.join(f'{-1e3 * each:.0f}' for each in point)
+    place = ', '.join(f'{-1e3 * each:.0f}' for each in point)
     yield (
-        f'the twist of the odometry is that of a point ({named}) mm away from that of its poses, in base axes',
+        f'{what} is that of a point ({place}) mm away from that of its poses, in base axes',
         np.concatenate((angular, linear + motion.arm @ point), axis=1),
     )
     turn = _turn(motion)
@@ -122,7 +112,7 @@ def _readings(motion: _Motion) -> Iterator[tuple[str, Array]]:
     axis = ', '.join(f'{each:.2f}' for each in about / max(size, 1e-12))
     yield (
         f'the axes of the twist are turned by {np.rad2deg(size):.0f} degrees about ({axis}) against those of the poses',
-        motion.read(lambda rotation, said: rotate(rotation, rotate_back(rotation, said) @ turn.T)),
+        motion.turned(lambda rotation, part: rotate(rotation, rotate_back(rotation, part) @ turn.T)),
     )
 
 
@@ -130,7 +120,7 @@ def _point(motion: _Motion) -> Array:
     """Return the point, (3,) m in base axes, that the poses are of as the twist's point sees it: v + w x R r."""
     weight = 1.0 / motion.noise[:, 3:, None]
     rows = (weight * motion.arm).reshape(-1, 3)
-    values = (weight[..., 0] * (motion.way - motion.said)[:, 3:]).ravel()
+    values = (weight[..., 0] * (motion.step - motion.read)[:, 3:]).ravel()
     return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-6)[0])
 
 
@@ -138,8 +128,8 @@ def _turn(motion: _Motion) -> Array:
     """Return the rotation, (3, 3), that takes the twist's numbers to the axes of the base (Wahba's problem)."""
     both = np.zeros((3, 3))
     for part in (slice(0, 3), slice(3, 6)):
-        parts = (each[:, part] / motion.noise[:, part] for each in (motion.way, motion.said))
-        way, said = (rotate_back(motion.middle, each) for each in parts)
-        both += way.T @ said
+        parts = (each[:, part] / motion.noise[:, part] for each in (motion.step, motion.read))
+        step, read = (rotate_back(motion.middle, each) for each in parts)
+        both += step.T @ read
     left, _, right = np.linalg.svd(both)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)

@@ -106,21 +106,13 @@ class Instant:
 
 @dataclass
 class Reporting:
-    """The thresholds of what is published; they may change between two windows.
+    """The thresholds of what is published; they may change between two windows."""
 
-    Attributes
-    ----------
-    scale : (10,) typical sizes of the standard parameters
-    identifiable_std, converged_std : relative standard deviations
-    length : m, that the centre of mass is taken relative to
-    largest_residual : RMS of the normalised residuals from which the data are inconsistent
-    """
-
-    scale: Array
-    identifiable_std: float
+    scale: Array  # (10,) typical sizes of the standard parameters
+    identifiable_std: float  # relative standard deviation, as the next one
     converged_std: float
-    length: float
-    largest_residual: float
+    length: float  # m, that the centre of mass is taken relative to
+    largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
     def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
         """Return what is published of N > 0 independent solutions, each at its instant: together they take less time.

@@ -120,20 +120,12 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether the model explains the data.
+    """Whether the model explains the data."""
 
-    Attributes
-    ----------
-    adequate : whether it does
-    reasons : why not, one line each
-    causes : the likeliest first; also of a model that does, where something is suspicious
-    widening : factor for the covariance of what is published
-    """
-
-    adequate: bool
-    reasons: tuple[str, ...]
-    causes: tuple[Cause, ...]
-    widening: float
+    adequate: bool  # whether it does
+    reasons: tuple[str, ...]  # why not, one line each
+    causes: tuple[Cause, ...]  # the likeliest first; also of a model that does, where something is suspicious
+    widening: float  # factor for the covariance of what is published
 
     def with_cause(self, cause: Cause) -> Verdict:
         """Return the same with one more cause in its place, which is a reason, too; one that is there counts once."""

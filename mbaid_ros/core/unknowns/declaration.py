@@ -124,19 +124,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Words:
-    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'.
+    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
 
-    Attributes
-    ----------
-    every : all causes of the kind together
-    parameter : where their standard deviation is declared
-    remedy : what would make them better known; {} stands for the thing's name
-    deviation : of the thing's name and its numbers (SI units), what they would have to be, and what to do
-    """
-
-    every: str = ''
-    parameter: str = ''
-    remedy: str = ''
+    every: str = ''  # all causes of the kind together
+    parameter: str = ''  # where their standard deviation is declared
+    remedy: str = ''  # what would make them better known; {} stands for the thing's name
+    # of the thing's name and its numbers (SI units), what they would have to be, and what to do
     deviation: Callable[[str, Array], str] | None = None
 
 

@@ -99,18 +99,11 @@ def rate_of(value: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    """A circular orbit that may be none.
+    """A circular orbit that may be none."""
 
-    Attributes
-    ----------
-    orbit : the circle, the epoch at the begin of the run
-    eccentricity : up to which it may be none
-    relative_twist : whether the twist is read relative to a frame that turns
-    """
-
-    orbit: Orbit
-    eccentricity: float
-    relative_twist: bool = True
+    orbit: Orbit  # the circle, the epoch at the begin of the run
+    eccentricity: float  # up to which it may be none
+    relative_twist: bool = True  # whether the twist is read relative to a frame that turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,25 +236,16 @@ Axes = Literal['none', 'inertial', 'body']
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What acts or drifts: a constant force, and random walks with intensities a square root of a second.
+    """What acts or drifts: a constant force, and random walks with intensities a square root of a second."""
 
-    Attributes
-    ----------
-    name : in words
-    cause : what it may be, and what to do
-    momentum : N s and N m s: an external force
-    position, orientation : m, rad: the odometry's own drift
-    force : axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
-    physical : whether it says what happens; a walk follows whatever it is
-    """
-
-    name: str
-    cause: str = ''
-    momentum: float = 0.0
-    position: float = 0.0
-    orientation: float = 0.0
+    name: str  # in words
+    cause: str = ''  # what it may be, and what to do
+    momentum: float = 0.0  # N s and N m s: an external force
+    position: float = 0.0  # m: the odometry's own drift
+    orientation: float = 0.0  # rad
+    # axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
     force: Axes = 'none'
-    physical: bool = True
+    physical: bool = True  # whether it says what happens; a walk follows whatever it is
 
     @property
     def disturbed(self) -> bool:

@@ -23,27 +23,17 @@ _LATE = 12  # place of the delay: as many numbers are before it
 
 @dataclass(frozen=True)
 class GyroErrors:
-    """How far an IMU's angular velocity may be off: standard deviations, 0 is exact.
+    """How far an IMU's angular velocity may be off: standard deviations, 0 is exact."""
 
-    Attributes
-    ----------
-    bias, scale, orientation, delay : rad/s, relative, rad, s
-    walk : rad/s/sqrt(s), of the bias
-    cross : relative, of one axis in another
-    alone : whether it alone tells the orientation, which windows are linearised along
-    with_orientation : whether the IMU measures the orientation, too, in the same axes
-    link : that the IMU is on, where joints move it; None on the base
-    """
-
-    bias: float = 0.0
-    scale: float = 0.0
-    orientation: float = 0.0
-    delay: float = 0.0
-    walk: float = 0.0
-    cross: float = 0.0
-    alone: bool = False
-    with_orientation: bool = False
-    link: Link | None = None
+    bias: float = 0.0  # rad/s
+    scale: float = 0.0  # relative
+    orientation: float = 0.0  # rad
+    delay: float = 0.0  # s
+    walk: float = 0.0  # rad/s/sqrt(s), of the bias
+    cross: float = 0.0  # relative, of one axis in another
+    alone: bool = False  # whether it alone tells the orientation, which windows are linearised along
+    with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
+    link: Link | None = None  # that the IMU is on, where joints move it; None on the base
 
 
 @dataclass(frozen=True, eq=False)
