@@ -67,32 +67,19 @@ _OF_THE_MASS = 0.2
 
 @dataclass(frozen=True)
 class Solution:
-    """The solution of a set of windows: numbers, covariance, and the reasons of the run beside them.
+    """The solution of a set of windows: numbers, covariance, and the reasons of the run beside them."""
 
-    Attributes
-    ----------
-    x, covariance : (16,), (16, 16) of (m, h, I_o, P_0, L_0)
-    cautious_covariance : (16, 16) the same with twice the noise's own information taken off (core/difference); of
-        `trajectory` the same as the covariance
-    cost : sum of the squared normalised residuals; of `trajectory` of the normalised innovations
-    redundancy : number of equations less that of unknowns; of `trajectory` that of the innovations
-    origin : (3,) m, about which L_0 is taken, odometry frame
-    plane : of a planar motion, which leaves six of the ten parameters open; else None
-    restarted : whether earlier windows had to be given up
-    curvatures : of its equations, as far as they are known
-    reasons : further ones of the run, in order
-    """
-
-    x: Array
-    covariance: Array
+    x: Array  # (16,) (m, h, I_o, P_0, L_0)
+    covariance: Array  # (16, 16) of x
+    # (16, 16) with twice the noise's own information taken off (core/difference); of `trajectory` the covariance
     cautious_covariance: Array
-    cost: float
-    redundancy: int
-    origin: Array
-    plane: Plane | None
-    restarted: bool = False
-    curvatures: tuple[Curvature, ...] = ()
-    reasons: tuple[Reason, ...] = ()
+    cost: float  # sum of the squared normalised residuals; of `trajectory` of the normalised innovations
+    redundancy: int  # number of equations less that of unknowns; of `trajectory` that of the innovations
+    origin: Array  # (3,) m, about which L_0 is taken, odometry frame
+    plane: Plane | None  # of a planar motion, which leaves six of the ten parameters open; else None
+    restarted: bool = False  # whether earlier windows had to be given up
+    curvatures: tuple[Curvature, ...] = ()  # of its equations, as far as they are known
+    reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
 
 @dataclass(frozen=True)

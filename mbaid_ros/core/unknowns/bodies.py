@@ -100,19 +100,13 @@ def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
 
 @dataclass(frozen=True)
 class TargetPrior:
-    """What is known of the target link before anything is measured: mass and CoM, where given.
+    """What is known of the target link before anything is measured: mass and CoM, where given."""
 
-    Attributes
-    ----------
-    mass, mass_std : kg; 0 where nothing is known of it
-    com, com_std : (3,) m in the link's frame, m; 0 where nothing is known of it. Not used where the mass is unknown,
-        as their product is estimated
-    """
-
-    mass: float = 0.0
-    mass_std: float = 0.0
+    mass: float = 0.0  # kg; 0 where nothing is known of it
+    mass_std: float = 0.0  # kg
+    # (3,) m in the link's frame; not used where the mass is unknown, as their product is estimated.
     com: tuple[float, ...] = ()
-    com_std: float = 0.0
+    com_std: float = 0.0  # m
 
     @property
     def given(self) -> bool:
@@ -134,16 +128,10 @@ class TargetPrior:
 
 @dataclass(frozen=True, eq=False)
 class KnownTarget:
-    """All of the target link known beforehand, as it is before a capture.
+    """All of the target link known beforehand, as it is before a capture."""
 
-    Attributes
-    ----------
-    parameters : (10,) standard parameters (m, h, I_o)
-    factor : (10, 10) of their covariance
-    """
-
-    parameters: Array
-    factor: Array
+    parameters: Array  # (10,) standard parameters (m, h, I_o)
+    factor: Array  # (10, 10) of their covariance
 
     @property
     def given(self) -> bool:

@@ -18,23 +18,15 @@ from mbaid_ros.core.samples import Samples
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it.
+    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it."""
 
-    Attributes
-    ----------
-    kernel : bodies and joint placements
-    zeros : (n,) rad or m, added to the measured joint positions
-    mount : (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
-    delay : s, by how much the joints' stamps are late
-    thrust : (5 f,) by how much each thruster is off its command: scale, turn, delay; empty is not at all
-    gyro : (12,) bias, scale, turn and cross-axis of a gyro that alone observes the orientation
-    """
-
-    kernel: MomentumKernel
-    zeros: Array
-    mount: Array
-    delay: float
+    kernel: MomentumKernel  # bodies and joint placements
+    zeros: Array  # (n,) rad or m, added to the measured joint positions
+    mount: Array  # (6,) the base's frame in the one that the odometry locates: rotation vector (rad), position (m)
+    delay: float  # s, by how much the joints' stamps are late
+    # (5 f,) by how much each thruster is off its command: scale, turn, delay; empty is not at all
     thrust: Array = field(default_factory=lambda: np.zeros(0))
+    # (12,) bias, scale, turn and cross-axis of a gyro that alone observes the orientation
     gyro: Array = field(default_factory=lambda: np.zeros(12))
 
     @staticmethod

@@ -1,8 +1,6 @@
 """The joints: zero, origin and axis of each may be off; it may not be where it is read to be; it may be flexible.
 
-A joint's frame that is displaced by a small motion X, fixed in its parent, takes all that it carries along. With twists
-and momenta at one point, that changes the momentum h_S of what it carries by X x* h_S - I_S (X x V), V the twist of
-the parent: the carried bodies keep their motion relative to it, and that is turned along.
+A displaced joint frame takes all that it carries along: docs/trajectory.md, eq. 2.
 """
 
 from __future__ import annotations
@@ -104,20 +102,14 @@ def joint_placements(
 
 
 def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
-    """Return how the momentum changes where what joints carry is displaced, (N, 6, n d).
-
-    Parameters
-    ----------
-    kernel, states : as for `Unknown.momentum_columns`
-    displacement : (N, n, d, 6) of each joint d small motions, as twists
-    """
+    """Return how the momentum changes, (N, 6, n d), where what each joint carries has d small motions (N, n, d, 6)."""
     change = _displacement_matrices(kernel, states)
     columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, d numbers, 6 of the momentum)
     return np.swapaxes(columns.reshape(len(columns), -1, 6), 1, 2)
 
 
 def _displacement_matrices(kernel: MomentumKernel, states: BodyStates) -> Array:
-    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V) of X, for each joint (trajectory.md, eq. 2)."""
+    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V_p) of X, for each joint: eq. 2."""
     carried = kernel.kinematics.ancestors.T
     inertia = inertia_matrix(carried @ states.known)
     whole = carried @ states.momenta
@@ -181,14 +173,7 @@ class JointTracking(Linear):
 
 
 def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Sequence[float]) -> JointTracking:
-    """Return it as an unknown of n joints.
-
-    Parameters
-    ----------
-    names : n of them
-    deviations : (n,) rad (m for a prismatic joint), stationary standard deviations; 0 is none, empty none of all
-    times : (n,) s, time constants
-    """
+    """Return it as an unknown of n joints: stationary standard deviations, rad or m; time constants, s; empty: none."""
     each = np.asarray(deviations if len(deviations) else np.zeros(len(names)), dtype=float)
     correlation = np.asarray(times if len(times) else np.ones(len(names)), dtype=float)[each > 0.0]
     return JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)

@@ -19,16 +19,10 @@ _NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class UnknownsPrior:
-    """A Gaussian of the catalogue's independent numbers, correlated after a calibration.
+    """A Gaussian of the catalogue's independent numbers, correlated after a calibration."""
 
-    Attributes
-    ----------
-    mean : (e,)
-    factor : (e, w) of their covariance
-    """
-
-    mean: Array
-    factor: Array
+    mean: Array  # (e,)
+    factor: Array  # (e, w) of their covariance
 
     @staticmethod
     def nothing(numbers: int) -> UnknownsPrior:

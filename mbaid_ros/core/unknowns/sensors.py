@@ -38,20 +38,13 @@ class GyroErrors:
 
 @dataclass(frozen=True, eq=False)
 class Gyro(Unknown):
-    """Bias (rad/s), scale, turn (rad) of its axes, what pairs of them have in common, (3,) each, and delay (s).
+    """Bias (rad/s), scale, turn (rad) of its axes, what pairs of them have in common, (3,) each, and delay (s)."""
 
-    Attributes
-    ----------
-    wandering : (13, w) factor of what the bias changes by in a second
-    alone : whether it alone tells the orientation
-    with_orientation : whether the IMU measures the orientation, too, in the same axes
-    link : that it is on, where joints move it
-    """
-
+    # (13, w) factor of what the bias changes by in a second
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
-    alone: bool = False
-    with_orientation: bool = False
-    link: Link | None = None
+    alone: bool = False  # whether it alone tells the orientation
+    with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
+    link: Link | None = None  # that it is on, where joints move it
 
     read = True
     in_equations = False  # which do not know of it
