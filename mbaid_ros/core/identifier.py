@@ -61,7 +61,7 @@ class Deferring(Protocol):
 
 @runtime_checkable
 class Informed(Protocol):
-    """A method with a posterior, as a planned motion starts from."""
+    """A method that has a posterior, from which a planned motion starts."""
 
     def knowledge(self) -> Posterior | None:
         """Return it; None while the method has not converged."""
@@ -84,10 +84,10 @@ class Identifier:
     window : s, length of a window
     maximum_gap : s, longest odometry interval that is interpolated
     twist_frame : 'child' or 'inertial', as the base's twist was read
-    thrust : what is commanded; None where nothing ever is
+    thrust : as commanded; None without any
     noise : follows how noisy the sensors are; None takes it as declared
-    falling : what knows of the orbit; None where there is none
-    gyro : integrates what an IMU measures; None where there is none
+    falling : the frame of the orbit; None where there is none
+    gyro : integrates the IMU's angular velocity; None where there is none
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Identifier:
         self._notes[text] = -np.inf
 
     def knowledge(self) -> Posterior | None:
-        """Return what the method has come to know, for what is to come; None where it does not tell, or not yet."""
+        """Return the posterior of the method; None where it has none, or not yet."""
         return knowledge_of(self._estimator)
 
     @property
@@ -163,7 +163,7 @@ class Identifier:
         return isinstance(self._estimator, Deferring) and self._estimator.work_off()
 
     def _watch(self, window: Samples) -> None:
-        """Look whether an IMU measures in other axes or units than it is said to."""
+        """Look whether an IMU measures in other axes or units than declared."""
         if self._watched and self._wrong_gyro is None:
             text = self._gyro_frame.update(window)
             if text:

@@ -21,7 +21,7 @@ from mbaid_ros.core.trajectory.posterior import Posterior
 
 # Chance that two stages which are both right count as contradicting each other: asked a hundred times a run.
 _UNLIKELY = 1e-6
-# Stage 1 has no more to say against stage 2 when it knows the mass as well as this (relative standard deviation) and
+# Stage 1 retires when it knows the mass as well as this (relative standard deviation) and
 # has agreed in as many windows in a row; in any case after so many windows, unless it contradicts stage 2 by then.
 _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
@@ -60,7 +60,7 @@ class SecondStage(Estimator, Protocol):
         """Give up the solution and look for a start again."""
 
     def work_off(self) -> bool:
-        """Do a part of what is to be done before the next window; return whether some is left."""
+        """Run a slice of the background work; return whether more is due before the next window."""
 
 
 class TwoStageEstimator:
@@ -80,7 +80,7 @@ class TwoStageEstimator:
         self._second = second
         self._windows = 0
         self._agreed = 0  # windows in a row
-        self._began = np.inf  # s, when the first number was told
+        self._began = np.inf  # s, of the first published number
         self._restarted = False
         self._consistency = IntervalConsistency()
 
@@ -101,11 +101,11 @@ class TwoStageEstimator:
         return [self._judged(estimate) for estimate in estimates]
 
     def knowledge(self) -> Posterior | None:
-        """Return what the second stage has come to know."""
+        """Return the posterior of the second stage."""
         return self._second.knowledge()
 
     def work_off(self) -> bool:
-        """Let the second stage do a part of what it has put off; return whether some is left."""
+        """Run a slice of the second stage's background work; return whether more is due."""
         return self._second.work_off()
 
     def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
@@ -144,7 +144,7 @@ class TwoStageEstimator:
         return self._restarted and not self._agreed
 
     def _judged(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that says of itself if it is one of the first, or has left the intervals before it."""
+        """Return an estimate with a warning if it is one of the first, or has left the intervals before it."""
         if estimate.identifiable.any():
             self._began = min(self._began, estimate.time)
         young = estimate.time < self._began + _YOUNG
@@ -185,7 +185,7 @@ class TwoStageEstimator:
 def _agree(first: Estimate, second: Estimate) -> bool:
     """Tell whether two estimates of the same data may both be right.
 
-    The covariance of their difference is at most the sum of theirs, whatever they share.
+    The covariance of their difference is at most the sum of theirs, even if they share data.
     """
     both = first.identifiable & second.identifiable
     difference = (first.parameters - second.parameters)[both]

@@ -26,7 +26,7 @@ Phase = Literal['pre_capture', 'capture', 'post_capture']
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
-_CALIBRATED = 600  # windows that a calibration takes: more would hardly tell more, and memory stays bounded
+_CALIBRATED = 600  # windows that a calibration takes: more would add little, and memory stays bounded
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
 
@@ -42,7 +42,7 @@ class CaptureEstimator:
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
     calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
-    again : makes the method anew, where the capture may turn out to have been told too early
+    again : makes the method anew, where the capture may turn out to have been announced too early
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class CaptureEstimator:
         return isinstance(self._after, Deferring) and self._after.work_off()
 
     def capture(self, body: Array | None) -> Capture | None:
-        """Return what the capture tells, None while there was none.
+        """Return the capture, None while there was none.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class CaptureEstimator:
 
 
 def _known_part(momentum: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return a momentum with its covariance, NaN where a planar motion tells nothing of it."""
+    """Return a momentum with its covariance, NaN where a planar motion does not determine it."""
     stds = np.sqrt(np.diag(covariance))
     unknown = ~np.concatenate([determined(momentum[part], stds[part]) for part in (slice(0, 3), slice(3, 6))])
     momentum, covariance = momentum.copy(), covariance.copy()

@@ -19,7 +19,7 @@ ENOUGH = 50  # redundant equations, before residual and jumps are judged: varian
 
 @dataclass(frozen=True)
 class Chaser:
-    """What the known model says of the robot alone."""
+    """The momentum of the robot alone, by its known model."""
 
     momentum: Array  # (6,) its (P, L) in the odometry frame, L about its origin, before any known thrust
     covariance: Array  # (6, 6)
@@ -65,7 +65,7 @@ class KnownMomentum:
     def surprise(self, window: Samples) -> float:
         """Return how far a window's momentum is from that of the others: chi-square of six numbers if nothing acts.
 
-        Where the noise has turned out larger than the parameters say, that is allowed for.
+        Noise that has turned out larger than the parameters is allowed for.
         """
         if self._origin is None or self.redundancy <= ENOUGH or len(window) < FEWEST:
             return 0.0
@@ -107,7 +107,7 @@ class KnownMomentum:
 
 @dataclass(frozen=True)
 class Handover:
-    """What a robot has learnt of itself before the capture, and the method that goes on with it."""
+    """A calibration before the capture, and the method that goes on with it."""
 
     kernel: MomentumKernel  # with the calibrated bodies, and how far they may still be off
     after: Estimator  # the method
@@ -118,13 +118,13 @@ class Handover:
     told: str  # the calibration in a line
 
 
-# From windows before the capture to what they tell of the robot's own bodies.
+# Calibrates the robot's own bodies by the windows before the capture.
 Calibrate = Callable[[list[Samples]], Handover]
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture and what it tells of the body that was captured."""
+    """A capture, and the motion of the captured body before it."""
 
     time: float  # s since the first sample
     chaser: Chaser | None  # the robot before it, None where nothing was measured
@@ -132,4 +132,4 @@ class Capture:
     covariance: Array  # (6, 6)
     velocity: Array  # (3,) m/s, of the captured body's CoM before it, odometry axes; NaN where not known
     spin: Array  # (3,) rad/s, as the velocity
-    calibrated: str = ''  # what the robot has learnt of itself before it, in a line; empty where nothing
+    calibrated: str = ''  # the calibration of the robot before it, in a line; empty without one

@@ -4,7 +4,7 @@ The latest windows are passed through the filter once without any jump of the mo
 come to, with more unknowns than the run has (`unknowns/catalogue.py`). What they would gain by a wider prior of one
 unknown follows from this one pass; the likeliest are passed once more. Further candidates are readings in other
 conventions, readings that are left out, vibrations, disturbances, jumps of the momentum and a target that has changed.
-All gains are log-likelihoods over the same pass: they tell the causes apart.
+All gains are log-likelihoods over the same pass, which makes them comparable.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _LIKELY, _TRIED = 0.8, 2
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
-_MOST_PULSES = 2  # that can be what is wrong; more of them are what something else looks like
+_MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones are what the first leads to
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
@@ -58,14 +58,14 @@ FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six 
 class Candidate:
     """Something that may be wrong, as the filter would pass the windows if it were."""
 
-    # what is wrong; or of the filter at the end, None where that cannot be
+    # In words; or a function of the filter at the end, None of an impossible value.
     text: str | Callable[[HypothesisFilter], str | None]
     passes: FilterPasses  # with its unknowns
     windows: Sequence[Window]  # as they are then
-    # where windows are linearised first; None for that of a fit, as what is left out has led the run astray
+    # Where windows are linearised first; None for the point of a fit, as data left out have misled the run.
     point: Point | None = None
     of_twist: bool = False  # whether it is something wrong with the base's twist
-    rival: Candidate | None = None  # the same data without what is supposed, which may explain as much
+    rival: Candidate | None = None  # the same data without the candidate's change, which may explain as much
 
 
 Candidates = Iterator[int | Candidate]
@@ -124,7 +124,7 @@ class CandidateCauses:
             if noisier:
                 track = yield from self.extended().once(noisier, at, quiet)
                 found += [_gained(text, track, base)] if _explains(track) else []
-        # What has no name but its place is looked for where nothing that has one explains the data.
+        # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
@@ -171,7 +171,7 @@ class CandidateCauses:
         text = candidate.text if isinstance(candidate.text, str) else candidate.text(track)
         if text is None:
             return []
-        # What is left out counts as if it were explained.
+        # Data left out count as if they were explained.
         gain = base.misfit - track.belief.misfit if left_out else track.belief.log_likelihood - base.log_likelihood
         if candidate.rival is not None:
             rivals = yield from self._scored(candidate.rival, base)
@@ -190,7 +190,7 @@ class CandidateCauses:
             later = windows[place + SLIPPING :]
             if place < _BEFORE:
                 continue
-            # What has been explained needs no later change.
+            # A change that explains the data needs no later one.
             if len(later) < FEWEST or any(each.change for each in found):
                 break
             # Another body may be far from the one before.

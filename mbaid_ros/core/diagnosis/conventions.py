@@ -32,7 +32,7 @@ _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near 
 class Convention:
     """How the readings or the robot may be meant."""
 
-    text: str  # what is wrong then, and what to do
+    text: str  # the mistake, and what to do
     change: Array  # (n + 1, 10) added to the known bodies
     windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # what windows are then
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
@@ -83,7 +83,9 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
 def _masses(kernel: MomentumKernel, same: Array) -> Iterator[Convention]:
     """Yield links in a wrong unit: each, and all that move."""
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
-    heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}  # of what is fixed
+    heaviest = {
+        link.body: link for link in sorted(links, key=lambda each: each.parameters[0])
+    }  # of links fixed to each other
     for link in heaviest.values():
         if link.name not in {each.name for each in kernel.unknown}:
             # A base in tonnes is an arm in grams: momentum and all masses may grow together.

@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.environment import Gravity, rate_of
 
-_FIRST = 24  # windows before the first inquiry: of fewer, causes cannot be told apart
+_FIRST = 24  # windows before the first inquiry: fewer do not discriminate causes
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
 # Windows, at most, that a jump is left open while an inquiry is under way: by then its result is there.
 _OPEN = 16
@@ -46,8 +46,8 @@ class FaultIsolation:
 
     Parameters
     ----------
-    suspicion : what is asked
-    noise : that is declared
+    suspicion : the candidate causes
+    noise : as declared
     """
 
     def __init__(self, suspicion: CandidateCauses, noise: SensorNoise) -> None:
@@ -121,12 +121,12 @@ class FaultIsolation:
 
     @property
     def change(self) -> Change | None:
-        """What has become of the target, if the latest inquiry has found that to be what is wrong."""
+        """The change of the target, if the latest inquiry has found that to be the cause."""
         return self._leading.change if self._leading else None
 
     @property
     def wrong_twist(self) -> str:
-        """What is wrong with the base's twist, if the latest inquiry has found that to be it; else empty."""
+        """The error of the base's twist, if the latest inquiry has found that to be the cause; else empty."""
         return self._leading.text if self._leading and self._leading.of_twist else ''
 
     def since(self, time: float) -> list[Window]:
@@ -164,7 +164,7 @@ def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout
     """
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Gravity) and unknown.count:
-            begin = np.arange(place.start, place.start + 5)  # the others say how it changes
+            begin = np.arange(place.start, place.start + 5)  # the others are its rate
             found = moments.mean[begin]
             square = float(found @ np.linalg.solve(moments.covariance(begin), found))
             if square > chi_square.limit(_FALSE_ALARM, len(found)):

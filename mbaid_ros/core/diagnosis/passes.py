@@ -23,7 +23,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Hypothesis
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
-# Passes, ever nearer to what the windows say: what is left then is far below what decides between causes.
+# Passes, each linearised nearer to the solution: the rest is far below the gains that decide between causes.
 _REFINEMENTS = 3
 _MOST = (30.0, 1000.0)  # times as uncertain as declared: declared unknowns, and suspects
 SLIPPING = 2  # windows that a slip may take

@@ -13,10 +13,10 @@ from mbaid_ros.core.results.status import Cause
 
 # Log-likelihood, the odds of bank.MARGIN: what gains less is not named, and what leads by less leads alone no more.
 WORTH = 10.0
-_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: nobody declares it better
+_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: declarations are no better
 _OUTLIERS = 0.002  # share of the poses, from which they are named: single ones do no harm, they are left out
 NOISE = 'noise.'  # what begins with it names a parameter of the noise
-# What explains anything counts so much of what it gains: where both explain all, what says how it happens leads.
+# Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.
 CATCH_ALL = 0.95
 
 
@@ -34,7 +34,7 @@ class CandidateCause:
 
     text: str  # in words
     gain: float  # how much likelier that makes the data (log-likelihood)
-    physical: bool = True  # whether it says what happens
+    physical: bool = True  # whether it has a mechanism; a random walk follows anything
     change: Change | None = None  # what has become of the target, where that leaves nothing unexplained
     of_twist: bool = False  # whether it is something wrong with the base's twist, which poses can do without
 
@@ -49,7 +49,7 @@ class IsolationResult:
 
     @property
     def leading(self) -> CandidateCause | None:
-        """What happens, if nothing of another kind explains the data nearly as well."""
+        """The cause with a mechanism, if nothing of another kind explains the data nearly as well."""
         first = next((each for each in self.causes if each.physical), None)
         if first is None:
             return None
@@ -69,12 +69,12 @@ def ranked(
 
     Parameters
     ----------
-    inquired : by text what each would gain, and whether it says what happens
+    inquired : by text the gain of each, and whether it has a mechanism
     innovations : of a pass in which nothing explains anything
     misfit : log-likelihood that is missing there
-    rough : what the samples say of the noise
-    correlated : s, over which they say that the odometry's errors are correlated beyond what is declared, and the
-        log-likelihood of that; 0 where they are not
+    rough : the noise by the samples
+    correlated : s, over which the samples show correlated errors of the odometry beyond the declared, and the
+        log-likelihood of that; 0 where they do not
     """
     noise = _noise(innovations, rough)
     if noise:  # a pass with more of the noise that samples show has gained by that noise

@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import Samples
 class SpoiltReading:
     """A joint's reading that may be wrong in some of the windows."""
 
-    text: str  # what is wrong, and what to do
+    text: str  # the mistake, and what to do
     windows: list[Window]  # the others, as they would be without it
     as_read: Sequence[Window] = ()  # the others with a jump left in, where it is one
 
@@ -133,12 +133,12 @@ def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str
     )
 
 
-# Times the declared noise: what is less is within its tolerance, and more would show in the samples.
+# Times the declared noise: less is within its tolerance, and more would show in the samples.
 _NOISIER, _MOST = 1.3, 3.0
 
 
 def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[str, list[Window]]:
-    """Return windows with the base as noisy as innovations of a pass say, and that in words; no words where not so."""
+    """Return windows with the base as noisy as the innovations of a pass, and that in words; no words where not so."""
     times = np.sqrt(np.maximum(np.nan_to_num(innovations.ratio[:4], nan=1.0), 1.0))
     large = [
         f'noise.{SENSORS[place]} is {times[place]:.1f} times too small' for place in range(4) if times[place] > _NOISIER
@@ -172,7 +172,7 @@ _TOUCHED = 5  # differences of fourth order that a sample is in
 class Roughness:
     """How noisy samples are by their fourth differences, in which no motion is left."""
 
-    factor: Array  # (5,) of CHANNELS, how many times as noisy as declared; NaN where they cannot say
+    factor: Array  # (5,) of CHANNELS, how many times as noisy as declared; NaN where not known
     outliers: float  # share of the poses that are far off
 
 
@@ -205,7 +205,7 @@ def _differences(window: Samples, joint_position: float) -> tuple[Array, ...]:
 
 
 _FEWEST_WINDOWS = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside
-_FINER = 4  # frequencies tried for each that the length of the series tells apart
+_FINER = 4  # frequencies tried for each that the length of the series resolves
 _SWINGS = 2.5  # in the series at least: fewer are a drift
 # Robust standard deviations (by the median) at which the series is clipped: a single large one is a jump, no swing.
 _LARGEST = 4.0

@@ -1,1 +1,1 @@
-"""What is said of a body: estimate, identifiability, physical consistency, status, the debris alone."""
+"""Results: estimate, identifiability, physical consistency, status, the captured body alone."""

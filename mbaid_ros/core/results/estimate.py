@@ -95,7 +95,7 @@ class Estimate:
     identifiable : (10,) True where the data determine the parameter
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
     momentum_covariance : (6, 6)
-    residual : root mean square of the normalised residuals: 1 is as the noise says; NaN where not available
+    residual : root mean square of the normalised residuals: 1 is as declared; NaN where not available
     time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample

@@ -112,7 +112,7 @@ class Innovations:
     def correlation(self) -> Array:
         """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
 
-        0 where the noise is white. What is far below the declared noise is no matter, however correlated.
+        0 where the noise is white. Innovations far below the declared noise do not matter.
         """
         return np.where(self.pairs > 0.0, self._of_sensors[0][1] / np.maximum(self.pairs, 1.0), np.nan)
 
@@ -191,15 +191,15 @@ class PriorComparison:
     def likely_sizes(self, too_small: float, doubt: float) -> tuple[Array, Array, Array]:
         """Return how many times as far from zero each group is as declared: (...) each of what `LikelyScale` has.
 
-        The root mean square of one and the likeliest factor, by the chance of either; data that say nothing of the
-        numbers leave it at one.
+        The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
+        do not observe leave it at one.
 
         Parameters
         ----------
         too_small : chance that they are declared too certain, before the data are asked
         doubt : chance afterwards up to which that counts for nothing
         """
-        # What is known of them should be about as large as it is known, or a factor could gain nothing.
+        # Only a mean larger than the data expect can gain by a factor.
         larger = np.add.reduce(self.mean**2, axis=-1) > np.add.reduce(1.0 - self.variance, axis=-1)
         if not larger.any():
             nothing = np.zeros(larger.shape)

@@ -48,8 +48,8 @@ def _with_decimals(value: float, decimals: int) -> str:
 
 
 SENSOR_NOISE = 'sensor noise'
-MAIN_CAUSES = 'main causes of the variance'  # heads what `ErrorBudget.told` returns
-UNCHECKED = 'rests on what this motion cannot check'  # heads what `ErrorBudget.resting` returns
+MAIN_CAUSES = 'main causes of the variance'  # the heading of `ErrorBudget.told`
+UNCHECKED = 'rests on what this motion cannot check'  # the heading of `ErrorBudget.resting`
 GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
 _MOST = 0.5  # share from which one cause is named: it alone decides what may be known
 _RESTS, _TOLD = 0.1, 5  # share from which an unobservable declaration is named; how many of them
@@ -64,7 +64,7 @@ class ErrorBudget:
     causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
     shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
     unchecked : (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is
-        further off than its interval says, and no residual shows it; none where not given
+        further off than its interval, and no residual shows it; none where not given
     """
 
     causes: tuple[str, ...]

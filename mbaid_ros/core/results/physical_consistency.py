@@ -169,7 +169,7 @@ def _metric(covariance: Array, scale: Array) -> Array:
 
 
 _TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # of (ixx, ixy, ixz, iyy, iyz, izz)
-_CLEARER = 5.0  # times as well known as the scale, from which ratios say what the moments do not
+_CLEARER = 5.0  # times as well known as the scale, from which ratios are known where the moments are not
 
 
 @dataclass(frozen=True)

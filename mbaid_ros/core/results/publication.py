@@ -1,4 +1,4 @@
-"""What is published of estimates: the captured body alone, and when numbers are withdrawn."""
+"""Publication of estimates: the captured body alone, and when numbers are withdrawn."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, principal, standard
 from mbaid_ros.core.robot.model import express
 
-# Relative standard deviation from which a mass is no longer told from zero, at two standard deviations.
+# Relative standard deviation from which a mass may be zero, at two standard deviations.
 _MASS_MAY_VANISH = 0.5
 
 

@@ -93,7 +93,7 @@ class Instant:
 
 @dataclass
 class Reporting:
-    """The thresholds of what is published; they may change between two windows."""
+    """The thresholds of publication; they may change between two windows."""
 
     scale: Array  # (10,) typical sizes of the standard parameters
     identifiable_std: float  # relative standard deviation, as the next one
@@ -102,7 +102,7 @@ class Reporting:
     largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
     def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
-        """Return what is published of N > 0 independent solutions, each at its instant: together they take less time.
+        """Return the estimates of N > 0 independent solutions, each at its instant: together they take less time.
 
         Parameters that the data do not identify are withheld: NaN, with their covariance.
         """

@@ -25,7 +25,7 @@ class Reason:
 
     Attributes
     ----------
-    text : one line: what is wrong, the value, what to do
+    text : one line: the fault, the value, the remedy
     severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
         one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
     gain : log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
@@ -71,8 +71,8 @@ LARGEST_NIS = 1.5
 _SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
-# What is declared of a thing has to be wrong where neither it nor twice as much would have the data see it so far off
-# by these chances; and from that chance on it is a cause, if anything is wrong.
+# A declaration is wrong where the data see a thing farther off than chance allows, both as declared and at twice that;
+# from the third chance on it is a cause, if anything is wrong.
 _NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
 
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
@@ -94,10 +94,10 @@ class Evidence:
     ----------
     nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
     innovations : by sensor, and from window to window
-    distances : by what is declared, in words, how far off the data see it beside its prior, if nothing drifts
+    distances : by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
     jumps, unconfirmed : of the momentum: how many, and the times, s, of those that may be something else yet
-    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it says what happens, and
-        lets the odometry wander
+    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it has a mechanism, and
+        lets the odometry drift
     gain : log-likelihood of that hypothesis over the first
     instead : what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
     latest : the window that the run ends with
@@ -125,7 +125,7 @@ class Verdict:
     adequate: bool  # whether it does
     reasons: tuple[str, ...]  # why not, one line each
     causes: tuple[Cause, ...]  # the likeliest first; also of a model that does, where something is suspicious
-    widening: float  # factor for the covariance of what is published
+    widening: float  # factor for the published covariance
 
     def with_cause(self, cause: Cause) -> Verdict:
         """Return the same with one more cause in its place, which is a reason, too; one that is there counts once."""
@@ -214,7 +214,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
 
 
 def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
-    """Return that the odometry's noise is correlated, if samples say so; that explains a gain by larger noise, too."""
+    """Return that the odometry's noise is correlated, if samples show it; that explains a gain by larger noise, too."""
     if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
         return []
     time, gain = correlation_time_of(evidence.latest)

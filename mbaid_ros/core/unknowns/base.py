@@ -1,6 +1,6 @@
 """The base's readings: mount, scale and bias of the odometry, a frame that turns, a late twist, a vibration.
 
-With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. What is read is the other way round.
+With the mount mu = (mu_R, mu_p), R_true = R Exp(mu_R) and p_true = p + R mu_p. The readings are the other way round.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def twist_bias(angular: float, linear: float) -> TwistBias:
 
 @dataclass(frozen=True, eq=False)
 class OdometryTurning(Linear):
-    """Angular velocity of the odometry's frame, rad/s, (3,) in its own axes: an orbit's, say."""
+    """Angular velocity of the odometry's frame, rad/s, (3,) in its own axes, such as an orbit's."""
 
     words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
 

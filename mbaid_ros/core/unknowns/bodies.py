@@ -1,4 +1,4 @@
-"""Bodies: errors of the known ones and of spin inertias, and what is known of the target beforehand."""
+"""Bodies: errors of the known ones and of spin inertias, and the prior of the target."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
 
 @dataclass(frozen=True)
 class TargetPrior:
-    """What is known of the target link before anything is measured: mass and CoM, where given."""
+    """The prior of the target link: mass and CoM, where given."""
 
     mass: float = 0.0  # kg; 0 where nothing is known of it
     mass_std: float = 0.0  # kg

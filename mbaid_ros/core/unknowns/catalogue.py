@@ -1,4 +1,4 @@
-"""The list of what is uncertain of the nominal model, and the words of each cause.
+"""All unknowns of the nominal model, and the words of each cause.
 
 A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `_of_sensors`
 where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
@@ -214,8 +214,8 @@ def _gaussian(values: Array, covariance: Array, units: Array) -> UnknownsPrior:
 def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
-    Their standard deviations are far below what would matter, and a thousandth of what is plausible: the run stays what
-    it was. The likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
+    Their standard deviations are too small to matter, a thousandth of a plausible value: the run stays as it was. The
+    likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
     """
     every: tuple[Linear, ...] = (
         odometry_scale(5e-5),

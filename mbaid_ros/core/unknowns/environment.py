@@ -1,4 +1,4 @@
-"""What acts from outside: gravity of an undeclared orbit, an orbit's shape, torques, thrusters; constant forces, walks.
+"""Disturbances: gravity of an undeclared orbit, an orbit's shape, torques, thrusters; constant forces and random walks.
 
 In a frame that falls along an orbit a mass at x falls by G x faster, with a symmetric G without trace (Hill 1878). Of a
 robot with the integrals H of x and S of x x^T over its mass, the momentum about the frame's origin changes by
@@ -236,7 +236,7 @@ Axes = Literal['none', 'inertial', 'body']
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What acts or drifts: a constant force, and random walks with intensities a square root of a second."""
+    """A disturbance or drift: a constant force, and random walks with intensities a square root of a second."""
 
     name: str  # in words
     cause: str = ''  # what it may be, and what to do
@@ -245,7 +245,7 @@ class Hypothesis:
     orientation: float = 0.0  # rad
     # axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
     force: Axes = 'none'
-    physical: bool = True  # whether it says what happens; a walk follows whatever it is
+    physical: bool = True  # whether it has a mechanism; a random walk follows anything
 
     @property
     def disturbed(self) -> bool:

@@ -167,7 +167,7 @@ class JointTracking(Linear):
         return momentum_displaced(kernel, states, states.configuration.joint_twist[:, :, None])
 
     def in_plane(self, detector: PlaneDetector) -> JointTracking:
-        """Return it as it is: whatever joints do is in the plane."""
+        """Return it as it is: joints only move in the plane."""
         del detector
         return self
 

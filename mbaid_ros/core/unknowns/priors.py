@@ -1,4 +1,4 @@
-"""What is known of all unknowns together beforehand, with the correlations that a calibration leaves."""
+"""The joint prior of all unknowns, with the correlations that a calibration leaves."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class GyroErrors:
     delay: float = 0.0  # s
     walk: float = 0.0  # rad/s/sqrt(s), of the bias
     cross: float = 0.0  # relative, of one axis in another
-    alone: bool = False  # whether it alone tells the orientation, which windows are linearised along
+    alone: bool = False  # whether it alone observes the orientation, which windows are linearised along
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
 
@@ -42,7 +42,7 @@ class Gyro(Unknown):
 
     # (13, w) factor of what the bias changes by in a second
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
-    alone: bool = False  # whether it alone tells the orientation
+    alone: bool = False  # whether it alone observes the orientation
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that it is on, where joints move it
 
@@ -71,7 +71,7 @@ class Gyro(Unknown):
     def settled(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
 
-        Of a gyro alone they are those that it has led to, less what is known of its errors.
+        Without poses they are the integrated gyro's, less the estimate of its errors.
         """
         del deviation
         if not self.alone:
