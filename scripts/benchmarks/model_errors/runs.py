@@ -53,7 +53,7 @@ from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.replay.campaigns.monte_carlo import mean, nees
 from mbaid_ros.session import make_estimator
