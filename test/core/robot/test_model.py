@@ -15,6 +15,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.mimic import Mimic, transmission
 from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from mbaid_ros.core.robot.momentum import standard
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, robot
 
