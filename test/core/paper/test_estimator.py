@@ -9,8 +9,7 @@ import pytest
 
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings, RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.simulation import Truth, total_momentum

@@ -9,15 +9,6 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
-from mbaid_ros.core.robot.inertia import (
-    box_sizes,
-    ellipsoid_radii,
-    physical,
-    physical_jacobian,
-    principal,
-    pseudo_inertia,
-    standard,
-)
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import (
@@ -26,6 +17,15 @@ from mbaid_ros.core.robot.model_errors import (
     calibrated,
     declared,
     relative_factor,
+)
+from mbaid_ros.core.robot.momentum import (
+    box_sizes,
+    ellipsoid_radii,
+    physical,
+    physical_jacobian,
+    principal,
+    pseudo_inertia,
+    standard,
 )
 
 SEEDS = range(5)
