@@ -14,8 +14,7 @@ from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.two_stage import TwoStageEstimator
@@ -200,8 +199,6 @@ def _difference(
     settings = DifferenceSettings(
         noise=noise,
         kept_windows=config.difference.kept_windows,
-        forgetting_time=config.difference.forgetting_time,
-        window=config.window,
         linear_momentum_std=config.momentum.linear_prior_std,
     )
     unknowns = catalogue(known.kernel, known.uncertainty)

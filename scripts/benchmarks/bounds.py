@@ -21,8 +21,8 @@ from mbaid_ros.core.filter.interpolation import Midpoints
 from mbaid_ros.core.filter.prediction import joint_gains, predict
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, POSE, Layout
 from mbaid_ros.core.geometry import Array, Flags, cross
-from mbaid_ros.core.robot.inertia import physical_jacobian
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 
