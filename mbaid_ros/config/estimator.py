@@ -88,12 +88,6 @@ class DifferenceConfig:
         minimum=2,
         maximum=10_000,
     )
-    forgetting_time: float = parameter(
-        0.0,
-        'Time constant of forgetting, for parameters that really change (slosh, a second capture); 0 never forgets.',
-        unit='s',
-        minimum=0.0,
-    )
 
 
 @dataclass(frozen=True)

@@ -200,8 +200,6 @@ def _difference(
     settings = DifferenceSettings(
         noise=noise,
         kept_windows=config.difference.kept_windows,
-        forgetting_time=config.difference.forgetting_time,
-        window=config.window,
         linear_momentum_std=config.momentum.linear_prior_std,
     )
     unknowns = catalogue(known.kernel, known.uncertainty)

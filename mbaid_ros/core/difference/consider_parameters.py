@@ -148,10 +148,6 @@ class CrossInformation:
         """Return the sums over the windows of both."""
         return CrossInformation(self.cross + other.cross, self.own + other.own)
 
-    def forget(self, root: Array, factor: float) -> CrossInformation:
-        """Return the past discounted like an information N that becomes root^T N root, (u, u), by up to a factor."""
-        return CrossInformation(np.sqrt(factor) * root.T @ self.cross, factor * self.own)
-
     def surplus(self, covariance: Array) -> float:
         """Return what the parameters, of variance one, add to the sum of squared residuals in expectation.
 

@@ -44,15 +44,11 @@ class DifferenceSettings:
     ----------
     noise : of the joint sensors (the base's stands in the samples)
     kept_windows : length of the sliding window; older windows are marginalised
-    forgetting_time : s, time constant of forgetting; 0 never forgets
-    window : s
     linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
     """
 
     noise: SensorNoise
     kept_windows: int
-    forgetting_time: float
-    window: float
     linear_momentum_std: float
 
 
@@ -152,9 +148,6 @@ class DifferenceEstimator:
         if self._run is not None and self._run.space.planar == self._plane.planar:
             return self._run
         settings = self._settings
-        forgetting = 1.0
-        if settings.forgetting_time > 0.0:
-            forgetting = float(np.exp(-settings.window / settings.forgetting_time))
         return Run(
             subspace(self._plane, self._kernel),
             start,
@@ -162,7 +155,6 @@ class DifferenceEstimator:
             settings.linear_momentum_std,
             self._considered,
             length=settings.kept_windows,
-            forgetting=forgetting,
             restarted=self._run is not None,
         )
 

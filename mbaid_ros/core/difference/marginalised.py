@@ -9,7 +9,7 @@ import scipy.linalg
 
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_symmetric
+from mbaid_ros.core.linear_algebra import inverse_root, is_positive
 
 
 class MarginalisedPrior:
@@ -27,7 +27,7 @@ class MarginalisedPrior:
     information : (u, u) N
     right_side : (u,) N x_m
     noise_information : (u, u) what noise alone would have brought
-    equations : number of equations, those forgotten taken off
+    equations : number of equations
     """
 
     def __init__(self, floor: Array) -> None:
@@ -63,43 +63,6 @@ class MarginalisedPrior:
     def gradient(self, x: Array) -> Array:
         """Return half the derivative of the cost at x, (u,)."""
         return self.information @ x - self.right_side
-
-    def forget(self, factor: float, recent: Array, idle: Array) -> Array:
-        """Discount the past by a factor, in the directions that recent data excite.
-
-        A direction that the recent windows say nothing about keeps what is known of it: otherwise its information would
-        fade away, and the next noise would be taken for signal (wind-up).
-
-        Parameters
-        ----------
-        factor : weight of the past, 0 < factor < 1
-        recent : (u, u) information of recent windows
-        idle : (u, u) positive definite, the information that they would bring of what is not excited
-
-        Returns
-        -------
-        (u, u) matrix R, with which N has become R^T N R
-        """
-        excited = _beyond(recent, idle)[0]
-        # Pi = S (S^T N S)^-1 S^T N projects on the excited directions S, along what the past knows of the others apart
-        # from them. N - (1 - factor) N Pi leaves that untouched, and the minimum where it is. The floor stands in where
-        # the past has been forgotten altogether: rounding would take the place of N there.
-        mapped = (self.information + self._floor) @ excited
-        projector = excited @ np.linalg.solve(excited.T @ mapped, mapped.T)
-        root = np.eye(len(projector)) - (1.0 - np.sqrt(factor)) * projector
-        information = root.T @ self.information @ root
-        information = 0.5 * (information + information.T)
-        minimum = solve_symmetric(self.information, self.right_side)
-        right_side = self.right_side - (1.0 - factor) * projector.T @ self.right_side
-        least = self._constant - float(self.right_side @ minimum)
-        self._constant = factor * least + float(right_side @ minimum)
-        # What has been left out so far fades as a whole.
-        self._sum = information + factor * (self._sum - self.information)
-        self._sum_right = right_side + factor * (self._sum_right - self.right_side)
-        self.noise_information = root.T @ self.noise_information @ root
-        self.equations = round(self.equations * factor)
-        self._settle()
-        return np.asarray(root)
 
     def _settle(self) -> None:
         """Work out what is known beyond the noise."""

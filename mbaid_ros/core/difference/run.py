@@ -27,7 +27,7 @@ class Run:
     scale : (16,) typical sizes of x
     linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
     considered : the consider parameters
-    length, forgetting : of the SlidingWindow
+    length : of the SlidingWindow
     restarted : whether earlier windows had to be given up
 
     Attributes
@@ -47,7 +47,6 @@ class Run:
         considered: ConsiderParameters,
         *,
         length: int,
-        forgetting: float,
         restarted: bool,
     ) -> None:
         self.space = space
@@ -61,7 +60,7 @@ class Run:
         basis = space.basis
         prior = np.asarray((basis.T * (1.0 / deviation**2)) @ basis)
         self.momentum = slice(len(prior) - len(space.rows), len(prior))
-        self.window = SlidingWindow(prior, length, forgetting, np.abs(basis.T) @ scale, considered.count)
+        self.window = SlidingWindow(prior, length, np.abs(basis.T) @ scale, considered.count)
         self.surplus = 0.0
         self._conservation = Conservation(self.momentum)
 

@@ -132,8 +132,6 @@ _SMALL_STEP, _CLOSE = 1e-3, 0.5
 _CERTAIN = 4.0
 # Part of the variance of a window's equations that the uncertainty of x may add for it to be linearised there.
 _LARGEST_SHARE = 0.1
-# Information that recent windows must have, in units of what noise alone brings, to count as excited: it fluctuates.
-_EXCITED = 5.0
 
 
 class SlidingWindow:
@@ -143,7 +141,6 @@ class SlidingWindow:
     ----------
     prior : (u, u) information about x = 0
     length : number of windows solved again at each update
-    forgetting : weight of the past from one window to the next, 0 < forgetting <= 1
     typical : (u,) typical sizes of the unknowns
     considered : number e of consider parameters
 
@@ -156,10 +153,9 @@ class SlidingWindow:
     windows : those that are solved again
     """
 
-    def __init__(self, prior: Array, length: int, forgetting: float, typical: Array, considered: int = 0) -> None:
+    def __init__(self, prior: Array, length: int, typical: Array, considered: int = 0) -> None:
         self._prior = prior
         self._length = length
-        self._forgetting = forgetting
         self._typical = typical
         self._marginalised = MarginalisedPrior(prior)
         self._past_cross = self.cross_information = CrossInformation.nothing(len(prior), considered)
@@ -229,8 +225,6 @@ class SlidingWindow:
     def _marginalise(self) -> None:
         """Move the oldest window to the prior."""
         windows, x = self.windows, self.windows.x
-        if self._forgetting < 1.0 and self.marginalised:
-            self._forget()
         window, white, own = windows.equations[:1], windows.white[:1], windows.noise_information[0]
         columns = windows.columns[:1]
         if self._settled:
@@ -248,14 +242,6 @@ class SlidingWindow:
             columns = white.whitener @ window.columns
         self._past_cross += CrossInformation.of(white.rows, columns)
         windows.pop()
-
-    def _forget(self) -> None:
-        """Discount what has been marginalised, in the directions that the windows excite."""
-        white = eiv.whitened(self.windows.equations, self.x)
-        recent = eiv.normal_equations(white).information
-        own = eiv.own_information(self.windows.equations, white).sum(axis=0)
-        root = self._marginalised.forget(self._forgetting, recent, _EXCITED * own + self._prior)
-        self._past_cross = self._past_cross.forget(root, self._forgetting)
 
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.

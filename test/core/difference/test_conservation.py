@@ -20,7 +20,7 @@ PRIOR = 1e-6 * np.eye(UNKNOWNS)
 def slid(blocks: Blocks, length: int, columns: Array | None = None) -> tuple[SlidingWindow, Conservation]:
     """Return what becomes of all blocks, which are half a second long."""
     columns = np.zeros((len(blocks), EQUATIONS, 0)) if columns is None else columns
-    window = SlidingWindow(PRIOR, length, 1.0, np.full(UNKNOWNS, 10.0), columns.shape[-1])
+    window = SlidingWindow(PRIOR, length, np.full(UNKNOWNS, 10.0), columns.shape[-1])
     test = Conservation(MOMENTUM)
     for k in range(len(blocks)):
         window.add(blocks[k : k + 1], columns[k : k + 1])
@@ -112,7 +112,7 @@ def test_the_falls_are_chi_square_whatever_the_units() -> None:
         size = 10.0 ** rng.uniform(-2.0, 2.0, UNKNOWNS) * 10.0**exponent
         blocks = linear_blocks(30, exponent + 10)
         scaled = Blocks(blocks.rows * size, blocks.offset, blocks.noise, blocks.noise_rows * size)
-        window = SlidingWindow(np.diag(1e-8 * size**2), 50, 1.0, 1e3 / size)
+        window = SlidingWindow(np.diag(1e-8 * size**2), 50, 1e3 / size)
         for k in range(len(scaled)):
             window.add(scaled[k : k + 1])
         found, _ = momentum_jumps(window, MOMENTUM, noise_covariance(window.linear.information))
