@@ -11,7 +11,7 @@ from derivatives import central_difference
 from linear_problems import TRUE, UNKNOWNS, linear_blocks, noise_information, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
-from mbaid_ros.core.difference.marginalised import MarginalisedPrior
+from mbaid_ros.core.difference.sliding_window import MarginalisedPrior
 
 NOTHING = np.zeros((UNKNOWNS, UNKNOWNS))
 FLOOR = 1e-9 * np.eye(UNKNOWNS)

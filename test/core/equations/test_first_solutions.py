@@ -9,8 +9,7 @@ import pytest
 
 from linear_problems import TRUE, UNKNOWNS, linear_blocks, noise_information, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import Sums, first_solutions
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Sums, first_solutions
 from mbaid_ros.core.geometry import Array
 
 NOWHERE = np.zeros(UNKNOWNS)
