@@ -60,8 +60,8 @@ class Synchroniser:
         self._origin: int | None = None
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
-        self._repeats = Repeats()
-        self._outliers = Outliers(self._maximum_gap)
+        self._repeats = Repeats[BaseStream]()
+        self._outliers = Outliers[BaseStream](self._maximum_gap)
         self._dropped: Counter[str] = Counter()
 
     @property
