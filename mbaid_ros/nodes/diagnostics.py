@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.sensors.thrust import LATE_THRUST
+from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
 from mbaid_ros.nodes.reports import (
     ERROR,
     OK,

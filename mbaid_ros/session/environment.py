@@ -16,7 +16,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import Storage
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.environment import Circle
 
 

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
-from mbaid_ros.core.sensors.orbit_frame import OTHER_MOMENTUM_FRAME
+from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.core.sensors.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import (
     BAD_QUATERNION,
     IMU_FRAME,

@@ -19,12 +19,11 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.sensors.base import AttachedFrame, measured_orientation
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.external_momentum import StoredMomentum, Thrust
 from mbaid_ros.core.sensors.imu import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
-from mbaid_ros.core.sensors.orbit_frame import StoredMomentum
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.streams import Reorder
-from mbaid_ros.core.sensors.thrust import Thrust
 from mbaid_ros.messages import ImuReader, JointReader, OdometryReader
 from mbaid_ros.session.environment import falling_frame, suspecting, uncertain_thrusters
 from mbaid_ros.session.frames import imu_link, imu_reader

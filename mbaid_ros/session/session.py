@@ -11,7 +11,7 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST, LATE_THRUST
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.base_source import BaseSource

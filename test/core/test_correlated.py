@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.innovations import seen_in
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 from observed import MID

@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array, exp, rotate, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.orbit import Orbit, Turning
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 from orbiting import MEAN_MOTION, NADIR, NORMAL, orbit

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion
 from mbaid_ros.core.robot.orbit import Orbit, Turning
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 from simulated import robot

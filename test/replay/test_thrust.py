@@ -10,7 +10,7 @@ import pytest
 
 import recorded
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.replay.calibrate import main as calibrate
 from mbaid_ros.replay.replay import main as replay
 from simulated import CONFIG

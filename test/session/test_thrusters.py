@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST, Thrust
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior

@@ -12,8 +12,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 from mbaid_ros.core.sensors.base import at_once, hermite
-from mbaid_ros.core.sensors.found_noise import FoundNoise
 from mbaid_ros.core.sensors.imu import Gyro
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.outliers import Outliers, Repeats
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end

@@ -7,8 +7,8 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import ImuStream, Samples, Stamps
-from mbaid_ros.core.sensors.conventions import GyroFrame
 from mbaid_ros.core.sensors.imu import IMU_OUT_OF_ORDER, SATURATED, Gyro
+from mbaid_ros.core.sensors.rates import GyroFrame
 
 MILLISECOND = 1_000_000
 GAP = 100 * MILLISECOND

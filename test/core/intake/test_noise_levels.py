@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
 from measured import base_stream, joint_stream
 from observed import MID

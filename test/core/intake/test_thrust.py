@@ -8,7 +8,7 @@ import pytest
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.thrust import (
+from mbaid_ros.core.sensors.external_momentum import (
     FAR_THRUST,
     NOT_FINITE_THRUST,
     UNKNOWN_FRAME,

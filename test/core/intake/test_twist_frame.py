@@ -10,7 +10,7 @@ import pytest
 
 from mbaid_ros.core.geometry import rotate, rotate_back
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.conventions import TwistFrame
+from mbaid_ros.core.sensors.rates import TwistFrame
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 

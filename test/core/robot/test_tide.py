@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.orbit import (
     of_bodies,
     of_link,
 )
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation.simulation import total_momentum

@@ -9,7 +9,7 @@ import pytest
 
 from captured import servicer_motion
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum

@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.declaration import Reading
 from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, orbit_shape
 from observed import kernel
