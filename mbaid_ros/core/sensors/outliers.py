@@ -32,7 +32,8 @@ _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing wa
 _BLOCK = 64  # misfits that tell the scale of the next as many
 _FEW = 6  # misfits that tell no scale yet
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as too few tell
-_QUARTILE = 1.10  # a quarter of the vectors of three independent numbers of unit variance are shorter
+# A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
+_QUARTILE_OF_THREE, _QUARTILE_OF_ONE = 1.10, 0.319
 
 Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
 
@@ -46,12 +47,14 @@ class Channels(NamedTuple):
     size : length of a change of a channel's numbers, per unit of the quantity
     declared : from N readings to the (N, c) standard deviations of the quantity
     local : from N readings to (N, c, k) coordinates about the first one
+    quartile : lower quartile of a channel's error, in its standard deviations
     """
 
     values: Callable[[Any], Array]
     size: float
     declared: Callable[[Any], Array]
     local: Callable[[Any], Array]
+    quartile: float = _QUARTILE_OF_THREE
 
 
 def _pose_std(base: BaseStream, block: int) -> Array:
@@ -85,6 +88,7 @@ def joint_channels(noise: float) -> tuple[Channels, ...]:
             1.0,
             lambda joints: np.full(joints.position.shape, noise),
             lambda joints: (joints.position - joints.position[0])[:, :, None],
+            _QUARTILE_OF_ONE,
         ),
     )
 
@@ -120,7 +124,7 @@ class Outliers(Generic[Stream]):
         self._near = min(maximum_gap, _NEAR)
         self._channels = channels
         self._cause = cause
-        self._scale = _Scale()
+        self._scale: _Scale | None = None
         self.by_channel: Counter[int] = Counter()
         self._last: Stream | None = None  # the latest two
         self._passed: _Judged | None = None  # the latest that were passed on
@@ -165,6 +169,9 @@ class Outliers(Generic[Stream]):
         misfit = np.concatenate((np.zeros((2, after_two.shape[1])), after_two))[-len(stream.stamp) :]
         self._last = joined[-2:]
         declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
+        if self._scale is None:
+            parts = zip(self._channels, columns, strict=True)
+            self._scale = _Scale(np.concatenate([np.full(part.shape[1], one.quartile) for one, part in parts]))
         scale = np.maximum(declared, self._scale.update(misfit, declared))
         return _Judged(stream, np.any(misfit > _FAR * scale, axis=1), scale)
 
@@ -222,7 +229,8 @@ class _Scale:
     An outlier is in three misfits: the median of a block with many of them would be one of theirs.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, quartile: Array) -> None:
+        self._quartile = quartile  # (c,) of each channel, in its standard deviations
         self._block: Array | None = None  # misfits of the block that is not complete
         self._before: Array | None = None  # scale of the one before it
 
@@ -232,11 +240,11 @@ class _Scale:
         joined = misfit if self._block is None else np.concatenate((self._block, misfit))
         complete = len(joined) // _BLOCK
         blocks = joined[: complete * _BLOCK].reshape(complete, _BLOCK, joined.shape[1])
-        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / _QUARTILE
+        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / self._quartile
         if self._before is None:  # the first block has none before it: the misfits so far serve, once they are some
             so_far = [joined[min(2, end) : end + 1] for end in range(known, min(len(joined), _BLOCK))]
             first = [
-                np.sort(each, axis=0)[len(each) // 4] / _QUARTILE if len(each) > _FEW else _UNDERSTATED * least
+                np.sort(each, axis=0)[len(each) // 4] / self._quartile if len(each) > _FEW else _UNDERSTATED * least
                 for each, least in zip(so_far, declared, strict=False)
             ]
             initial = np.reshape(first, (-1, joined.shape[1]))

@@ -7,6 +7,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, HeldJoints, Outliers, joint_channels
 
 RATE, COUNT, JOINTS = 50, 600, 4
@@ -76,3 +77,33 @@ def test_coarse_steps_and_rests_are_kept(pieces: int) -> None:
     gate = HeldJoints()
     assert len(passed(gate, with_positions(stream, resting), pieces).stamp) == COUNT
     assert not gate.dropped[JOINTS_HELD]
+
+
+def parts(stream: JointStream, *joints: tuple[int, ...]) -> dict[tuple[int, ...], JointStream]:
+    return {each: JointStream(stream.stamp, stream.position[:, each], stream.velocity[:, each]) for each in joints}
+
+
+@pytest.mark.parametrize('pieces', [1, 12, COUNT])
+def test_a_message_with_all_joints_counts_among_messages_with_some(pieces: int) -> None:
+    stream = motion(4)
+    merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0)
+    merged = []
+    for piece in np.array_split(np.arange(COUNT), pieces):
+        some = stream[piece[piece % 50 != 20]]
+        whole = stream[piece[piece % 50 == 20]]
+        given = {each: part for each, part in parts(some, (0, 1), (2, 3)).items() if len(part.stamp)}
+        given |= {tuple(range(JOINTS)): whole} if len(whole.stamp) else {}
+        merged.append(merge.push(given))
+    found = stream.concatenate([part for part in merged if part is not None])
+    assert np.array_equal(found.stamp, stream.stamp)
+    assert np.array_equal(found.position, stream.position)
+
+
+def test_a_slow_part_serves_often_only_while_it_rests() -> None:
+    stream = motion(5)
+    resting = with_positions(stream, np.where(np.arange(JOINTS) == 3, 0.3, stream.position))
+    for given, every_one in ((resting, True), (stream, False)):
+        merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0, noise=1e-4)
+        merged = merge.push(parts(given, (0, 1, 2)) | parts(given[::10], (3,)))
+        assert merged is not None
+        assert (len(merged.stamp) > COUNT - 11) is every_one
