@@ -13,9 +13,9 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.paper import forms
 from mbaid_ros.core.paper.rls import RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate, Status
-from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
 # An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not tell:

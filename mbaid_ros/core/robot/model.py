@@ -11,8 +11,7 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
-from mbaid_ros.core.robot.mimic import Transmission, transmission
-from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, read_description
+from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission, read_description, transmission
 from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
 
 @dataclass(frozen=True)
