@@ -191,10 +191,10 @@ class Storage:
 
     def __add__(self, other: Storage) -> Storage:
         """Return both, one after the other."""
-        arrays = (
+        axes, inertias, noises = (
             np.concatenate((getattr(self, name), getattr(other, name))) for name in ('axes', 'inertias', 'noises')
         )
-        return Storage(self.bodies + other.bodies, *arrays, self.names + other.names)
+        return Storage(self.bodies + other.bodies, axes, inertias, noises, self.names + other.names)
 
     @property
     def count(self) -> int:
