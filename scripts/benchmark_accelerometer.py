@@ -16,10 +16,9 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, cross, rotate, rotation_from_quaternion
-from mbaid_ros.core.robot.inertia import physical_jacobian
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation.simulation import total_momentum

@@ -21,7 +21,7 @@ from benchmarks.runs import Job, Outcome, monte_carlo
 from benchmarks.summary import summarise
 from benchmarks.trajectory_bound import trajectory_bound
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 
 _SEEDS, _QUICK_SEEDS = {'servicer7': 200, 'ets7': 100, 'table1': 100}, 8
 _OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # of what is not a plain case, and of slow odometry

@@ -29,7 +29,7 @@ from benchmarks.methods import METHODS
 from benchmarks.pages import provenance, put_section, table
 from benchmarks.speed_live import ENVIRONMENT, executable, interrupted
 from benchmarks.speed_replay import assigned
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 
 _FACTORS = (30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0)
 _TRIAL = 30.0  # s

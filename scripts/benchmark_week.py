@@ -29,7 +29,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.results import Run

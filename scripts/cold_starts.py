@@ -20,7 +20,7 @@ from benchmarks.methods import Identification  # noqa: E402
 from benchmarks.pages import machine, number, percent, replace_marked, table  # noqa: E402
 from benchmarks.store import Runs  # noqa: E402
 from mbaid_ros.core.geometry import Array  # noqa: E402
-from mbaid_ros.core.robot.inertia import physical  # noqa: E402
+from mbaid_ros.core.robot.momentum import physical  # noqa: E402
 from mbaid_ros.replay.campaigns.monte_carlo import nees  # noqa: E402
 
 PAGE = ROOT / 'docs' / 'trajectory.md'

@@ -23,8 +23,8 @@ from captured import CHASER, capture, sensed, servicer_motion, with_bare_link  #
 from chromium import Chromium  # noqa: E402
 from floating import float_freely  # noqa: E402
 from mbaid_ros.cli import ArgumentParser, run  # noqa: E402
-from mbaid_ros.core.robot.inertia import physical  # noqa: E402
 from mbaid_ros.core.robot.model import load_model  # noqa: E402
+from mbaid_ros.core.robot.momentum import physical  # noqa: E402
 from mbaid_ros.core.robot.urdf_edit import change_inertial  # noqa: E402
 from mbaid_ros.replay import replay, simulate  # noqa: E402
 from mbaid_ros.simulation.simulation import Truth  # noqa: E402

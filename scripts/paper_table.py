@@ -18,7 +18,7 @@ from benchmarks.driver import parser_of
 from benchmarks.methods import Identification
 from benchmarks.pages import write
 from benchmarks.recursion import FORMS, all_bodies_rank, recursion
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 
 _RATES = (100.0, 50.0, 10.0)  # Hz
 _PLANE = [0, 1, 2, 9]  # m, x_c, y_c, Izz

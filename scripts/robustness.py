@@ -22,7 +22,7 @@ from benchmarks.store import Runs  # noqa: E402
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates  # noqa: E402
 from mbaid_ros.core.geometry import Array, unvec  # noqa: E402
 from mbaid_ros.core.results.estimate import Estimate  # noqa: E402
-from mbaid_ros.core.robot.inertia import physical  # noqa: E402
+from mbaid_ros.core.robot.momentum import physical  # noqa: E402
 from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE  # noqa: E402
 from mbaid_ros.session import intake_warnings  # noqa: E402
 from simulated import robot  # noqa: E402

@@ -16,9 +16,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import ellipsoid_radii, principal
 from mbaid_ros.core.robot.urdf_document import tree_of
 from mbaid_ros.messages import positions_of, stamp_of
 from mbaid_ros.nodes.description import tf_message

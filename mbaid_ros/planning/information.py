@@ -24,7 +24,7 @@ from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.results.reporting import Reporting, relative_std
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
 from mbaid_ros.planning.floating import BaseMotion

@@ -13,8 +13,8 @@ from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.files import as_utf8, write_text
 from mbaid_ros.replay import formats

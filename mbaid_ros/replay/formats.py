@@ -14,7 +14,7 @@ import pinocchio
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.robot.inertia import box_sizes, ellipsoid_radii, principal
+from mbaid_ros.core.robot.momentum import box_sizes, ellipsoid_radii, principal
 from mbaid_ros.replay.identified import Identified
 
 BOX, ELLIPSOID = 'box', 'ellipsoid'

@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.files import write_text
 from mbaid_ros.simulated_run import SimulatedRun
 

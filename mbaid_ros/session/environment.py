@@ -91,7 +91,7 @@ def storage(config: WheelsConfig, model: RobotModel) -> Storage:
     wheels = make_storage(config.names, config.axes, config.spin_inertias, model, config.speed_std)
     if not config.momentum_frame:
         return wheels
-    return wheels + Storage.told(model.link(config.momentum_frame), config.momentum_std)
+    return wheels + Storage.published(model.link(config.momentum_frame), config.momentum_std)
 
 
 def spin_deviations(config: WheelsConfig) -> tuple[float, ...]:

@@ -14,8 +14,7 @@ from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.two_stage import TwoStageEstimator

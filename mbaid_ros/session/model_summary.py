@@ -9,8 +9,8 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import pseudo_inertia
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import pseudo_inertia
 
 # An inertia counts as impossible where its smallest principal part of the second moments is this much below zero,
 # relative to the largest: less is how CAD rounds a thin plate or rod.

@@ -17,6 +17,7 @@ from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import (
     BodyDeviations,
@@ -25,7 +26,6 @@ from mbaid_ros.core.robot.model_errors import (
     calibrated,
     declared,
 )
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.trajectory.posterior import (
     FIRST,
     End,

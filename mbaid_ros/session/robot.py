@@ -16,9 +16,9 @@ from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.publication import Debris, debris
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_document import kept_words
 from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
 from mbaid_ros.core.sensors.base import AttachedFrame

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.io import savemat
 
 from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.recordings import spot_2023 as bench_2023
 from mbaid_ros.recordings.spot import BASE, CHASER, COMMANDS_FILE, LINKS, planar_urdf

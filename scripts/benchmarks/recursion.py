@@ -9,11 +9,10 @@ import numpy as np
 from benchmarks.data import LEVELS, exact_samples, kernel, momentum_of, motion
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper import forms
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.paper.estimator import RecursiveLeastSquares
 from mbaid_ros.core.robot.kernel import BodyStates
-from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical, regressor
 
 FORMS = ('main', 'difference, previous sample', 'difference, first sample')
 FORGETTING_FACTOR = 0.99

@@ -14,9 +14,8 @@ from benchmarks.methods import Identification
 from benchmarks.speed_bag import LEVEL, ROBOT
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
 from mbaid_ros.core.robot.model import RobotModel, load_model, parse
-from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import random_sinusoids

@@ -19,9 +19,9 @@ import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay

@@ -18,8 +18,8 @@ from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import box_sizes
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.export import main

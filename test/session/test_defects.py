@@ -20,7 +20,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import (
     JUMPED_BACK,

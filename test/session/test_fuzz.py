@@ -18,7 +18,7 @@ import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from simulated import robot
 
 ROBOT = 'table1'

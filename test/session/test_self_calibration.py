@@ -22,10 +22,10 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session

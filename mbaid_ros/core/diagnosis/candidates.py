@@ -44,7 +44,7 @@ from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.verdict import LARGEST_NIS
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis

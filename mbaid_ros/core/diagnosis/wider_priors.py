@@ -18,7 +18,7 @@ from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, White
 from mbaid_ros.core.filter.window import STACK, Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.variance_components import PriorComparison
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.priors import UnknownsPrior

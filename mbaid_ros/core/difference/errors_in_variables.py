@@ -112,24 +112,13 @@ def whitener_of(noise: Array) -> Array:
     return whitener[None] if single else whitener
 
 
-def costs(blocks: Blocks, candidates: Array) -> Array:
-    """Return the sum of the squared normalised residuals at each candidate (C, u): (C,), infinite where undefined."""
-    shape = blocks.noise_rows.shape
-    noise = (candidates @ blocks.noise_rows.reshape(-1, shape[-1]).T).reshape(-1, *shape[:-1]) + blocks.noise
-    try:
-        whitener = whitener_of(noise.reshape(-1, *shape[1:-1]))
-    except FloatingPointError:
-        if len(candidates) == 1:
-            return np.array([np.inf])
-        return np.concatenate([costs(blocks, x[None]) for x in candidates])
-    residual = (blocks.rows @ candidates.T).transpose(2, 0, 1) + blocks.offset
-    white = whitener @ residual.reshape(-1, shape[1], 1)
-    return np.asarray((white.reshape(len(candidates), -1) ** 2).sum(axis=1))
-
-
 def cost(blocks: Blocks, x: Array) -> float:
     """Return the sum of the squared normalised residuals at x (u,), infinite where undefined."""
-    return float(costs(blocks, x[None])[0])
+    try:
+        whitener = whitener_of(noise_at(blocks, x))
+    except FloatingPointError:
+        return np.inf
+    return float(np.sum((whitener @ (blocks.rows @ x + blocks.offset)[..., None]) ** 2))
 
 
 def whitened(blocks: Blocks, x: Array) -> White:

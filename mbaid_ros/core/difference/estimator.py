@@ -21,10 +21,9 @@ from mbaid_ros.core.difference.window_rows import BODY, LINEAR, ConsiderParamete
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.reporting import NOISE_MARGIN, Instant, Reporting, Solution, inverses
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.orbit import brought
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior

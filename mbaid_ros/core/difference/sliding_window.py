@@ -291,7 +291,7 @@ class SlidingWindow:
         starts = [*first_solutions(blocks, information, self._marginalised.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
         possible = [x for x in starts if x[0] > 0.0] or starts
-        costs = [self._total_cost(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
+        costs = [self._total_cost(eiv.cost(blocks, x), x) for x in possible]
         self.windows.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
 
     def _marginalise(self) -> None:

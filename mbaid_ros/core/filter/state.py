@@ -15,9 +15,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import body_sizes
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map

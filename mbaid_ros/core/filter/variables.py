@@ -17,8 +17,8 @@ from mbaid_ros.core.filter.state import (
     Layout,
 )
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.kernel import unknown_scale
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors, which make numbers comparable and decide nothing

@@ -1,8 +1,8 @@
-"""Joint measurements from messages that each hold all joints, or only some: to one stream of all.
+"""Joint measurements from messages that each hold all joints, or only some, merged to one stream.
 
-Publishers that each know a part of the joints stamp their messages at different times. The messages that hold the first
-joints set the stamps; the others are interpolated to them, over no gap longer than is allowed. A message with all
-joints counts as one of each part, once the parts together hold all of them.
+Publishers of some joints stamp their messages at different times. The messages with the first joints set the stamps;
+the others are interpolated to them, over no gap longer than allowed. A message with all joints counts as one of each
+part, once the parts together hold all of them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class _Part:
         self._last: Array | None = None
         self._turns = np.zeros(len(joints))
         self.waiting: JointStream | None = None
-        self.own: list[int] = []  # columns of the joints that this part is asked for
+        self.own: list[int] = []  # columns of the joints that this part is used for
 
     def push(self, stream: JointStream) -> JointStream | None:
         """Return the measurements that are in order now, unwrapped."""
@@ -57,18 +57,14 @@ class _Part:
 
 
 class JointMerge:
-    """Turns what each kind of message holds into one stream of all joints.
+    """Merges messages by the joints they hold into one stream of all joints.
 
     Parameters
     ----------
     turning : (n,) True for joints that turn
     maximum_gap, reorder_limit : ns, longest interpolated interval, and longest wait for late messages
-    beside : how many of the n, the last ones, are no joints: they never set the stamps, and may come less often
+    beside : number of the last of n that are no joints: they never set the stamps, and may come less often
     noise : rad or m, standard deviation of a joint position
-
-    Attributes
-    ----------
-    dropped : measurements that were not used, by cause
     """
 
     def __init__(
@@ -96,7 +92,7 @@ class JointMerge:
 
     @property
     def hold(self) -> int:
-        """Longest time that measurements are held back now, ns."""
+        """Longest time for which measurements wait now, ns."""
         return max(part.reorder.hold for part in self._all())
 
     @property
@@ -106,21 +102,18 @@ class JointMerge:
 
     @property
     def missing(self) -> Joints:
-        """Joints that no message has held."""
+        """Joints that were in no message."""
         seen = {int(joint) for part in self._parts.values() for joint in part.joints}
         return tuple(joint for joint in range(len(self._turning)) if joint not in seen)
 
     @property
     def newest(self) -> dict[Joints, int]:
-        """Latest stamp (ns) of each kind of message that holds a part."""
-        return {
-            joints: int(part.waiting.stamp[-1])
-            for joints, part in self._parts.items()
-            if part.waiting is not None and len(part.waiting.stamp)
-        }
+        """Latest stamp (ns) of each kind of message with some of the joints."""
+        waiting = ((joints, part.waiting) for joints, part in self._parts.items())
+        return {joints: int(each.stamp[-1]) for joints, each in waiting if each is not None and len(each.stamp)}
 
     def push(self, streams: dict[Joints, JointStream]) -> JointStream | None:
-        """Take measurements by the joints they hold, in the order of arrival; return those of all joints."""
+        """Add measurements by their joints, in the order of arrival; return those of all joints."""
         whole = streams.get(tuple(range(len(self._turning))))
         some = {joints: stream for joints, stream in streams.items() if stream is not whole}
         for joints in some:
@@ -240,11 +233,9 @@ class JointMerge:
         velocity[:, leader.joints[leader.own]] = lead.velocity[:, leader.own]
         for part in others:
             if part.waiting is not None:
-                at, rate = interpolate(part.waiting, lead.stamp)
-                position[:, part.joints[part.own]], velocity[:, part.joints[part.own]] = (
-                    at[:, part.own],
-                    rate[:, part.own],
-                )
+                places, rates = interpolate(part.waiting, lead.stamp)
+                position[:, part.joints[part.own]] = places[:, part.own]
+                velocity[:, part.joints[part.own]] = rates[:, part.own]
         return JointStream(lead.stamp, position, velocity)
 
 

@@ -1,4 +1,4 @@
-"""How noisy the sensors have turned out to be, beside what was declared of them."""
+"""Noise levels of the sensors: declared ones beside those estimated from the data, and windows that carry them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class SensorLevels:
 
     Attributes
     ----------
-    declared, found : (6,) of CHANNELS, SI; NaN where nobody has declared anything, where it is not found
-    assumed : (6,) what is taken for it where it is neither, and there are readings
-    correlation_time : s, over which the errors of the base's poses are taken to be correlated; 0 for independent ones
-    used : (6,) whether what was found is used, and not what was declared
+    declared, found : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
+    assumed : (6,) used for readings that have neither
+    correlation_time : s, of the errors of the base's poses; 0 for independent ones
+    used : (6,) whether the estimated level is used instead of the declared one
     """
 
     declared: Array
@@ -47,9 +47,9 @@ class SensorLevels:
 
     @property
     def warning(self) -> str:
-        """What leads to wrong numbers, whatever the innovations say: joints that are far better than declared.
+        """A sentence if joints are far better than declared, else empty.
 
-        Their noise is in the coefficients of the equations. What it adds there on average is taken off.
+        The filter subtracts the expected bias of their noise in the coefficients; too much of it biases estimates.
         """
         declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
@@ -60,7 +60,7 @@ class SensorLevels:
         )
 
     def shown(self) -> list[tuple[str, str, str]]:
-        """Return name and unit of each sensor, and what is declared and found of it, that first which counts."""
+        """Return name and unit of each sensor, and its declared and found level, the one in use first."""
         each = zip(CHANNELS, UNITS, self.declared, self.found, self.assumed, self.used, strict=True)
         rows = []
         for name, unit, declared, found, assumed, used in each:
@@ -71,7 +71,7 @@ class SensorLevels:
         return rows
 
     def told(self) -> list[str]:
-        """Return in words what a user should know: of each sensor that is not as declared, a line."""
+        """Return a line for each sensor that is not as declared."""
         lines = []
         each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
         for name, unit, declared, found, used in each:
@@ -91,7 +91,7 @@ class SensorLevels:
         return lines
 
     def _undeclared(self, known: Array) -> list[str]:
-        """Return what is known (6,) of sensors of which nobody has declared anything."""
+        """Return known levels (6,) of undeclared sensors in words."""
         return [
             f'{name.replace("_", " ")} ({value:.2g} {unit})'
             for name, unit, declared, value in zip(CHANNELS, UNITS, self.declared, known, strict=True)
@@ -108,15 +108,14 @@ _NEVER = np.iinfo(np.int64).max
 
 
 class FoundNoise:
-    """Follows how noisy the sensors are, and says it of each window.
+    """Estimates the noise levels of the sensors and applies them to windows.
 
     Parameters
     ----------
-    noise : as declared; what it has of the base counts where messages have no covariance
+    noise : as declared; that of the base serves messages without a covariance
     joints : number
-    undeclared : (6,) of which CHANNELS nobody has declared anything: what is found of them is used until a message
-        declares it; none where not given
-    estimate : whether what is found is used of all, and not what is declared
+    undeclared : (6,) which CHANNELS are undeclared: their estimated level is used until a message declares one
+    estimate : whether estimated levels replace all declared ones
     """
 
     def __init__(
@@ -134,20 +133,14 @@ class FoundNoise:
         return self._noise.joint_position
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
-        """Take readings as they arrived, in the order of their stamps, without repeated poses and outliers."""
+        """Add readings in the order of their stamps, without repeated poses and outliers."""
         self._levels.take(joints, base)
         if base is not None and len(base.stamp):
             first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
             self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
 
     def applied(self, window: Samples, origin: int) -> tuple[Samples, SensorLevels]:
-        """Return a window with its noise, and what is known of that by then.
-
-        Parameters
-        ----------
-        window : the next one
-        origin : ns, stamp at time 0
-        """
+        """Return the next window with its noise, and the levels until its end; `origin` is the stamp at time 0, ns."""
         end = origin + round(float(window.time[-1]) * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
         used = undeclared | self._estimate
@@ -157,8 +150,8 @@ class FoundNoise:
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
         factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
         if window.missing_rates[1] and spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
-            # Of poses alone a window that is weighted far too much is never made up for; one that hardly counts is no
-            # loss. Where there is a twist it tells as much, and what stays exact would never count.
+            # With poses alone a window of far too much weight is never made up for; one of hardly any is no loss. A
+            # twist informs as much, and poses that stay exact would never count.
             factor[2:4] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:4]
         time = self._noise.base_correlation_time or levels.correlation_time
         noise = np.array([*(factor[:2] * declared[:2]), time])
@@ -176,7 +169,7 @@ class FoundNoise:
         )
 
     def _declared(self, window: Samples) -> Array:
-        """Return the (6,) standard deviations of single readings that are declared of a window."""
+        """Return the (6,) declared standard deviations of single readings in a window."""
         spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else 0.0
         # Samples between two poses have the noise that they share as if it were each one's own.
         shared = max(float(np.median(window.apart)) / spacing, 1.0) if spacing > 0.0 else 1.0
@@ -188,20 +181,14 @@ class FoundNoise:
 
 
 def _read(window: Samples) -> Flags:
-    """Return which of CHANNELS (6,) a window has readings of; of poses the covariance tells."""
-    values = (
-        window.joint_position,
-        window.joint_velocity,
-        np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, :3],
-        np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, 3:],
-        window.base_linear_velocity,
-        window.base_angular_velocity,
-    )
-    return np.array([bool(np.any(np.isfinite(each))) for each in values])
+    """Return which of CHANNELS (6,) a window has readings of; poses are read where their covariance is finite."""
+    pose = np.split(np.diagonal(window.pose_covariance, axis1=1, axis2=2), 2, axis=1)
+    twist = window.base_linear_velocity, window.base_angular_velocity
+    return np.array([bool(np.isfinite(x).any()) for x in (window.joint_position, window.joint_velocity, *pose, *twist)])
 
 
 def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
-    """Return covariances (N, 6, 6), weighted (N,), their two parts (2,) times as large as standard deviations."""
+    """Return covariances (N, 6, 6) times weights (N,), standard deviations of their two blocks times factors (2,)."""
     if np.all(factor == 1.0) and np.all(weight == 1.0):
         return covariance
     size = np.repeat(factor, 3)
@@ -209,14 +196,10 @@ def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
 
 
 def _slower(apart: Array, time: float) -> Array:
-    """Return how many times as large slow means of poses are as those of independent ones, as a variance, (N,).
+    """Return the variance of slow means of correlated poses over that of independent ones, (N,).
 
-    Of an autoregression of first order with correlation c from one to the next that is (1 + c) / (1 - c).
-
-    Parameters
-    ----------
-    apart : (N,) s, between poses; 0 where not known
-    time : s, over which their errors are correlated
+    An autoregression of first order with correlation c between neighbours has (1 + c) / (1 - c). `apart` (N,) s is the
+    time between poses, 0 if unknown; `time` (s) that of the correlation.
     """
     if time <= 0.0:
         return np.ones(len(apart))

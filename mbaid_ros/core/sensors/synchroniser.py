@@ -35,14 +35,10 @@ class Synchroniser:
 
     Parameters
     ----------
-    maximum_gap : float
-        Longest time between two odometry stamps that is interpolated, s.
-    view : callable, optional
-        What takes measurements of the base to an inertial frame, where that of the odometry is none.
-    gyro : Gyro, optional
-        Integrates what an IMU measures, which samples then wait for.
-    noise : FoundNoise, optional
-        Takes the readings that are used.
+    maximum_gap : s, longest time between two odometry stamps that is interpolated
+    view : transforms measurements of the base to an inertial frame, if that of the odometry is none
+    gyro : integrates an IMU's rate; samples then wait for it
+    noise : receives the readings that are used
     """
 
     def __init__(
@@ -81,10 +77,9 @@ class Synchroniser:
         return self._origin or 0
 
     def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> Samples | None:
-        """Take measurements and return the samples that they complete, None if there are none.
+        """Add measurements; return the samples that they complete, None if there are none.
 
-        A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
-        outliers.
+        Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
         joints = self._joint_outliers.push(self._held.push(self._later(joints)))
         self._joints = self._append(self._joints, joints)
@@ -117,12 +112,12 @@ class Synchroniser:
         return samples
 
     def _measured_until(self, base: Stamps) -> int:
-        """Return the last stamp of the base (N,) until which all else has been measured, too; before all if none."""
+        """Return the last stamp of the base (N,) up to which the gyro is known, too; the least integer if none."""
         if self._gyro is None:
             return int(base[-1])
         silent = self._newest[JointStream] - _PATIENCE
         newest = silent if self._gyro.newest is None else max(self._gyro.newest, silent)
-        # What is between two of the base needs the gyro until the second.
+        # Samples between two of the base need the gyro until the second.
         place = int(np.searchsorted(base, newest, side='right'))
         return int(base[place - 1]) if place else _BEFORE_ALL
 
@@ -182,10 +177,7 @@ class Synchroniser:
         return replace(samples, base_rotation=self._turned(samples, joints.stamp, base, (left, right)))
 
     def _turned(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
-        """Return the orientations (N, 3, 3) between two of the base, as the gyro has turned in between.
-
-        What it misses of the turn from one to the other, by bias or scale, is spread evenly over the time between.
-        """
+        """Return the orientations (N, 3, 3) between two of the base by the gyro, its error spread evenly in between."""
         assert self._gyro is not None, 'there is an IMU'
         left, right = ends
         (now, at), (begin, first), (end, last) = (

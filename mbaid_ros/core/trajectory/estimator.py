@@ -22,10 +22,10 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, Status
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.verdict import judge
-from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.robot.orbit import brought
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (

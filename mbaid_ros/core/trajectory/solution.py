@@ -25,7 +25,7 @@ from mbaid_ros.core.results.estimate import (
 )
 from mbaid_ros.core.results.reporting import Instant, Solution
 from mbaid_ros.core.results.verdict import MOST_JUMPS, Verdict
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis

@@ -21,7 +21,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event
 from mbaid_ros.core.results.verdict import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.hypotheses import hypotheses

@@ -8,9 +8,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import ellipsoid_radii, principal
 from mbaid_ros.replay.report.shapes import Shape, shapes
 from mbaid_ros.replay.results import Run
 

@@ -12,8 +12,8 @@ import pinocchio
 from benchmarks.data import model
 from benchmarks.honesty.paths import ROBOT
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 
 Vector = Sequence[float] | Array

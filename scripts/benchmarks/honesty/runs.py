@@ -25,8 +25,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages

@@ -29,9 +29,9 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.unknowns.base import OdometryMount

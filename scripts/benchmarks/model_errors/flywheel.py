@@ -14,9 +14,9 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.segment import UNSOLVABLE
 from mbaid_ros.simulated_robot import make_initial_state, make_motion

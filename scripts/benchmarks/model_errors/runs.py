@@ -18,8 +18,8 @@ from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.campaigns.monte_carlo import nees
 from mbaid_ros.session import make_estimator
 from mbaid_ros.simulation.simulation import Truth

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows

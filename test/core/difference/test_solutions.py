@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import HIGH, MID, estimator, kernel, observe, windows

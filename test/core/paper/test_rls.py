@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.paper.estimator import RecursiveLeastSquares
 
 UNKNOWNS = 4
 PRIOR = 1e3

@@ -10,7 +10,7 @@ import pytest
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.publication import Frame, debris
-from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.momentum import physical, standard
 
 LINK = standard(np.array([35.0, 0.2, -0.1, 0.3, 2.0, 0.1, -0.2, 3.0, 0.15, 2.5]))
 SAME = Frame('hand', np.eye(3), np.zeros(3))

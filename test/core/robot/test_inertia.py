@@ -7,7 +7,12 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, skew, unvec, vec
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian, pseudo_inertia, standard
+from mbaid_ros.core.robot.momentum import (
+    physical,
+    physical_jacobian,
+    pseudo_inertia,
+    standard,
+)
 
 SEEDS = range(5)
 

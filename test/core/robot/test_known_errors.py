@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import (
@@ -18,6 +17,7 @@ from mbaid_ros.core.robot.model_errors import (
     declared,
     relative_factor,
 )
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
 LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
 INERTIA = '<inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="2"/>'

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.robot.mimic import Mimic, transmission
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import Mimic, transmission
 from random_robots import random_urdf
 
 JOINTS = ('a', 'left', 'right', 'b', 'tip')

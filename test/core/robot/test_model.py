@@ -12,8 +12,8 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from mbaid_ros.core.robot.momentum import standard
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, robot
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, MomentumRows, momentum_rows
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.samples import Samples
 from random_robots import random_state, random_storage, random_urdf
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp, vec
-from mbaid_ros.core.robot.inertia import box_sizes, ellipsoid_radii, principal
+from mbaid_ros.core.robot.momentum import box_sizes, ellipsoid_radii, principal
 
 
 def parameters(moments: list[float], turn: list[float]) -> Array:

@@ -11,10 +11,9 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, exp, vec
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.orbit import (
     about,
     brought,

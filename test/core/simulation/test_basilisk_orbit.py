@@ -27,10 +27,9 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion, unvec
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express
-from mbaid_ros.core.robot.momentum import momentum
+from mbaid_ros.core.robot.momentum import momentum, physical
 from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import Session

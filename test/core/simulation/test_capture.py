@@ -11,8 +11,8 @@ from benchmarks.precapture import free_model
 from captured import LINK, alone, servicer_motion
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from simulated import robot, state

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, vec
-from mbaid_ros.core.robot.inertia import physical, standard
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyPoses, Surroundings, Tide

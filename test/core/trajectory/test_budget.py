@@ -12,8 +12,8 @@ from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import SENSOR_NOISE
-from mbaid_ros.core.robot.inertia import physical_jacobian
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.trajectory.solution import error_budget
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue

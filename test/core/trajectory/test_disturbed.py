@@ -11,9 +11,9 @@ from scipy.stats import chi2
 
 from floating import DEFAULT, errors, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import body_sizes
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, windows

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.data import kernel
 from benchmarks.model_errors.runs import estimates
 from benchmarks.model_errors.variant import DEFAULT, Variant
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 
 PUBLISHED = ('estimating', 'converged')
 

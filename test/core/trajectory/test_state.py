@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.filter.state import near_part
-from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.momentum import standard
 
 BODY = standard(np.array([10.0, 0.1, 0.2, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0]))
 POINT = np.concatenate((np.zeros(6), BODY, np.zeros(3)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 
 DECLARED = {

@@ -15,7 +15,7 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.joints import JointTracking, joint_placements, joint_tracking
 from mbaid_ros.simulation.motion import Sinusoids

@@ -11,10 +11,10 @@ import pytest
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors, declared, displaced
 from mbaid_ros.core.robot.orbit import of_bodies
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements

@@ -13,9 +13,9 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformat
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from observed import HIGH, configured_motion, kernel, observe, windows
