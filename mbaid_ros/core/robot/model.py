@@ -174,7 +174,7 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
     """
     description = read_description(urdf, base_link)
     model = _built(description)
-    names = tuple(name.removeprefix(_JOINT) for name in model.names[2:])
+    names = tuple(model.names[2:])
     count = model.njoints - 2  # without pinocchio's universe and the free-flyer
     placements = [model.jointPlacements[index + 2] for index in range(count)]
     subspaces = [_motion_subspace(model.joints[index + 2]) for index in range(count)]
@@ -218,11 +218,13 @@ def _built(description: Description) -> pinocchio.Model:
         )
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error
     model.gravity.setZero()
+    for place, name in enumerate(model.names):
+        model.names[place] = name.removeprefix(_JOINT)
     return model
 
 
 def _with_own_joint_names(text: str) -> str:
-    """Return a document whose joints have names that no link has, nor what pinocchio adds ('universe', 'root_joint')."""
+    """Return a document whose joints are named as no link is, nor a part that pinocchio adds ('root_joint')."""
     robot = tree_of(text)
     for joint in robot.findall('joint'):
         joint.set('name', _JOINT + joint.get('name', ''))
