@@ -38,7 +38,7 @@ _Shape = JointStateShape | JointStateLayout
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 
-    Messages that hold some of the joints count until one has held all of them. Wheels, which are no joints of the
+    Wheels, which are no joints of the
     robot, come after these: their velocities have to be there, their positions say nothing and are read as zero.
 
     Parameters
@@ -51,7 +51,6 @@ class JointReader:
         self._first_wheel = len(joint_names)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
-        self._complete = False  # whether a message has held all joints
         self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
@@ -67,7 +66,7 @@ class JointReader:
         for shape, group in groupby(messages, key=joint_state_shape):
             run = list(group)
             layout = self._layout(shape.names)
-            cause = layout.refused or self._misfit(shape, layout)
+            cause = layout.refused or self._misfit(shape)
             if cause:
                 dropped[cause] += number_of(run)
                 continue
@@ -84,15 +83,12 @@ class JointReader:
                 streams[joints] = stream
         return streams, +dropped
 
-    def _misfit(self, shape: _Shape, layout: _Layout) -> str:
+    @staticmethod
+    def _misfit(shape: _Shape) -> str:
         """Return why messages of a shape cannot be used, empty if they can."""
         count = len(shape.names)
         if shape.positions != count or shape.velocities not in {0, count}:
             return LENGTH_MISMATCH
-        if layout.joints == self.all:
-            self._complete = True
-        elif self._complete:
-            return JOINT_MISSING
         return ''
 
     def _layout(self, key: tuple[str, ...]) -> _Layout:

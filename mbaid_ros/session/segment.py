@@ -66,7 +66,9 @@ class Intake:
         limit, beside = round(config.reorder_time * 1e9), robot.described.storage.count
         turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
         turning = np.append(turning, np.zeros(beside, dtype=bool))
-        self.merge = JointMerge(turning, round(config.maximum_gap * 1e9), limit, beside)
+        self.merge = JointMerge(
+            turning, round(config.maximum_gap * 1e9), limit, beside, config.noise.declared.joint_position
+        )
         self._reorder = Reorder[BaseStream](limit)
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio
@@ -12,7 +13,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
 from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission, read_description, transmission
-from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line
+from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
 
 
 def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) -> Array:
@@ -30,6 +31,7 @@ def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) 
     return found
 
 
+_JOINT = 'joint: '  # before the name of a joint in what pinocchio parses
 _COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 
 
@@ -206,12 +208,30 @@ def _built(description: Description) -> pinocchio.Model:
     complaints: list[str] = []
     try:
         with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(on_one_line(description.text), pinocchio.JointModelFreeFlyer())
+            model = pinocchio.buildModelFromXML(
+                _with_own_joint_names(description.text), pinocchio.JointModelFreeFlyer()
+            )
     except (ValueError, RuntimeError) as error:
-        reason = ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).split()) or 'no reason given'
+        reason = (
+            ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).replace(_JOINT, '').split())
+            or 'no reason given'
+        )
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error
     model.gravity.setZero()
+    for place, name in enumerate(model.names):
+        model.names[place] = name.removeprefix(_JOINT)
     return model
+
+
+def _with_own_joint_names(text: str) -> str:
+    """Return a document whose joints are named as no link is, nor a part that pinocchio adds ('root_joint')."""
+    robot = tree_of(text)
+    for joint in robot.findall('joint'):
+        joint.set('name', _JOINT + joint.get('name', ''))
+        mimic = joint.find('mimic')
+        if mimic is not None:
+            mimic.set('joint', _JOINT + mimic.get('joint', ''))
+    return on_one_line(ET.tostring(robot, encoding='unicode'))
 
 
 def _motion_subspace(joint: pinocchio.JointModel) -> Array:

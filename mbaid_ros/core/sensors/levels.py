@@ -127,6 +127,11 @@ class FoundNoise:
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
         self._levels = NoiseLevels(noise, joints)
 
+    @property
+    def joint_position(self) -> float:
+        """Declared standard deviation of a joint position, rad or m."""
+        return self._noise.joint_position
+
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings in the order of their stamps, without repeated poses and outliers."""
         self._levels.take(joints, base)

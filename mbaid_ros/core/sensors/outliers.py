@@ -20,6 +20,7 @@ from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 
 OUTLIER = 'pose far from those before and after'
+JOINT_OUTLIER = 'joint position far from those before and after'
 REPEATED_POSE = 'pose repeated'
 STILL = 1_000_000_000  # ns that the same pose has to last to be that of a base at rest
 
@@ -31,46 +32,65 @@ _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing wa
 _BLOCK = 64  # misfits that tell the scale of the next as many
 _FEW = 6  # misfits that tell no scale yet
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as too few tell
-_QUARTILE = 1.10  # a quarter of the vectors of three independent numbers of unit variance are shorter
+# A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
+_QUARTILE_OF_THREE, _QUARTILE_OF_ONE = 1.10, 0.319
 
 Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
 
 
-class Channel(NamedTuple):
-    """Numbers of a reading that are judged together: a position, an orientation, one joint.
+class Channels(NamedTuple):
+    """Channels of one kind: a position, an orientation, each joint.
 
     Attributes
     ----------
-    values : from N readings to (N, w) numbers, which move along straight lines for a moment
-    size : length of a change of these numbers, per unit of the quantity
-    declared : from N readings to the (N,) standard deviations of the quantity
-    local : from N readings to (N, k) coordinates about the first one
+    values : from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
+    size : length of a change of a channel's numbers, per unit of the quantity
+    declared : from N readings to the (N, c) standard deviations of the quantity
+    local : from N readings to (N, c, k) coordinates about the first one
+    quartile : lower quartile of a channel's error, in its standard deviations
     """
 
     values: Callable[[Any], Array]
     size: float
     declared: Callable[[Any], Array]
     local: Callable[[Any], Array]
+    quartile: float = _QUARTILE_OF_THREE
 
 
 def _pose_std(base: BaseStream, block: int) -> Array:
-    """Return the (N,) mean standard deviation of a block of the poses' covariance."""
+    """Return the (N, 1) mean standard deviation of a block of the poses' covariance."""
     variance = np.diagonal(base.pose_covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
-    return np.asarray(np.sqrt(np.mean(variance, axis=2))[:, block])
+    return np.asarray(np.sqrt(np.mean(variance, axis=2))[:, block, None])
 
 
 POSE = (
-    Channel(
-        lambda base: base.position, 1.0, lambda base: _pose_std(base, 0), lambda base: base.position - base.position[0]
+    Channels(
+        lambda base: base.position[:, None],
+        1.0,
+        lambda base: _pose_std(base, 0),
+        lambda base: (base.position - base.position[0])[:, None],
     ),
     # A turn's length is that of the change of the matrix over the square root of two.
-    Channel(
-        lambda base: base.rotation.reshape(-1, 9),
+    Channels(
+        lambda base: base.rotation.reshape(-1, 1, 9),
         np.sqrt(2.0),
         lambda base: _pose_std(base, 1),
-        lambda base: log(base.rotation[0].T @ base.rotation),
+        lambda base: log(base.rotation[0].T @ base.rotation)[:, None],
     ),
 )
+
+
+def joint_channels(noise: float) -> tuple[Channels, ...]:
+    """Return the joints' positions as channels, of a declared standard deviation in rad or m."""
+    return (
+        Channels(
+            lambda joints: joints.position[:, :, None],
+            1.0,
+            lambda joints: np.full(joints.position.shape, noise),
+            lambda joints: (joints.position - joints.position[0])[:, :, None],
+            _QUARTILE_OF_ONE,
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -92,20 +112,29 @@ class Outliers(Generic[Stream]):
     ----------
     maximum_gap : ns, between readings that are compared
     channels : of the stream
+    cause : under which readings are counted
 
     Attributes
     ----------
     dropped : readings that were not passed on
+    by_channel : how often each channel of one of these was far, by its number
     """
 
-    def __init__(self, maximum_gap: int, channels: Sequence[Channel] = POSE) -> None:
+    def __init__(self, maximum_gap: int, channels: Sequence[Channels] = POSE, cause: str = OUTLIER) -> None:
         self._near = min(maximum_gap, _NEAR)
         self._channels = channels
-        self._scale = _Scale(len(channels))
+        self._cause = cause
+        self._scale: _Scale | None = None
+        self.by_channel: Counter[int] = Counter()
         self._last: Stream | None = None  # the latest two
         self._passed: _Judged | None = None  # the latest that were passed on
         self._waiting: _Judged | None = None  # from a suspicious one on
         self.dropped: Counter[str] = Counter()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return None if self._waiting is None else int(self._waiting.readings.stamp[0])
 
     def push(self, stream: Stream | None) -> Stream | None:
         """Add readings in the order of their stamps; return those passed on, None if there are none."""
@@ -118,7 +147,7 @@ class Outliers(Generic[Stream]):
         joined = _joined([self._passed, self._waiting, judged])
         begin = 0 if self._passed is None else len(self._passed)
         passing, end = self._decide(joined, begin)
-        self.dropped[OUTLIER] += end - len(passing)
+        self.dropped[self._cause] += end - len(passing)
         self._waiting = joined[end:] if end < len(joined) else None
         self._passed = joined[np.array(passing[-_BEFORE:], dtype=np.intp)]
         return joined.readings[np.array(passing[begin:], dtype=np.intp)] if len(passing) > begin else None
@@ -126,19 +155,23 @@ class Outliers(Generic[Stream]):
     def _judge(self, stream: Stream) -> _Judged:
         """Return readings with their distance from where the two before lead to, compared with its scale."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
-        misfit: Array = np.zeros((len(joined.stamp), len(self._channels)))
         step = np.diff(joined.stamp)
         first, second = step[:-1], step[1:]
-        ratio = (second / first)[:, None]
+        ratio = (second / first)[:, None, None]
         noise = np.sqrt(1.0 + (1.0 + ratio[:, 0]) ** 2 + ratio[:, 0] ** 2)
-        near = np.maximum(first, second) <= self._near
-        for column, channel in enumerate(self._channels):
-            change = np.diff(channel.values(joined), axis=0)
-            away = np.sqrt(np.sum((change[1:] - ratio * change[:-1]) ** 2, axis=1))
-            misfit[2:, column] = np.where(near, away / (channel.size * noise), 0.0)
-        misfit = misfit[len(joined.stamp) - len(stream.stamp) :]
+        near = (np.maximum(first, second) <= self._near)[:, None]
+        columns = []
+        for channels in self._channels:
+            change = np.diff(channels.values(joined), axis=0)
+            away = np.sqrt(np.sum((change[1:] - ratio * change[:-1]) ** 2, axis=2))
+            columns.append(np.where(near, away / (channels.size * noise), 0.0))
+        after_two = np.concatenate(columns, axis=1)
+        misfit = np.concatenate((np.zeros((2, after_two.shape[1])), after_two))[-len(stream.stamp) :]
         self._last = joined[-2:]
-        declared = np.stack([channel.declared(stream) for channel in self._channels], axis=1)
+        declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
+        if self._scale is None:
+            parts = zip(self._channels, columns, strict=True)
+            self._scale = _Scale(np.concatenate([np.full(part.shape[1], one.quartile) for one, part in parts]))
         scale = np.maximum(declared, self._scale.update(misfit, declared))
         return _Judged(stream, np.any(misfit > _FAR * scale, axis=1), scale)
 
@@ -171,20 +204,23 @@ class Outliers(Generic[Stream]):
         stamp = judged.readings.stamp
         ends = np.clip(around, members[0], members[-1])
         near = np.array(around)[np.abs(stamp[around] - stamp[ends]) <= _BEFORE * self._near]
-        far: Flags = np.zeros(len(members), dtype=bool)
         if np.sum(near < members[0]) < 2 or np.sum(near > members[-1]) < 2:
-            return far
+            return np.zeros(len(members), dtype=bool)
         readings = judged.readings[near[0] : near[-1] + 1]
         near, own = near - near[0], np.array(members) - near[0]
         powers = ((readings.stamp - readings.stamp[own[0]]) * 1e-9)[:, None] ** np.arange(3)
         solve = np.linalg.pinv(powers[near])
         spread = np.sqrt(1.0 + np.sum((powers[own] @ solve) ** 2, axis=1))
-        for column, channel in enumerate(self._channels):
-            values = channel.local(readings)
-            left = np.sqrt(np.sum((values - powers @ (solve @ values[near])) ** 2, axis=1))
-            limit = max(_FAR * float(judged.scale[members[0], column]), _AROUND * float(np.max(left[near])))
-            far |= left[own] > limit * spread
-        return far
+        columns = []
+        for channels in self._channels:
+            values = channels.local(readings)
+            fitted = np.tensordot(powers @ solve, values[near], axes=1)
+            columns.append(np.sqrt(np.sum((values - fitted) ** 2, axis=2)))
+        left = np.concatenate(columns, axis=1)
+        limit = np.maximum(_FAR * judged.scale[members[0]], _AROUND * np.max(left[near], axis=0))
+        each = left[own] > limit * spread[:, None]
+        self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
+        return np.asarray(np.any(each, axis=1))
 
 
 class _Scale:
@@ -193,21 +229,22 @@ class _Scale:
     An outlier is in three misfits: the median of a block with many of them would be one of theirs.
     """
 
-    def __init__(self, channels: int) -> None:
-        self._block: Array = np.zeros((0, channels))  # misfits of the block that is not complete
+    def __init__(self, quartile: Array) -> None:
+        self._quartile = quartile  # (c,) of each channel, in its standard deviations
+        self._block: Array | None = None  # misfits of the block that is not complete
         self._before: Array | None = None  # scale of the one before it
 
     def update(self, misfit: Array, declared: Array) -> Array:
         """Return the scale (N, c) for the next misfits (N, c); for the first ones by their declared noise."""
-        known = len(self._block)
-        joined = np.concatenate((self._block, misfit))
+        known = 0 if self._block is None else len(self._block)
+        joined = misfit if self._block is None else np.concatenate((self._block, misfit))
         complete = len(joined) // _BLOCK
         blocks = joined[: complete * _BLOCK].reshape(complete, _BLOCK, joined.shape[1])
-        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / _QUARTILE
+        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / self._quartile
         if self._before is None:  # the first block has none before it: the misfits so far serve, once they are some
             so_far = [joined[min(2, end) : end + 1] for end in range(known, min(len(joined), _BLOCK))]
             first = [
-                np.sort(each, axis=0)[len(each) // 4] / _QUARTILE if len(each) > _FEW else _UNDERSTATED * least
+                np.sort(each, axis=0)[len(each) // 4] / self._quartile if len(each) > _FEW else _UNDERSTATED * least
                 for each, least in zip(so_far, declared, strict=False)
             ]
             initial = np.reshape(first, (-1, joined.shape[1]))
@@ -235,7 +272,7 @@ class Repeats(Generic[Stream]):
     dropped : readings that were not passed on
     """
 
-    def __init__(self, channels: Sequence[Channel] = POSE) -> None:
+    def __init__(self, channels: Sequence[Channels] = POSE) -> None:
         self._channels = channels
         self._last: Stream | None = None  # latest reading
         self._since = 0  # ns, when its value came
@@ -261,7 +298,7 @@ class Repeats(Generic[Stream]):
         """Return which readings differ from the one before, (N,)."""
         joined = stream.concatenate((stream[:1] if self._last is None else self._last, stream))
         values = [channel.values(joined) for channel in self._channels]
-        new = np.any([np.any(each[1:] != each[:-1], axis=1) for each in values], axis=0)
+        new = np.any([np.any(each[1:] != each[:-1], axis=(1, 2)) for each in values], axis=0)
         new[0] |= self._last is None
         return np.asarray(new)
 
@@ -278,3 +315,79 @@ class Repeats(Generic[Stream]):
         self._since = int(since[-1])
         passing = new | lasts[number]
         return passing, ~passing & (number == number[-1])
+
+
+JOINTS_HELD = 'joint positions repeated under a new stamp'
+
+_CYCLES = 3  # times that all joints moved at once after a repeat, from which a driver is known to hold readings
+
+
+class HeldJoints:
+    """Drops joint readings that a driver repeats under new stamps while the joints move on.
+
+    All joints that move change at once then. An encoder with coarse steps repeats readings, too, but its joints change
+    at different times: nothing is dropped of it. A reading that lasts is that of joints at rest. The result does not
+    depend on how the stream is cut into calls.
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
+    """
+
+    def __init__(self) -> None:
+        self._last: JointStream | None = None  # latest reading
+        self._since = 0  # ns, stamp from which on that has been read
+        self._moving: Flags = np.zeros(0, dtype=bool)  # joints that have changed
+        self._cycles = 0
+        self._held: bool | None = None  # None while it is not known
+        self._waiting: list[tuple[JointStream, bool]] = []  # with whether each is repeated, until that is known
+        self.dropped: Counter[str] = Counter()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return int(self._waiting[0][0].stamp[0]) if self._waiting else None
+
+    def push(self, stream: JointStream | None) -> JointStream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp) or self._held is False:
+            return stream
+        last = stream[:1] if self._last is None else self._last
+        changed = np.diff(np.concatenate((last.position, stream.position)), axis=0) != 0.0
+        if self._last is None:
+            changed[0] = True
+            self._since = int(stream.stamp[0])
+            self._moving = np.zeros(stream.position.shape[1], dtype=bool)
+        self._last = stream[-1:]
+        if not self._waiting and np.all(changed):
+            self._moving, self._since = self._moving | changed[-1], int(stream.stamp[-1])
+            return stream
+        passed = [
+            each for place in range(len(changed)) for each in self._decide(stream[place : place + 1], changed[place])
+        ]
+        return stream.concatenate(passed) if passed else None
+
+    def _decide(self, reading: JointStream, changed: Flags) -> list[JointStream]:
+        """Return the readings that pass once another one (1, n) has come, of which some joints (n,) have changed."""
+        stamp = int(reading.stamp[0])
+        repeated = not np.any(changed)
+        known = self._held is not None
+        if repeated:
+            known |= stamp - self._since >= STILL  # the joints rest
+        else:
+            if np.any(self._moving & ~changed):
+                self._held, known = False, True
+            elif np.sum(changed) < 2:
+                known = True  # one joint by itself: as well one with coarse steps
+            elif self._waiting:
+                self._cycles += 1
+                self._held = True if self._cycles >= _CYCLES else self._held
+                known = self._held is True
+            self._moving, self._since = self._moving | changed, stamp
+        self._waiting.append((reading, repeated and stamp - self._since < STILL))
+        if not known and any(again for _, again in self._waiting):
+            return []
+        waiting, self._waiting = self._waiting, []
+        kept = [each for each, again in waiting if not (again and self._held)]
+        self.dropped[JOINTS_HELD] += len(waiting) - len(kept)
+        return kept

@@ -14,7 +14,7 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 from mbaid_ros.core.sensors.base import at_once, hermite
 from mbaid_ros.core.sensors.imu import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.core.sensors.outliers import Outliers, Repeats
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, HeldJoints, Outliers, Repeats, joint_channels
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
@@ -25,6 +25,7 @@ ODOMETRY_GAP = 'gap in the odometry'
 # A gyro that is further behind the joints than that (ns) has stopped: samples wait for it no longer.
 _PATIENCE = 1_000_000_000
 _BEFORE_ALL = np.iinfo(np.int64).min
+_TYPICAL_NOISE = 1e-4  # rad or m, of joint positions of which nothing is declared
 
 Stream = TypeVar('Stream', JointStream, BaseStream)
 
@@ -58,13 +59,17 @@ class Synchroniser:
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
         self._repeats = Repeats[BaseStream]()
         self._outliers = Outliers[BaseStream](self._maximum_gap)
+        self._held = HeldJoints()
+        joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
+        self._joint_outliers = Outliers[JointStream](self._maximum_gap, joints, JOINT_OUTLIER)
         self._dropped: Counter[str] = Counter()
 
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
         gyro = Counter[str]() if self._gyro is None else self._gyro.dropped
-        return +(self._dropped + self._repeats.dropped + self._outliers.dropped + gyro)
+        gates = (self._repeats, self._outliers, self._held, self._joint_outliers)
+        return +sum((gate.dropped for gate in gates), self._dropped + gyro)
 
     @property
     def origin(self) -> int:
@@ -76,7 +81,7 @@ class Synchroniser:
 
         Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
-        joints = self._later(joints)
+        joints = self._joint_outliers.push(self._held.push(self._later(joints)))
         self._joints = self._append(self._joints, joints)
         new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:
@@ -97,7 +102,9 @@ class Synchroniser:
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
         # The last odometry before the next joints is one end of their interval, the one before tells its length.
-        pending = self._joints.stamp[0] if len(self._joints.stamp) else self._newest[JointStream] + 1
+        pending = int(self._joints.stamp[0]) if len(self._joints.stamp) else self._newest[JointStream] + 1
+        held_back = (self._held.waiting_since, self._joint_outliers.waiting_since)
+        pending = min([pending, *(stamp for stamp in held_back if stamp is not None)])
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
         self._base = self._base[first:]
         if self._gyro is not None:
