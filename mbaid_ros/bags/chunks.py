@@ -22,7 +22,7 @@ from mbaid_ros.core.samples import Stamps
 Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
 
 _AT_ONCE = 1_000
-_MAGIC = b'\x89MCAP0\r\n'
+MCAP_MAGIC = b'\x89MCAP0\r\n'
 LATEST = 2**63 - 1  # ns: later times, which are none, count as this
 
 
@@ -123,8 +123,8 @@ class ChunkReader(McapReader):
     def require_whole(path: Path) -> None:
         """Raise a ReaderError for a file whose end is missing."""
         with path.open('rb') as file:
-            file.seek(max(path.stat().st_size - len(_MAGIC), 0))
-            if file.read() != _MAGIC:
+            file.seek(max(path.stat().st_size - len(MCAP_MAGIC), 0))
+            if file.read() != MCAP_MAGIC:
                 raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:

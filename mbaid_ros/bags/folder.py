@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePath
@@ -113,15 +113,11 @@ class FolderReader(DirectoryReader):
             yield folder / file.stem
 
 
-@contextmanager
-def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> Iterator[ChunkReader | SqliteReader]:
+def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> closing[ChunkReader | SqliteReader]:
     """Open one file of a bag for a block: a process may not have thousands of them open."""
     storage = plugin(path)
     storage.open()
-    try:
-        yield storage
-    finally:
-        storage.close()
+    return closing(storage)
 
 
 def _read(path: Path) -> Mapping[str, Any]:

@@ -15,19 +15,10 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.chunks import MCAP_MAGIC, Block, Raw, UnindexedError, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.folder import Recorded, Timed
-from mbaid_ros.bags.sources import (
-    DAMAGE,
-    MCAP_MAGIC,
-    IndexedSource,
-    SalvagedSource,
-    Source,
-    Topic,
-    UnpackedSource,
-    by_name,
-)
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, Topic, UnpackedSource, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
@@ -122,27 +113,16 @@ class BagReader:
             yield from block
 
     def read(self, topics: Collection[str]) -> Iterator[Timed]:
-        """Yield (topic, message, log time in ns) in recorded order.
-
-        Raises
-        ------
-        DataError
-            A type is not known, or a message is not of the type in the bag.
-        """
+        """Yield (topic, message, log time in ns) in recorded order; a DataError if a message is not of its type."""
         deserializers = {name: self._deserializer(name, self._typestore(self.topics[name])) for name in topics}
         for topic, data, time in self.raw(topics):
             yield topic, deserializers[topic](data, time), time
 
     def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Recorded]:
-        """Yield messages in recorded order, so many at once, the last time fewer.
+        """Yield messages in recorded order, so many at once; a DataError if a message is not of its type.
 
         Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; they are
         objects where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
-
-        Raises
-        ------
-        DataError
-            A type is not known, or a message is not of the type in the bag.
         """
         make = {name: self._maker(name) for name in topics}
         for block in of_length(self.blocks(topics), at_once):
@@ -306,10 +286,8 @@ def _open_file(file: Path) -> Source:
         if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
             raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
         if head == ROS1_MAGIC[: len(head)] and head:
-            raise DataError(
-                f"bag '{file}' is one of ROS 1; accepted: the same converted, by rosbags-convert --src {file.name} "
-                '--dst FOLDER'
-            ) from error
+            command = f'rosbags-convert --src {file.name} --dst FOLDER'
+            raise DataError(f"bag '{file}' is one of ROS 1; accepted: the same converted, by {command}") from error
         if log := unread_log(file):
             raise DataError(f"bag '{file}' cannot be read: {log}") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error

@@ -30,7 +30,6 @@ from mbaid_ros.core.errors import DataError
 
 Storage = FolderReader | ChunkReader | SqliteReader
 
-MCAP_MAGIC = b'\x89MCAP0\r\n'
 _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is before its content
 
 # What the libraries raise on damaged files: besides their own exceptions, all that parsing wrong bytes leads to.

@@ -33,7 +33,6 @@ class Recording:
 
     Attributes
     ----------
-    joints : names
     joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
     joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
     base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one

@@ -33,13 +33,10 @@ _NAME_LISTS = 64  # of joints, of which the last message is kept
 
 @dataclass(frozen=True)
 class TopicStatistics:
-    """The messages of a topic.
+    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two).
 
     Attributes
     ----------
-    topic, type : full names
-    messages : number
-    rate : Hz, NaN for fewer than two messages
     gaps : (begin, length), s, of the longest intervals without a message that stand out
     course : (time, rate), s and Hz, of equal pieces of the run
     """
@@ -54,14 +51,7 @@ class TopicStatistics:
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose of the robot.
-
-    Attributes
-    ----------
-    base_rotation : (3, 3) base to odometry axes
-    base_position : (3,) m
-    joint_position : (n,) rad or m, in the order of the model's joints
-    """
+    """Rotation (3, 3) base to odometry axes, position (3,) m of the base, and joint positions (n,) of the model."""
 
     base_rotation: Array
     base_position: Array
@@ -175,15 +165,10 @@ def _copied(record: Record) -> Record:
 
 
 class Arrivals:
-    """The times at which a topic's messages were recorded: of many every second, every fourth ...
-
-    Attributes
-    ----------
-    first : ns, the first time; None before there is one
-    """
+    """The times at which a topic's messages were recorded: of many every second, every fourth ..."""
 
     def __init__(self) -> None:
-        self.first: int | None = None
+        self.first: int | None = None  # ns
         self._last = 0  # ns
         self._count = 0
         self._stride = 1  # messages from one whose time is kept to the next one

@@ -38,15 +38,9 @@ def usable(path: str | Path, accepted: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Truth:
-    """The true values of a run.
+    """The true parameters (10,) of a link and total momentum (6,) in the odometry frame, NaN where it is not known.
 
-    Attributes
-    ----------
-    path : the file
-    target_link : link the parameters belong to
-    parameters : (10,) in the order of PARAMETERS
-    momentum : (6,) total momentum in the odometry frame; NaN where the file holds none
-    problem : why the file cannot be used, empty where it can
+    `problem` is the reason why the file cannot be used, empty where it can.
     """
 
     path: str
@@ -119,15 +113,9 @@ def _number(value: Any) -> float:
 
 @dataclass(frozen=True)
 class Identified:
-    """An identified body.
+    """An identified body: parameters (10,) in the link's frame and covariance (10, 10), NaN where not known.
 
-    Attributes
-    ----------
-    link : whose frame the parameters are in
-    parameters : (10,) in the order of PARAMETERS, NaN where not determined
-    covariance : (10, 10) of them; NaN where not known
-    warnings : of the estimate
-    notes : about the file, one line each
+    The warnings are the estimate's, the notes are about the file.
     """
 
     link: str
@@ -149,14 +137,9 @@ class Identified:
 
 
 def read_identified(path: str, result: int = 1, topic: str = '', *, alone: bool = False) -> Identified:
-    """Return the body in a file.
+    """Return the body in JSON of `replay` (one of its results, counted from 1) or in a bag (on one of its topics).
 
-    Parameters
-    ----------
-    path : JSON of `replay`, or a bag
-    result : which one, counted from 1, of a file with several
-    topic : of a bag with estimates on several
-    alone : the captured body without the link that holds it
+    With `alone` it is the captured body without the link that holds it.
 
     Raises
     ------

@@ -39,11 +39,7 @@ class Workers:
     They are new ones (spawn), not copies of this one with locks that its threads hold. Each has a pipe of its own and a
     thread here that waits for it: none shares a lock or a queue with another, which one that is killed could keep. An
     interrupt from the terminal, which reaches every process, is left to this one, and they end when it is killed.
-
-    Parameters
-    ----------
-    count : how many
-    common : first argument of every call
+    Every call gets `common` as its first argument.
     """
 
     def __init__(self, count: int, common: object) -> None:
@@ -65,10 +61,7 @@ class Workers:
             self._idle.put(ours)
 
     def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
-        """Have a function called in one of the processes, with the common argument and others.
-
-        The result raises what the function raises, and ProcessDiedError where its process has died.
-        """
+        """Call a function in one of the processes; the result raises its error, or a ProcessDiedError."""
         return self._threads.submit(self._called, function, *arguments)
 
     def _called(self, function: Callable[..., T], *arguments: object) -> T:

@@ -69,17 +69,9 @@ def _made(runs: Sequence[CampaignRun], urdf: str, arguments: argparse.Namespace)
 
 
 class CampaignFolder:
-    """The results of a campaign, as a context: while it is open, no other process can open it.
+    """The results of a campaign's runs by their number, as a context: while it is open, no other process can open it.
 
-    Parameters
-    ----------
-    path : the folder; it is made where there is none
-    campaign : Campaign
-    retry_failed : whether runs that failed count as not made
-
-    Attributes
-    ----------
-    results : of the runs that were made, by their number
+    The folder is made where there is none; with `retry_failed`, runs that failed count as not made.
 
     Raises
     ------

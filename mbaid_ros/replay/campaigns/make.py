@@ -145,7 +145,6 @@ class SecondMotion:
 
     Attributes
     ----------
-    kind : 'planned', or of the simple ones
     before : the largest relative standard deviation where it begins
     base : (2,) rad and m, by which it truly turns and displaces the base from where this would coast
     asked : (10,) which parameters can be known at all, as in a plane some cannot

@@ -43,10 +43,7 @@ def coverage(error: Array, std: Array) -> Array:
 
 
 def nees(estimate: Estimate, truth: Array) -> float:
-    """Return the normalised estimation error squared against the truth (10,), a parameter that is determined.
-
-    1 is expected; NaN if none is determined.
-    """
+    """Return the normalised estimation error squared against the truth (10,), a determined parameter: 1 is expected."""
     known = np.isfinite(estimate.std) & np.isfinite(estimate.parameters)
     if not np.any(known):
         return np.nan

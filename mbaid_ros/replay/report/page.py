@@ -217,9 +217,9 @@ def _settings(run: Run) -> str:
         rows[value == defaults.get(name)].append((name, shown))
     head = ('parameter', 'value')
     content = table(head, rows[False]) if rows[False] else paragraph('Every parameter has its default value.')
-    return content + (
-        folded(f'{len(rows[True])} parameters with their defaults', table(head, rows[True])) if rows[True] else ''
-    )
+    if not rows[True]:
+        return content
+    return content + folded(f'{len(rows[True])} parameters with their defaults', table(head, rows[True]))
 
 
 def _foot(runs: Sequence[Run]) -> str:
