@@ -18,7 +18,7 @@ from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import specifications
 from mbaid_ros.config.trajectory import METHODS
-from mbaid_ros.replay.result_json import as_json
+from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
 TEXTS = {'.md', '.py', '.yaml', '.yml', '.toml', '.txt', '.xml', '.urdf', '.msg', '.sh', '.cfg', '.json', '.svg', ''}

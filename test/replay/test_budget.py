@@ -20,9 +20,8 @@ from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.output import as_json, summary
 from mbaid_ros.replay.report import html
-from mbaid_ros.replay.result_json import as_json
-from mbaid_ros.replay.result_text import summary
 from mbaid_ros.replay.run import replay_bag
 from simulated import robot
 

@@ -21,9 +21,8 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
-from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.run import BAG_TYPES, replay_bag
 from mbaid_ros.session import Session, explain, intake_warnings
 from mbaid_ros.session.base_source import OTHER_SOURCE
 from streams import run, urdf

@@ -27,8 +27,8 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE, nees
+from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.simulation import Truth
 

@@ -32,12 +32,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.square_root import advance, update
-from mbaid_ros.core.filter.state import (
-    BODY,
-    MOMENTUM,
-    Layout,
-    layout_of,
-)
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
@@ -55,7 +50,7 @@ from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
 from mbaid_ros.core.unknowns.joints import JointPlacements
-from mbaid_ros.replay.campaigns.monte_carlo import mean, nees
+from mbaid_ros.replay.campaigns.statistics import mean, nees
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.posterior import declared_errors
 from mbaid_ros.session.uncertainty import declared_uncertainty
