@@ -37,7 +37,6 @@ ROWS = (
         row
         for axes in ('inertial', 'body')
         for row in (
-            Row(axes, 'not allowed for', {'trajectory.adapt': False}, ('trajectory',)),
             Row(axes, 'found'),
             Row(axes, 'given', {'disturbance.constant': axes}, ('trajectory',)),
         )

@@ -26,7 +26,7 @@ from rclpy.node import Node
 
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'

@@ -32,7 +32,7 @@ class DisturbanceConfig:
     constant: str = parameter(
         'none',
         'Axes of a constant external force and torque that trajectory estimates along: body, on the base link, or '
-        'inertial, as on a tilted table; none estimates one where the data ask for it (trajectory.adapt).',
+        'inertial, as on a tilted table; none estimates one where the data ask for it.',
         choices=CONSTANT_FORCES,
     )
     torque_std: float = parameter(
@@ -66,13 +66,6 @@ class ThrustConfig:
         'Standard deviation of how its direction is turned about each axis of its frame, constant; 0 is exact.',
         unit='rad',
         minimum=0.0,
-    )
-    delay_std: float = parameter(
-        0.02,
-        'Standard deviation of how late it begins and ends after the stamps of its commands, constant; 0 is in time.',
-        unit='s',
-        minimum=0.0,
-        maximum=1.0,
     )
     frames: tuple[str, ...] = parameter(
         (),

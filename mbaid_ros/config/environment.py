@@ -133,7 +133,6 @@ class WheelsConfig:
         minimum=0.0,
         maximum=1.0,
     )
-    speed_std: float = parameter(0.05, "Standard deviation of a wheel's speed.", unit='rad/s', minimum=0.0)
     momentum_frame: str = parameter(
         '',
         'Link in whose axes stored_momentum tells the angular momentum of wheels or gyros, wheels.names left out; '

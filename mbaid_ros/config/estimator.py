@@ -79,46 +79,6 @@ class PaperConfig:
 
 
 @dataclass(frozen=True)
-class DifferenceConfig:
-    """The weighted difference form."""
-
-    kept_windows: int = parameter(
-        40,
-        'Number of the latest windows that every update solves again; older ones are marginalised.',
-        minimum=2,
-        maximum=10_000,
-    )
-    forgetting_time: float = parameter(
-        0.0,
-        'Time constant of forgetting, for parameters that really change (slosh, a second capture); 0 never forgets.',
-        unit='s',
-        minimum=0.0,
-    )
-
-
-@dataclass(frozen=True)
-class TrajectoryConfig:
-    """The trajectory-level estimator."""
-
-    start_windows: int = parameter(
-        10,
-        'Number of windows that are collected before the first estimate.',
-        minimum=2,
-        maximum=1_000,
-    )
-    kept_windows: int = parameter(
-        120,
-        'Number of windows that are linearised again while the run is young; from then on each is taken once.',
-        minimum=2,
-        maximum=10_000,
-    )
-    adapt: bool = parameter(
-        default=True,
-        description='Also follow the hypotheses that momentum or odometry drift, and report the best of them.',
-    )
-
-
-@dataclass(frozen=True)
 class TimeOffsetConfig:
     """A constant offset between the stamps of JointState and Odometry."""
 
@@ -228,13 +188,6 @@ class EstimatorConfig:
         'up (ignore).',
         choices=TIME_JUMPS,
     )
-    time_jump_threshold: float = parameter(
-        1.0,
-        'Difference between consecutive stamps of a topic that counts as a jump.',
-        unit='s',
-        minimum=0.0,
-        exclusive_minimum=True,
-    )
     reorder_time: float = parameter(
         0.05,
         'Longest that messages wait for late ones, once a topic has turned out to need it; 0 drops late ones.',
@@ -257,8 +210,6 @@ class EstimatorConfig:
     imu: ImuConfig = field(default_factory=ImuConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
-    difference: DifferenceConfig = field(default_factory=DifferenceConfig)
-    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)

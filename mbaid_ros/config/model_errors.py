@@ -8,17 +8,21 @@ from dataclasses import dataclass
 from mbaid_ros.config.parameters import by_name, parameter
 
 
-@dataclass(frozen=True)
-class JointDeviations:
-    """Standard deviations of the joints."""
-
-    zero_std: float = parameter(
+def _zero() -> float:
+    return parameter(
         1e-3,
         'Standard deviation of the true position of every joint less the measured one, constant; in m for a prismatic '
         "joint. 0 takes the encoders' zeros as exact.",
         unit='rad',
         minimum=0.0,
     )
+
+
+@dataclass(frozen=True)
+class JointDeviations:
+    """Standard deviations of the joints."""
+
+    zero_std: float = _zero()
     origin_std: float = parameter(
         1e-3,
         "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
@@ -110,11 +114,8 @@ class KnownLinksConfig:
     links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
 
 
-@dataclass(frozen=True)
-class RunJointDeviations(JointDeviations):
-    """The same, and how far joints wander from where they are read to be."""
-
-    tracking_std: float = parameter(
+def _tracking() -> float:
+    return parameter(
         0.0,
         'Standard deviation of what the true position of every joint wanders by about the measured one and its zero, '
         'as where joint states hold commands, which the arm follows with errors; in m for a prismatic joint; 0 is '
@@ -122,20 +123,22 @@ class RunJointDeviations(JointDeviations):
         unit='rad',
         minimum=0.0,
     )
-    tracking_time: float = parameter(
-        2.0,
-        'Time constant of that: errors so far apart have a correlation of 1/e. Not much less than window.',
-        unit='s',
-        minimum=0.01,
-        maximum=1e4,
-    )
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig(RunJointDeviations):
+class SingleJointDeviations:
+    """Standard deviations of a single joint, in place of those of all."""
+
+    zero_std: float = _zero()
+    tracking_std: float = _tracking()
+
+
+@dataclass(frozen=True)
+class KnownJointsConfig(JointDeviations):
     """How well the joints are known."""
 
-    joints: Mapping[str, Mapping[str, float]] = by_name(RunJointDeviations, 'joint')
+    tracking_std: float = _tracking()
+    joints: Mapping[str, Mapping[str, float]] = by_name(SingleJointDeviations, 'joint')
 
 
 @dataclass(frozen=True)

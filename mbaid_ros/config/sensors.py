@@ -88,7 +88,6 @@ class PoseConfig:
         'Take the pose of the base from /tf: child frame of the transform, in the same place unless pose.frame names '
         'another. Empty does not read /tf.',
     )
-    tf_parent_frame: str = parameter('', 'Parent frame of that transform, which is inertial; empty is any.')
 
 
 @dataclass(frozen=True)
@@ -135,12 +134,6 @@ class ImuConfig:
         0.01,
         'Standard deviation of how it is turned on the base, about each axis; 0 is exact.',
         unit='rad',
-        minimum=0.0,
-    )
-    delay_std: float = parameter(
-        0.005,
-        'Standard deviation of how late its stamps are relative to those of the pose; 0 is exact.',
-        unit='s',
         minimum=0.0,
     )
     range: float = parameter(

@@ -81,21 +81,19 @@ class PoseReader:
     ----------
     frame : name of the frame on the base that a PoseStamped locates
     of_transforms : name of the one that transforms locate; empty is their child frame
-    tf_parent, tf_child : frames of the transform that locates the base; an empty parent is any
+    tf_child : child frame of the transform that locates the base, which has one parent in a tree
     """
 
-    def __init__(self, frame: str, of_transforms: str, tf_parent: str, tf_child: str) -> None:
+    def __init__(self, frame: str, of_transforms: str, tf_child: str) -> None:
         self._frame = frame
         self._of_transforms = of_transforms
-        self._tf_parent = tf_parent.lstrip('/')
         self._tf_child = tf_child.lstrip('/')
 
     def read(self, message: Any) -> Iterator[BasePose]:
         """Yield the poses of a PoseStamped, PoseWithCovarianceStamped, TransformStamped or TFMessage."""
         if hasattr(message, 'transforms'):
             for each in message.transforms:
-                parent = each.header.frame_id.lstrip('/')
-                if each.child_frame_id.lstrip('/') == self._tf_child and self._tf_parent in {'', parent}:
+                if each.child_frame_id.lstrip('/') == self._tf_child:
                     yield self._transform(each)
         elif hasattr(message, 'transform'):
             yield self._transform(message)

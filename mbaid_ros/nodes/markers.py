@@ -20,8 +20,7 @@ from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.messages import positions_of, stamp_of
-from mbaid_ros.nodes.description import tf_message
-from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
+from mbaid_ros.nodes.subscriptions import LATCHED, qos, quiet_publisher, tf_message
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space

@@ -18,11 +18,8 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import run, warn
 from mbaid_ros.core.errors import DataError, listing
-from mbaid_ros.nodes.description import message_class
-from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import LATENCY, Interrupt, own_arguments, player_arguments, ros
-from mbaid_ros.nodes.subscriptions import why_no_topic
+from mbaid_ros.nodes.runner import LATENCY, Interrupt, declare_parameters, own_arguments, player_arguments, ros
+from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 
 class Pace:

@@ -25,8 +25,8 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import MAIN_CAUSES, ErrorBudget
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS, rounded
-from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin, watch_arguments
+from mbaid_ros.nodes.subscriptions import qos
 
 NARROWEST = 20  # columns
 ESTIMATE, NEXT = 'estimate', 'next'  # a status of /diagnostics, and its key of what motion would help most

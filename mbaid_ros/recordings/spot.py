@@ -149,7 +149,7 @@ _PARAMETERS = f"""\
     # tracking_*: in 15_33 the markers on elbow and wrist (columns 54 to 57) have shoulder and elbow 14 and 22 mrad
     # (RMS) off their commands of 0.22 s before, less the mean, 19 for both; a second apart that has a correlation of
     # 0.54, two seconds 0.33. The wrist is taken to be as the others.
-    known_joints: {{zero_std: 0.05, origin_std: 0.01, axis_std: 0.0, tracking_std: 0.02, tracking_time: 2.0}}
+    known_joints: {{zero_std: 0.05, origin_std: 0.01, axis_std: 0.0, tracking_std: 0.02}}
 """
 
 

@@ -29,7 +29,7 @@ from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.replay.motions import BagMotions
 from mbaid_ros.replay.result_json import shaped_thruster
-from mbaid_ros.session import Survey, survey
+from mbaid_ros.session import ModelSummary, summarise
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -83,10 +83,10 @@ class Calibrated:
         return self.calibration.structure.base_parameters()
 
     @cached_property
-    def survey(self) -> Survey:
+    def survey(self) -> ModelSummary:
         """What the calibration takes the robot for."""
         heard = {name for motion in self.motions for name in motion.heard}
-        return survey(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
+        return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

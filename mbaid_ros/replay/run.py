@@ -88,7 +88,7 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _take(session.process(), session, history, writer)
-        survey = session.survey()
+        survey = session.model_summary()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
     knowledge = session.knowledge()
     final = history.last or Estimate(method=config.method, status='waiting')

@@ -23,7 +23,7 @@ from benchmarks.speed_bag import ROBOT
 from graph import Graph
 from mbaid_ros.bags import BagReader
 from mbaid_ros.messages import stamp_of
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from streams import every_bit, urdf
 
 BAG = CONFIG.parent / 'bags' / 'servicer7_mid'

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from benchmarks.endurance import processor_time, resident
 from benchmarks.speed_live import DOMAIN, ENVIRONMENT
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 
 RATE = 100.0  # Hz
 WINDOW = 0.5  # s

@@ -8,9 +8,8 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import ros, spin
-from mbaid_ros.nodes.subscriptions import DEPTH
+from mbaid_ros.nodes.subscriptions import DEPTH, qos
 
 
 def main() -> None:

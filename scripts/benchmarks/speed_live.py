@@ -26,7 +26,7 @@ from benchmarks.data import CONFIG
 from benchmarks.endurance import processor_time
 from benchmarks.speed_bag import ROBOT, make_bag
 from benchmarks.speed_replay import VARIANTS, assigned
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 
 HERE = Path(__file__).parent
 # A graph of its own: of the domains whose ports Linux does not hand out, those that hardly anyone uses.

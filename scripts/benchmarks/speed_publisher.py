@@ -21,9 +21,8 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.runner import ros
-from mbaid_ros.nodes.subscriptions import DEPTH
+from mbaid_ros.nodes.subscriptions import DEPTH, qos, quiet_publisher
 
 _STAMP = struct.Struct('<iI')  # of a message's header: after the four bytes that say how it is encoded
 _LOOK = 0.02  # s, between two looks for subscribers

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from graph import Graph
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from streams import run, urdf
 
 OTHER_ROBOT = urdf('table1').replace('"link4"', '"gripper"')

@@ -13,14 +13,13 @@ from sensor_msgs.msg import Imu, JointState
 from graph import Graph
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.session import Session
 from simulated import CONFIG
 from streams import every_bit, run, urdf
 
-USED = {'imu.noise_density': 1e-4, 'trajectory.start_windows': 3}
+USED = {'imu.noise_density': 1e-4}
 ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
 
 
@@ -35,7 +34,7 @@ def test_poses_locate_the_base_and_odometry_is_not_missed(graph: Graph) -> None:
     gyro = graph.publisher('imu', Imu, qos(10_000))
 
     session = Session(build(EstimatorConfig, USED), urdf('table1'))
-    for timed in run('table1', 2.1):
+    for timed in run('table1', 5.6):
         message: Any = timed.message
         if timed.topic == 'odom':
             message = PoseWithCovarianceStamped(header=deepcopy(message.header), pose=message.pose)

@@ -22,8 +22,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.capture import BEFORE
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message
 from mbaid_ros.session import Session
 from streams import every_bit

@@ -10,8 +10,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from graph import Graph
-from mbaid_ros.nodes.clocks import clock_problems
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.diagnostics import clock_problems
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
 

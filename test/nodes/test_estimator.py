@@ -27,8 +27,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.publication import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.nodes.publishers import TYPES, last_of_each_window
-from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.publication import last_of_each_window
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import TimedMessage

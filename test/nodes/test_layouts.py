@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from graph import Graph
-from mbaid_ros.nodes.description import message_class
 from mbaid_ros.nodes.markers import NAMESPACE
+from mbaid_ros.nodes.subscriptions import message_class
 from simulated import CONFIG, robot
 
 RVIZ, FOXGLOVE, PLOTJUGGLER = (CONFIG / f'{name}' for name in (

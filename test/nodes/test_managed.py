@@ -13,7 +13,7 @@ from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import JointState
 
 from graph import Graph
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
 

@@ -25,7 +25,7 @@ from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import parse
 from mbaid_ros.nodes.markers import Display, LinkFrames, markers
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG, robot
 from streams import run
 

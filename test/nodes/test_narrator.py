@@ -11,8 +11,8 @@ import pytest
 from graph import Graph
 from made_runs import estimate
 from mbaid_ros.core.results.estimate import WITHHELD
-from mbaid_ros.nodes.log import RunLog, headline
-from mbaid_ros.session import survey
+from mbaid_ros.nodes.reports import RunLog, headline
+from mbaid_ros.session import summarise
 from simulated import CONFIG, robot
 
 
@@ -36,7 +36,7 @@ def fresh_log() -> Log:
 
 
 def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
-    odd = replace(survey(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
+    odd = replace(summarise(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
     RunLog(log).robot(odd, 'trajectory')
     assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
     assert 'a guess' in log.at('info')[1]
@@ -88,7 +88,7 @@ def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: 
 
 def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr('mbaid_ros.nodes.log.monotonic', lambda: now[0])
+    monkeypatch.setattr('mbaid_ros.nodes.reports.monotonic', lambda: now[0])
     narrator = RunLog(log)
     for now[0] in (104.0, 106.0, 107.0):
         narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])

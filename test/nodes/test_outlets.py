@@ -11,8 +11,8 @@ from std_msgs.msg import String
 from graph import Graph
 from made_runs import BODY, estimate, planar
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.nodes.publishers import Publishers
-from mbaid_ros.nodes.qos import LATCHED
+from mbaid_ros.nodes.publication import Publishers
+from mbaid_ros.nodes.subscriptions import LATCHED
 from mbaid_ros.outgoing import Frames
 from streams import urdf
 

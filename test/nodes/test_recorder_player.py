@@ -20,7 +20,7 @@ import recorded
 from graph import Graph, graph
 from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, message_class
-from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from older_bags import TOPIC, older_estimates
 
 COUNT = 300

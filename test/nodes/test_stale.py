@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from graph import Graph
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
 

@@ -17,8 +17,7 @@ from graph import Graph
 from mbaid_ros.bags import BagReader, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.sensors.thrust import EXACT_THRUST
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.session import Session
 from simulated import CONFIG, robot

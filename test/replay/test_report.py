@@ -24,7 +24,7 @@ from mbaid_ros.replay.report import html
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.truth import Truth
-from mbaid_ros.session import survey
+from mbaid_ros.session import summarise
 from simulated import CONFIG, table1
 
 
@@ -84,7 +84,7 @@ def cells(text: str, row: str) -> list[str]:
 
 
 def test_what_the_robot_was_taken_for_stands_before_the_verdict() -> None:
-    found = survey(load_model(hostile_urdf()), chosen=False)
+    found = summarise(load_model(hostile_urdf()), chosen=False)
     text = html([brief(survey=found)])
     assert text.index('kg</li>') < text.index('class="verdict')
     assert '<script' not in text

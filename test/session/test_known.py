@@ -16,7 +16,6 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import catalogue
@@ -24,8 +23,7 @@ from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
-    EXACT_ROBOT,
-    doubting_exactness,
+    declared_exact,
     nominal_model,
     with_known_errors,
 )
@@ -201,18 +199,15 @@ def test_a_file_that_is_no_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'status', 'recalled'),
+    ('parameters', 'exact'),
     [
-        (EXACT, 'inconsistent', True),
-        (EXACT, 'estimating', False),
-        ({}, 'inconsistent', False),
-        (EXACT | {'known_joints.joint2.zero_std': 1e-3}, 'inconsistent', False),
-        (EXACT | {'odometry_mount.position_std': 1e-3}, 'inconsistent', False),
+        (EXACT, True),
+        ({}, False),
+        (EXACT | {'known_joints.joint2.zero_std': 1e-3}, False),
+        (EXACT | {'odometry_mount.position_std': 1e-3}, False),
     ],
 )
-def test_data_that_contradict_a_robot_without_errors_recall_that_it_is_said_to_have_none(
-    parameters: dict[str, object], status: Any, recalled: bool
+def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
+    parameters: dict[str, object], exact: bool
 ) -> None:
-    told = Estimate(method='trajectory', status=status, warnings=('one',))
-    (again,) = doubting_exactness([told], build(EstimatorConfig, parameters))
-    assert again.warnings == (('one', EXACT_ROBOT) if recalled else ('one',))
+    assert declared_exact(build(EstimatorConfig, parameters)) is exact

@@ -13,7 +13,7 @@ from defects import JOINTS, ODOMETRY, Arrival, arrivals, in_order
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.session import Session
-from mbaid_ros.session.queue import PART
+from mbaid_ros.session.session import PART
 from simulated import CONFIG
 
 ROBOT, SECONDS, WINDOW = 'table1', 2.1, 0.5

@@ -10,7 +10,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from simulated import robot
 
 
@@ -34,10 +34,8 @@ def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
 
 def test_a_joint_may_wander_more_than_the_others() -> None:
     first, *_ = robot('table1').joint_names
-    given = {f'known_joints.{first}.tracking_std': 0.03, f'known_joints.{first}.tracking_time': 1.0}
-    found = declared(known_joints__tracking_std=0.01, **given)
+    found = declared(known_joints__tracking_std=0.01, **{f'known_joints.{first}.tracking_std': 0.03})
     assert found.tracking == (0.03, 0.01, 0.01, 0.01)
-    assert found.tracking_time == (1.0, 2.0, 2.0, 2.0)
     assert declared().tracking == (0.0,) * 4
 
 

@@ -27,7 +27,7 @@ FAR_THRUST = 'thrust stamped far from the samples'
 LATE_THRUST = 'thrust was told after samples that it acts on had been used: its impulse counts from then on'
 EXACT_THRUST = (
     'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
-    'thrust.scale_std, thrust.direction_std and thrust.delay_std'
+    'thrust.scale_std and thrust.direction_std'
 )
 
 _FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock

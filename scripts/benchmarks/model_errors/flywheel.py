@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.session import make_estimator
-from mbaid_ros.session.segment import UNSOLVABLE
+from mbaid_ros.session.session import UNSOLVABLE
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation.simulation import Simulation
 from mbaid_ros.simulation.true_robot import draw, generator, true_robot
