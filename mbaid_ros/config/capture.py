@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbaid_ros.config.model_errors import LinkPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
@@ -103,7 +104,7 @@ class CaptureConfig:
 
 
 @dataclass(frozen=True)
-class SelfCalibrationConfig:
+class SelfCalibrationConfig(LinkPriorConfig):
     """What a run that begins before the capture learns of the robot's own bodies."""
 
     enabled: bool = parameter(
@@ -111,21 +112,6 @@ class SelfCalibrationConfig:
         description='At the capture, calibrate links, joints and the mount of the odometry from the latest 600 windows '
         'before it, as calibrate does, and go on with what that says of them and leaves uncertain. How well joints and '
         'mount are known before is what known_joints and odometry_mount say.',
-    )
-    mass_relative_std: float = parameter(
-        0.05, 'Relative standard deviation of each mass in the URDF; 0 means that nothing is known of it.', minimum=0.0
-    )
-    com_std: float = parameter(
-        0.01,
-        'Standard deviation of each coordinate of a centre of mass; 0 means that nothing is known of it.',
-        unit='m',
-        minimum=0.0,
-    )
-    inertia_relative_std: float = parameter(
-        0.1,
-        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
-        'sqrt(I_ii I_jj); 0 means that nothing is known of it.',
-        minimum=0.0,
     )
     weighed_links: tuple[str, ...] = parameter(
         (), 'Links whose mass is known better, in the order of calibration.weighed_stds: one fixes the scale.'

@@ -111,8 +111,8 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
 
 
 @dataclass(frozen=True)
-class WheelsConfig:
-    """Wheels and gyros that are no joints of the robot description."""
+class WheelBodies:
+    """Wheels inside the base that are no joints of the robot description."""
 
     names: tuple[str, ...] = parameter(
         (), 'Names of the wheels in JointState, whose velocities are read; none may be a joint of the robot.'
@@ -127,6 +127,12 @@ class WheelsConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+
+
+@dataclass(frozen=True)
+class WheelsConfig(WheelBodies):
+    """The wheels, with their uncertainty, and gyros of which only the momentum is published."""
+
     spin_inertia_relative_std: float = parameter(
         0.0,
         'Relative standard deviation of each spin inertia, estimated along (trajectory); 0 takes them as exact.',
@@ -144,18 +150,9 @@ class WheelsConfig:
 
 
 @dataclass(frozen=True)
-class SimulatedWheelsConfig:
+class SimulatedWheelsConfig(WheelBodies):
     """Wheels inside the base of the simulated robot that are no joints of its description."""
 
-    names: tuple[str, ...] = parameter((), 'Names of the wheels; empty means that there are none.')
-    axes: tuple[float, ...] = parameter((), "Axis of each wheel in the base link's frame, three numbers each.")
-    spin_inertias: tuple[float, ...] = parameter(
-        (),
-        'Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked.',
-        unit='kg m^2',
-        minimum=0.0,
-        exclusive_minimum=True,
-    )
     speeds: tuple[float, ...] = parameter(
         (), 'Speed of each wheel relative to the base at time 0; empty means zero.', unit='rad/s'
     )

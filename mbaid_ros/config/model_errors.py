@@ -96,6 +96,27 @@ class LinkDeviations:
 
 
 @dataclass(frozen=True)
+class LinkPriorConfig:
+    """How far the <inertial> of every unknown link may be off: one standard deviation."""
+
+    mass_relative_std: float = parameter(
+        0.05, 'Relative standard deviation of each mass; 0 means that nothing is known of it.', minimum=0.0
+    )
+    com_std: float = parameter(
+        0.01,
+        'Standard deviation of each coordinate of a centre of mass; 0 means that nothing is known of it.',
+        unit='m',
+        minimum=0.0,
+    )
+    inertia_relative_std: float = parameter(
+        0.1,
+        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
+        'sqrt(I_ii I_jj); 0 means that nothing is known of it.',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
 class KnownLinksConfig:
     """How well the known bodies are known."""
 

@@ -250,13 +250,7 @@ def _help(subscription: Subscriptions) -> str:
 
 
 class NodeClock:
-    """Compares the node's clock with the stamps of messages, and notices jumps and pauses of /clock.
-
-    Parameters
-    ----------
-    node : Node
-    threshold : s, from which a jump back is reported
-    """
+    """Compares the node's clock with the stamps of messages, and notices pauses and jumps back (by s) of /clock."""
 
     def __init__(self, node: Node, threshold: float) -> None:
         self._node = node

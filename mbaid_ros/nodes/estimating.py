@@ -40,13 +40,7 @@ _ANY_ROBOT = """\
 
 
 class LiveEstimator:
-    """Converts, calls the session, publishes.
-
-    Parameters
-    ----------
-    node : of the topics and services
-    config : EstimatorConfig
-    active : whether messages are used from the beginning; otherwise from `activate` on
+    """Converts, calls the session, publishes; uses messages from the beginning if `active`, else from `activate` on.
 
     Raises
     ------

@@ -49,10 +49,6 @@ class ManagedEstimatorNode(LifecycleNode):
     `configure` reads the parameters, which may be set until then, and the robot; `activate` and `deactivate` begin and
     end to use messages; `cleanup` forgets everything.
 
-    Parameters
-    ----------
-    name : of the node
-
     Raises
     ------
     ParameterError

@@ -29,13 +29,7 @@ _POLL_PERIOD = 0.1  # s, between two looks for the planned motion
 
 
 class AdviceTask:
-    """Updates the advice in the node's state; a search takes some hundredths of a second.
-
-    Parameters
-    ----------
-    state : of the node
-    log : logs an advice
-    """
+    """Updates the advice in the node's state and logs it; a search takes some hundredths of a second."""
 
     def __init__(self, state: RunState, log: Callable[[str], None]) -> None:
         self._state = state
@@ -63,14 +57,7 @@ class AdviceTask:
 
 
 class Planning:
-    """The service ~/plan, which searches in a process of its own, and the motion it publishes on ~/motion.
-
-    Parameters
-    ----------
-    node : of the service and the topic
-    state : of the node
-    log : logs an event
-    """
+    """The service ~/plan, which searches in a process of its own, and the motion it publishes on ~/motion."""
 
     def __init__(self, node: Node, state: RunState, log: Callable[[str], None]) -> None:
         self._node = node

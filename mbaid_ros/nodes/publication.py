@@ -31,13 +31,7 @@ _COLLECT_EVERY = 1.0  # s, between two garbage collections after estimates, at l
 
 
 class Publishers:
-    """The latched topics of the estimate: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris.
-
-    Parameters
-    ----------
-    node : Node
-    with_debris : whether the captured body is published on its own, too
-    """
+    """The latched topics of the estimate: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris."""
 
     def __init__(self, node: Node, *, with_debris: bool = False) -> None:
         self._node = node
@@ -61,14 +55,7 @@ class Publishers:
         self._described = False  # whether ~/robot_description holds a robot
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
-        """Publish an estimate in all the forms that it determines, and withdraw the last one from the others.
-
-        Parameters
-        ----------
-        estimate : Estimate
-        frames : Frames
-        urdf : robot description
-        """
+        """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
         self.send('~/estimate', estimate_message(estimate, TYPES, frames))
         inertia = self._inertia.follow(estimate)
         if inertia is not None:
@@ -97,16 +84,10 @@ class EstimatePublication:
 
     Parameters
     ----------
-    node : Node
-    config : EstimatorConfig
+    node, config, log : of the node
     state : of the node; its estimate is the last one published
-    log : RunLog
     planning : whose motion is withdrawn with the run that it was planned from
     missing : returns the obstacles to an estimate
-
-    Attributes
-    ----------
-    display : markers and transforms
     """
 
     def __init__(

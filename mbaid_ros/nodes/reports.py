@@ -204,12 +204,7 @@ def numbers(values: Sequence[float] | Array) -> str:
 
 
 class RunLog:
-    """The terminal output of the estimator: each thing once.
-
-    Parameters
-    ----------
-    log : the node's logger
-    """
+    """The terminal output of the estimator: each thing once."""
 
     def __init__(self, log: Any) -> None:
         self._log = log

@@ -155,12 +155,7 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
     """Declare every parameter of a dataclass on a node and return an instance with the values given to the node.
 
     Unlike rclpy alone, it refuses unknown names and accepts a whole number for a double, as `replay` and `simulate` do.
-
-    Parameters
-    ----------
-    node : Node
-    cls : dataclass of parameters
-    settable : whether parameters can be set that are read only once
+    With `settable`, also parameters can be set that are read only once.
 
     Raises
     ------
@@ -235,13 +230,9 @@ def _descriptor(spec: ParameterSpec, *, settable: bool) -> ParameterDescriptor:
 
 
 class Interrupt:
-    """SIGINT (Ctrl-C) and SIGTERM, noticed between two callbacks.
+    """SIGINT (Ctrl-C) and SIGTERM, noticed between two callbacks: `requested` is whether one has come.
 
     ROS's own handlers shut it down at once, before a callback has published, and Python's raise in the middle of one.
-
-    Attributes
-    ----------
-    requested : whether one has come
     """
 
     def __init__(self) -> None:

@@ -77,10 +77,7 @@ def type_name_of(message_type: type) -> str:
 def tf_message(because: str, accepted: str) -> Any:
     """Return the class of the messages on /tf, which not every installation has.
 
-    Parameters
-    ----------
-    because : the parameter that needs it
-    accepted : its value without the package
+    An error names the parameter (`because`) that needs it, and its value (`accepted`) without.
 
     Raises
     ------
@@ -113,9 +110,7 @@ class Subscriptions:
 
     Parameters
     ----------
-    node : Node
-    message_type : the ROS message class
-    topic : name
+    node, message_type, topic : as for rclpy
     callback : called with each message: as a packet of `mbaid_ros.cdr` if that knows the type and understands the
         bytes, which takes a fraction of the time; else as an object
     others : further message classes; one of these is subscribed to if publishers offer it before anything has come
@@ -230,17 +225,7 @@ class Subscriptions:
 
 
 class DescriptionSubscription:
-    """Receives robot descriptions: latched ones, and those of a publisher that does not latch (``ros2 topic pub``).
-
-    Parameters
-    ----------
-    node : Node
-    callback : called with each message
-
-    Attributes
-    ----------
-    topic : name on the graph, after remapping
-    """
+    """Receives robot descriptions: latched ones, and those of a publisher that does not latch (``ros2 topic pub``)."""
 
     def __init__(self, node: Node, callback: Callable[[String], None]) -> None:
         self._node = node
@@ -251,7 +236,7 @@ class DescriptionSubscription:
         self._subscriptions = [
             node.create_subscription(String, 'robot_description', callback, LATCHED, event_callbacks=events)
         ]
-        self.topic = str(self._subscriptions[0].topic_name)
+        self.topic = str(self._subscriptions[0].topic_name)  # after remapping
 
     def close(self) -> None:
         """Receive no more."""

@@ -80,7 +80,7 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
         bag.add_topic(IMU, 'sensor_msgs/msg/Imu')
     if run.pulse is not None and run.config.thrust.publish:
         bag.add_topic(THRUST, 'geometry_msgs/msg/WrenchStamped')
-    if run.tells_momentum:
+    if run.publishes_momentum:
         bag.add_topic(STORED_MOMENTUM, 'geometry_msgs/msg/Vector3Stamped')
     bag.write(DESCRIPTION, run.description(), run.stamp(0.0))
     bag.write(TRUTH, run.truth(), run.stamp(0.0))

@@ -53,9 +53,7 @@ class KnownRobot:
 def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
     """Return a kernel with the errors of its known bodies, and the covariance of the target link's own parameters.
 
-    Returns
-    -------
-    MomentumKernel; (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact
+    The covariance is (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact.
 
     Raises
     ------
@@ -208,11 +206,7 @@ def as_numbers(posterior: Posterior) -> dict[str, Any]:
 def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: MomentumKernel) -> Posterior:
     """Return the posterior of a run.
 
-    Parameters
-    ----------
-    numbers : as `as_numbers` returns them
-    config : of the run
-    kernel : of its robot, with the errors of its known bodies
+    The numbers are those of `as_numbers`, the kernel is of the run's robot, with the errors of its known bodies.
 
     Raises
     ------

@@ -39,17 +39,7 @@ OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
 class MessageQueue:
-    """Collects the messages of all topics, each in the order of arrival.
-
-    Parameters
-    ----------
-    topics : that are heard
-    config : EstimatorConfig
-
-    Attributes
-    ----------
-    problem : why nothing is taken any more; empty while it is
-    """
+    """Collects the messages of all topics, each in the order of arrival, until `problem` says why not."""
 
     def __init__(self, topics: Collection[str], config: EstimatorConfig) -> None:
         self._threshold = round(TIME_JUMP * 1e9)
@@ -102,12 +92,7 @@ class MessageQueue:
         self._gates[name].settle(message)
 
     def add_regular(self, messages: Mapping[str, Sequence[Any]]) -> bool:
-        """Add messages of all topics if all have regular stamps, else return False.
-
-        Parameters
-        ----------
-        messages : by topic, in the order in which they came: a list, or packets that stay together
-        """
+        """Add messages of all topics (lists or packets, as they came) if all stamps are regular; else return False."""
         stamps = {name: stamps_of(part) for name, part in messages.items()}
         gates = self._gates.items()
         if self.problem or not all(gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in gates):
@@ -147,15 +132,9 @@ class MessageQueue:
 class BaseSource:
     """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
 
-    Parameters
-    ----------
-    config : EstimatorConfig
-    robot : Robot
-
     Attributes
     ----------
-    kind : of the source; None before the first message
-    dropped : messages of other sources
+    kind, dropped : of the source, None before the first message; number of messages of other sources
 
     Raises
     ------
@@ -214,18 +193,11 @@ def _kinds(messages: Sequence[Any]) -> set[Source]:
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
-    Parameters
-    ----------
-    config : EstimatorConfig
-    robot : as it is known when the run begins
-
     Attributes
     ----------
-    joint_reader, odometry_reader, imu_reader : of messages
+    joint_reader, odometry_reader, imu_reader, stored_momentum : of messages
     merge : of joints from several publishers
-    stored_momentum : from the topic of that name
-    alone : whether an IMU alone measures the base's motion
-    orientation_measured : whether it has measured an orientation, where that is asked for
+    alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
 
     Raises
     ------
@@ -288,13 +260,8 @@ class Intake:
     def completes(self, end: int, name: str, newest: Mapping[str, int | None]) -> bool:
         """Return whether no message still to come belongs to a window.
 
-        The first joints after it complete it, with odometry (and IMU) no earlier than these.
-
-        Parameters
-        ----------
-        end : ns, of the window
-        name : topic of the message that has just come
-        newest : ns, stamps of each topic that is heard; None before the first
+        The first joints after its `end` (ns) complete it, with odometry (and IMU) no earlier than these. `name` is the
+        topic of the latest message, `newest` the latest stamp (ns) of each topic; None before the first.
         """
         joints, base = newest[JOINTS], newest[IMU if self.alone else ODOMETRY]
         if joints is None or base is None:

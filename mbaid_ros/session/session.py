@@ -294,13 +294,7 @@ class _Segment:
         return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
 
     def process(self, messages: Mapping[str, Sequence[Any]]) -> list[Estimate]:
-        """Return the estimates of messages, by topic.
-
-        Raises
-        ------
-        LinAlgError, FloatingPointError
-            The equations could not be solved.
-        """
+        """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.intake.odometry_reader.frame
         return [self._with_doubts(each) if each.contradicted else each for each in self.identifier.push(*streams)]
@@ -318,14 +312,7 @@ class _Segment:
         return replace(estimate, causes=causes, warnings=warnings)
 
     def is_due(self, name: str, stamp: int, queue: MessageQueue) -> bool:
-        """Return whether to process after a message: a part of a window has gathered, or one may be complete.
-
-        Parameters
-        ----------
-        name : of the topic
-        stamp : ns, of the message
-        queue : where it waits
-        """
+        """Return whether to process after a message (stamp in ns): a part of a window has gathered, or all of it."""
         waiting, intake = queue.waiting, self.intake
         if sum(waiting.values()) >= PART:
             return True

@@ -199,14 +199,9 @@ def with_surroundings(
     joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
     mount: tuple[float, float],
 ) -> Uncertainty:
-    """Return the given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps, momentum.
+    """Return a given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps and momentum.
 
-    Parameters
-    ----------
-    config : EstimatorConfig
-    model : RobotModel
-    joints : (n,) standard deviations of zeros, origins and axes
-    mount : m and rad, of the odometry's mount
+    `joints` has (n,) standard deviations of zeros, origins and axes, `mount` the odometry's, m and rad.
     """
     position, orientation = mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
