@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from mbaid_ros.cli import run
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import named_specifications, specification_of, specifications
+from mbaid_ros.config.parameters import specification_of
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.nodes.estimating import LiveEstimator
 from mbaid_ros.nodes.runner import changed, declare_parameters, estimator_arguments, own_arguments, ros, spin
@@ -100,11 +100,10 @@ class ManagedEstimatorNode(LifecycleNode):
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Change any parameter before `configure`, and the run-time ones after it."""
-        known, by_name = specifications(EstimatorConfig), tuple(named_specifications(EstimatorConfig).values())
         try:
             config = changed(self, EstimatorConfig, parameters)
             if self._estimator is not None:
-                specs = (specification_of(each.name, known, by_name) for each in parameters)
+                specs = (specification_of(each.name, EstimatorConfig) for each in parameters)
                 fixed = [spec.name for spec in specs if spec is not None and spec.read_only]
                 if fixed:
                     reason = f"'{fixed[0]}' is read when the node is configured: clean up first"

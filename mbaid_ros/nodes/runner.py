@@ -27,15 +27,7 @@ from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.cli import ArgumentParser, number
-from mbaid_ros.config.parameters import (
-    ParameterSpec,
-    build,
-    named_specifications,
-    specification,
-    specification_of,
-    specifications,
-    values_of,
-)
+from mbaid_ros.config.parameters import ParameterSpec, build, specification, specification_of, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
 
 T = TypeVar('T')
@@ -164,14 +156,13 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
     """
     # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
     overrides = node._parameter_overrides  # noqa: SLF001
-    known = specifications(cls)
+    known = specifications(cls)  # type: ignore[arg-type]
     given = {name: override.value for name, override in overrides.items()}
     # An empty list comes without a type, hence without a value.
     empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
     config = build(cls, given | dict.fromkeys(empty, ()))
-    by_name = tuple(named_specifications(cls).values())
     for name, value in values_of(config).items():
-        spec = specification(name, known, by_name)
+        spec = specification(name, cls)
         if value == ():
             _declare_empty_list(node, spec, settable=settable)
         else:
@@ -188,9 +179,8 @@ def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
     ParameterError
         A value is not accepted.
     """
-    known, by_name = specifications(cls), tuple(named_specifications(cls).values())
     declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))  # those of ROS itself among them
-    values = {name: one.value for name, one in declared.items() if specification_of(name, known, by_name)}
+    values = {name: one.value for name, one in declared.items() if specification_of(name, cls)}
     values |= {parameter.name: parameter.value for parameter in parameters if parameter.name in values}
     return build(cls, values)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,22 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
+    EXACT_ROBOT,
     declared_exact,
     nominal_model,
     with_known_errors,
 )
 from servicing import LINKS, standard_parameters
+from streams import run, urdf
 
 ROBOT = MomentumKernel(free_model(), 'link7')
 
@@ -211,3 +216,35 @@ def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
     parameters: dict[str, object], exact: bool
 ) -> None:
     assert declared_exact(build(EstimatorConfig, parameters)) is exact
+
+
+class Contradicted:
+    """A method whose data contradict the model in every window."""
+
+    method, needs_rates = 'trajectory', False
+
+    def update(self, windows: list[Samples], _origin: int) -> list[Estimate]:
+        """Return an estimate of the last window."""
+        return [Estimate('trajectory', 'inconsistent', time=float(windows[-1].time[-1]), causes=(('first', 9.0),))]
+
+
+@pytest.mark.parametrize(('parameters', 'exact'), [(EXACT, True), ({}, False)])
+def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
+    parameters: dict[str, object], exact: bool
+) -> None:
+    session = Session(build(EstimatorConfig, parameters), urdf('table1'), lambda *_: Contradicted())
+    for timed in run('table1', 1.1):
+        message = timed.message
+        if timed.topic == 'joint_states':
+            message = deepcopy(message)
+            message.name, message.position = [*message.name, 'wheel'], [*message.position, 0.0]
+            message.velocity = [*message.velocity, 9.0]
+            session.add_joint_state(message)
+        else:
+            session.add_odometry(message)
+    last = session.process()[-1]
+    assert (EXACT_ROBOT in last.warnings) is exact
+    (first, _), (second, gain) = last.causes
+    assert first == 'first'
+    assert second.startswith('joint states hold wheel, no joints of the robot')
+    assert gain == 9.0
