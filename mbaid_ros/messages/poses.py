@@ -1,4 +1,4 @@
-"""Why messages are not used, or not all that is in them."""
+"""Poses of the base that are no Odometry, and the causes for which messages, or parts of them, are unusable."""
 
 from __future__ import annotations
 
@@ -32,15 +32,7 @@ _NOT_SET = np.zeros(36)
 
 @dataclass(frozen=True)
 class BasePose:
-    """A pose of a frame on the base.
-
-    Attributes
-    ----------
-    stamp : ns
-    frame_id, child_frame_id : frame that it is in, and the one that it is of
-    numbers : position (3) and orientation (4, x, y, z, w)
-    covariance : (36,); zeros where none is given
-    """
+    """A pose of a frame on the base: stamp (ns), position and orientation (x, y, z, w), covariance (36,) or zeros."""
 
     stamp: int
     frame_id: str
@@ -50,12 +42,7 @@ class BasePose:
 
 
 class BasePoseShape(NamedTuple):
-    """What poses of the same frames share.
-
-    Attributes
-    ----------
-    frame_id, child_frame_id : names of the frames
-    """
+    """The frames that several poses share."""
 
     frame_id: str
     child_frame_id: str
