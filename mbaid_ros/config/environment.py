@@ -1,4 +1,4 @@
-"""The parameters about what the robot description does not have: the orbit, and wheels inside the base."""
+"""The parameters that no robot description has: the orbit, and wheels inside the base."""
 
 from __future__ import annotations
 
@@ -54,15 +54,14 @@ class OrbitConfig(SimulatedOrbitConfig):
 
     epoch: float = parameter(
         0.0,
-        'Stamp at which an inertial frame has nadir where it is said to be, and at which one that turns has the axes '
-        'that momentum is reported in; 0 is the first sample.',
+        'Stamp at which nadir has the given direction, and at which a turning frame has the axes of the reported '
+        'momentum; 0: the first sample.',
         unit='s',
         minimum=0.0,
     )
     undeclared_rate: float = parameter(
         1.2e-3,
-        'Without orbit.mean_motion: rate up to which there may be an orbit all the same, whose gravity gradient is '
-        'estimated along; 0 for a robot that is in none.',
+        'Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none.',
         unit='rad/s',
         minimum=0.0,
         maximum=0.1,
@@ -135,14 +134,14 @@ class WheelsConfig(WheelBodies):
 
     spin_inertia_relative_std: float = parameter(
         0.0,
-        'Relative standard deviation of each spin inertia, estimated along (trajectory); 0 takes them as exact.',
+        'Relative standard deviation of each spin inertia, estimated by trajectory; 0: exact.',
         minimum=0.0,
         maximum=1.0,
     )
     momentum_frame: str = parameter(
         '',
-        'Link in whose axes stored_momentum tells the angular momentum of wheels or gyros, wheels.names left out; '
-        'samples without one are not used. Empty: the topic is not used.',
+        'Link in whose axes stored_momentum has the angular momentum of wheels or gyros, without wheels.names; samples '
+        'without such a message are not used. Empty: the topic is not used.',
     )
     momentum_std: float = parameter(
         0.0, 'Standard deviation of each coordinate of that momentum.', unit='N m s', minimum=0.0
@@ -166,8 +165,8 @@ class SimulatedWheelsConfig(WheelBodies):
     speed_noise: float = parameter(0.0, 'Noise of the speeds that are read.', unit='rad/s', minimum=0.0)
     publish: str = parameter(
         'joint_states',
-        'Where the wheels are told: as velocities in joint_states (positions are 0, which nobody reads), as their '
-        'momentum on stored_momentum with every JointState, or nowhere.',
+        'Publication of the wheels: as velocities in joint_states (positions are 0), as their momentum on '
+        'stored_momentum with every JointState, or none.',
         choices=('joint_states', 'stored_momentum', 'none'),
     )
 

@@ -20,7 +20,7 @@ class PlanConfig:
     )
     duration: float = parameter(
         0.0,
-        'Length of the motion, the one that tells most in it; 0 looks for the shortest that reaches what is wanted.',
+        'Length of the most informative motion; 0: the shortest that reaches relative_std.',
         unit='s',
         minimum=0.0,
         maximum=3600.0,

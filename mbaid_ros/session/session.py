@@ -28,7 +28,7 @@ from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake,
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
 
-IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
+IMU_NOT_ASKED_FOR = 'an IMU is heard and not used: set imu.noise_density'
 
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
