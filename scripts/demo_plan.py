@@ -153,7 +153,7 @@ def time_of_sinusoids(folder: Path) -> float:
     for timed in robot.read(FIRST + 0.5):
         take[timed.topic](timed.message)
     session.process()
-    known = session.knowledge()
+    known = session.posterior()
     if known is None:
         raise DataError('there is no solution after the first motion')
     planner = make_planner(session.config, known)

@@ -48,7 +48,7 @@ class AdviceTask:
 
     def _advice(self) -> str:
         session, estimate = self._state.session, self._state.estimate
-        posterior = None if session is None else session.knowledge()
+        posterior = None if session is None else session.posterior()
         if session is None or posterior is None or estimate is None or estimate.contradicted:
             return ''
         from mbaid_ros.session.planning import advice  # noqa: PLC0415 - slow, and not needed at the start
@@ -90,7 +90,7 @@ class Planning:
 
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         session = self._state.session
-        posterior = None if session is None else session.knowledge()
+        posterior = None if session is None else session.posterior()
         if self._process is not None:
             response.message = 'a motion is being planned already; it comes on ~/motion'
         elif session is None or posterior is None:

@@ -90,7 +90,7 @@ def replay_bag(
             _take(session.process(), session, history, writer)
         survey = session.model_summary()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
-    knowledge = session.knowledge()
+    knowledge = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,

@@ -16,7 +16,7 @@ from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.session.session import UNSOLVABLE
 
 
-def make_planner(config: EstimatorConfig, knowledge: Posterior) -> Planner:
+def make_planner(config: EstimatorConfig, posterior: Posterior) -> Planner:
     """Return the planner that the parameters describe.
 
     Raises
@@ -24,16 +24,16 @@ def make_planner(config: EstimatorConfig, knowledge: Posterior) -> Planner:
     ParameterError
         The parameters contradict each other or the robot.
     """
-    return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config), mesh_points)
+    return Planner(posterior, make_reporting(config, posterior.layout.kernel), plan_settings(config), mesh_points)
 
 
-def advice(config: EstimatorConfig, knowledge: Posterior) -> str:
+def advice(config: EstimatorConfig, posterior: Posterior) -> str:
     """Return which joint, moved by itself, would reduce the largest standard deviation most, in words.
 
     Empty if everything is as precise as wanted, or no motion can be planned (joints without limits).
     """
     try:
-        return make_planner(config, knowledge).advice()
+        return make_planner(config, posterior).advice()
     except (ParameterError, *UNSOLVABLE):
         return ''
 

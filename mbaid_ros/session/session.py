@@ -193,7 +193,7 @@ class Session:
         heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
         return summarise(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return the posterior of the run; None if its method has none, or none yet."""
         return self._segment.identifier.knowledge()
 

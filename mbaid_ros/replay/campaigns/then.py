@@ -116,7 +116,7 @@ def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -
     ParameterError
         No motion is possible.
     """
-    knowledge = session.knowledge()
+    knowledge = session.posterior()
     if knowledge is None:
         raise DataError('the first motion leads to no solution of method trajectory that another could begin from')
     planner = make_planner(session.config, knowledge)
