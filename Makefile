@@ -18,27 +18,24 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean benchmark-accuracy benchmark-benches benchmark-calibration benchmark-day benchmark-disturbances benchmark-honesty benchmark-live benchmark-model-errors benchmark-planning benchmark-speed benchmark-week demo-plan paper-table
+.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean demo-plan paper-table
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
-	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %;"
-	@echo "             tells the time beside that of random sinusoids within the same limits"
+	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
-	@echo "make attack  set-up, then kills, garbage, clocks, full disks and calls on a live graph (a quarter of an hour; ARGS=--help)"
+	@echo "make attack  set-up, then kills and calls on a live graph (some minutes; ARGS=--help)"
 	@echo "make lint    set-up, lint and types"
 	@echo "make clean   remove what the others made"
-	@echo "make paper-table | benchmark-accuracy | benchmark-calibration | benchmark-day   measure, and write the pages"
-	@echo "             in docs/ (seconds, an hour, five minutes, half an hour; ARGS=... for the script, as in"
-	@echo "             ARGS=\"--seeds 10\", ARGS=--help); benchmark-disturbances and benchmark-speed the same, an hour each,"
-	@echo "             benchmark-honesty a quarter of an hour, benchmark-model-errors an hour, benchmark-planning an hour,"
-	@echo "             benchmark-benches, benchmark-week and benchmark-live half an hour"
+	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
+	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
+	@echo "             honesty, benches, day (half an hour), calibration (minutes); make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
@@ -89,42 +86,12 @@ lint: install/.built
 	$(STEP) "budgets of lines"
 	@$(BIN)/python scripts/check_budgets.py
 
-# Measurements: what they write is committed.
+# Measurements: what they write is committed. `make benchmark-model-errors` runs scripts/benchmark_model_errors.py.
 paper-table: install/.built
-	@$(BIN)/python scripts/paper_table.py --output docs $(ARGS)
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/paper_table.py --output docs $(ARGS)
 
-benchmark-accuracy: install/.built
-	@$(BIN)/python scripts/benchmark_accuracy.py --output docs $(ARGS)
-
-benchmark-benches: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_benches.py --output docs $(ARGS)
-
-benchmark-calibration: install/.built
-	@$(BIN)/python scripts/benchmark_calibration.py --output docs $(ARGS)
-
-benchmark-disturbances: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_disturbances.py --output docs $(ARGS)
-
-benchmark-honesty: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_honesty.py --output docs $(ARGS)
-
-benchmark-model-errors: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_model_errors.py --output docs $(ARGS)
-
-benchmark-planning: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_planning.py --output docs $(ARGS)
-
-benchmark-speed: install/.built
-	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/benchmark_speed.py --output docs $(ARGS)
-
-benchmark-day: install/.built
-	@$(BIN)/python scripts/benchmark_day.py --output docs $(ARGS)
-
-benchmark-week: install/.built
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/benchmark_week.py --output docs $(ARGS)
-
-benchmark-live: install/.built
-	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/benchmark_live.py --output docs $(ARGS)
+benchmark-%: install/.built
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/benchmark_$(subst -,_,$*).py --output docs $(ARGS)
 
 clean:
 	rm -rf .venv build install log .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

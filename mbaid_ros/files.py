@@ -40,7 +40,7 @@ def require_regular(path: str | Path, kind: str, error: type[MbaidError] = DataE
 def read_text(
     path: str | Path, kind: str, limit: int, accepted: str = '', error: type[MbaidError] = ParameterError
 ) -> str:
-    """Return the content of a text file of at most so many characters.
+    """Return the content of a text file of at most so many characters, without a byte order mark.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def read_text(
     require_regular(path, kind, error)
     try:
         # Should it have become a pipe by now, this does not wait for someone to write.
-        with open(path, encoding='utf-8', opener=_without_waiting) as file:
+        with open(path, encoding='utf-8-sig', opener=_without_waiting) as file:
             text = file.read(limit + 1)
     except OSError as reason:
         raise error(f"cannot read {kind} '{path}': {_why(reason)}") from reason

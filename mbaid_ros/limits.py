@@ -28,7 +28,7 @@ MESH_BYTES = 20_000_000  # the file of a collision mesh
 
 # Bags.
 FOLDER_FILES = 10_000  # files of one bag
-METADATA_BYTES = 500_000  # of metadata.yaml
+METADATA_BYTES = 5_000_000  # of metadata.yaml: of some ten thousand files
 YAML_VALUES = 200_000  # in metadata.yaml or QoS profiles
 YAML_DEPTH = 50  # of lists and mappings there
 PROFILE_CHARACTERS = 100_000  # of the QoS profiles of one topic

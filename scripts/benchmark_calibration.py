@@ -1,23 +1,18 @@
-"""Measure the calibration on many seeds, and write the figures into docs/calibration.md.
-
-usage: benchmark_calibration.py [--seeds N] [--processes N] [--store FOLDER] [--output docs]
+"""Write the figures of docs/calibration.md: the calibration on many robots, and the capture after it.
 
 Every seed draws its own robot, CAD errors and sensor noise.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks import precapture
-from benchmarks.data import drawn, exact_samples, model
+from benchmarks.data import NOISE, drawn, exact_samples, model, target
 from benchmarks.data import motion as robot_motion
-from benchmarks.driver import add_run_arguments, driving, parser_of
-from benchmarks.store import Runs
+from benchmarks.frame import Frame, Runs, declared
+from benchmarks.precapture import GENERAL, WEIGHED, cad_model, free_model, motion, windows
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import LinkPrior
@@ -26,10 +21,9 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -39,99 +33,69 @@ from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.simulation.true_robot import ErrorSizes, true_robot
 
 SECONDS = 120.0
-PLACE = re.compile(r'(<!-- figures -->\n).*?(<!-- end of figures -->)', re.DOTALL)
-GENERAL = LinkPrior(precapture.MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
-WEIGHED = LinkPrior(precapture.BASE_MASS_STD, precapture.COM_STD, precapture.INERTIA_STD)
-PRIORS = (GENERAL, WEIGHED, *(GENERAL,) * 6)  # of LINKS
 LINKS = ('link7', 'base_link', *(f'link{index}' for index in range(1, 7)))
+PRIORS = (GENERAL, WEIGHED, *(GENERAL,) * 6)
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 UNCERTAIN = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, mount_position=2e-3, mount_orientation=2e-3)
 NUMBERS = 10 * len(LINKS) + 6 * 7 + 6
-
-
 KNOWN = ('URDF taken as exact', 'from the calibration on', 'true robot, known exactly')
 
 
 @dataclass(frozen=True)
-class Found(Runs):
-    """What a seed, or many of them, led to.
+class Outcome(Runs):
+    """Results of calibrations, and of captures after them."""
 
-    Attributes
-    ----------
-    cad, calibrated : (..., 2) mean squares of the changes of linear and angular momentum, which are constant, with the
-        URDF and calibrated
-    error : (...) squared, of all numbers in the covariance that is reported
-    factor, factor_std : (...) that all masses are off by where nothing is weighed, and what is reported of it
-    residual : (...)
-    capture : (..., 3, 4) what `_compared` says of the target with each of KNOWN
-    reported : (..., 3) standard deviations of the target from the calibration on, as `_sizes`
-    """
-
-    cad: Array
-    calibrated: Array
-    error: Array
-    factor: Array
-    factor_std: Array
-    residual: Array
-    capture: Array
-    reported: Array
+    cad: Array  # (..., 2) mean squares of the changes of linear and angular momentum, which are constant, with the URDF
+    calibrated: Array  # (..., 2) the same calibrated
+    error: Array  # (...) squared, of all numbers in the reported covariance
+    factor: Array  # (...) relative error of all masses if nothing is weighed
+    factor_std: Array  # (...) as reported
+    residual: Array  # (...)
+    capture: Array  # (..., 3, 4) errors of the target with each of KNOWN as by `_sizes`, and squared in the covariance
+    reported: Array  # (..., 3) standard deviations of the target from the calibration on, as by `_sizes`
 
 
 def main() -> None:
-    """Run."""
-    parser = parser_of(__doc__)
-    add_run_arguments(parser, 50, 50)
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write into the calibration.md there')
-    arguments = parser.parse_args()
-    with driving(arguments.seeds, arguments.processes, arguments.store) as driver:
-        found = driver.completed(Found, 'calibration', range(arguments.seeds), one_seed)
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'calibration.md', seeds=50)
+    (_, found), *_ = frame.outcomes(Outcome, run, {'': ('calibration', frame.seeds)})
     text = figures(found, attainable())
     print(text)
-    if arguments.output:
-        page = arguments.output / 'calibration.md'
-        content = page.read_text(encoding='utf-8')
-        page.write_text(PLACE.sub(lambda place: f'{place[1]}{text}{place[2]}', content), encoding='utf-8')
+    frame.write(figures=text)
 
 
-def one_seed(seed: int) -> Found:
-    """Return what one seed leads to."""
+def run(seed: int) -> Outcome:
+    """Return the results of one seed."""
     errors = drawn('servicer7', SIZES, seed)
-    fresh = exact_samples(precapture.motion(2, 60.0, 10.0, errors), precapture.NOISE, errors)
-    before = precapture.windows(precapture.motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
-    after = precapture.windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
-    cad = load_model(precapture.cad_urdf(seed))
+    fresh = exact_samples(motion(2, 60.0, 10.0, errors), NOISE, errors)
+    before = windows(motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
+    after = windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
+    cad = cad_model(seed, WEIGHED)
     found = _calibrated(cad, before, PRIORS)
-    loose = _calibrated(load_model(precapture.cad_urdf(seed, 0.05)), before, (GENERAL,) * 8)
-    mass = _theta(precapture.free_model())[::10].sum()
-    error = found.values - np.concatenate((_theta(precapture.free_model()), _placed(cad, errors)))
+    loose = _calibrated(cad_model(seed, GENERAL), before, (GENERAL,) * 8)
+    mass = _theta(free_model())[::10].sum()
+    error = found.values - np.concatenate((_theta(free_model()), _placed(cad, errors)))
     own = MomentumKernel(cad, 'link7')
-    nominal = NominalModel.nominal(own)
-    learnt = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
-    ours = _target(after, *_learnt(own, found))
+    calibrated = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
+    ours = _target(after, *_continued(own, found))
     truth = NominalModel(
         MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), errors.zeros, errors.mount, 0.0
     )
-    return Found(
-        cad=_momentum(nominal, fresh),
-        calibrated=_momentum(learnt, fresh),
+    exact = _target([truth.corrected(window) for window in after], truth.kernel)
+    return Outcome(
+        cad=_momentum(NominalModel.nominal(own), fresh),
+        calibrated=_momentum(calibrated, fresh),
         error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
         factor=np.array(loose.theta[::10].sum() / mass - 1.0),
         factor_std=np.array(loose.scale.relative_std),
         residual=np.array(found.residual),
-        capture=np.array(
-            [
-                _compared(_target(after, own)),
-                _compared(ours),
-                _compared(_target([truth.corrected(window) for window in after], truth.kernel)),
-            ]
-        ),
+        capture=np.array([_compared(each) for each in (_target(after, own), ours, exact)]),
         reported=_sizes(ours.std),
     )
 
 
 def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
-    settings = CalibrationSettings(precapture.NOISE, priors, UNCERTAIN)
-    return calibrate(MomentumKernel(cad, *LINKS), [before], settings)
+    return calibrate(MomentumKernel(cad, *LINKS), [before], CalibrationSettings(NOISE, priors, UNCERTAIN))
 
 
 def _theta(robot: RobotModel) -> Array:
@@ -139,21 +103,21 @@ def _theta(robot: RobotModel) -> Array:
 
 
 def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
-    """Return what a calibration should find of joints and mount."""
+    """Return the true errors of joints and mount in the order of a calibration."""
     across = Kinematics(cad).axial[1:, :, :2]
     tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
     return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
 
 def _with(robot: RobotModel, found: Calibration) -> RobotModel:
-    """Return the robot as it has been found."""
-    for name, values in zip(LINKS, found.theta.reshape(-1, 10), strict=True):
-        robot = precapture.with_link(robot, name, values)
-    return displaced(robot, *found.displacements)
+    """Return the calibrated robot."""
+    calibrated = dict(zip(LINKS, found.theta.reshape(-1, 10), strict=True))
+    links = (replace(link, parameters=calibrated.get(link.name, link.parameters)) for link in robot.links)
+    return displaced(replace(robot, links=tuple(links)), *found.displacements)
 
 
 def _momentum(side: NominalModel, samples: Samples) -> Array:
-    """Return mean squares of linear and angular momentum, about its mean, that a robot has by what is measured."""
+    """Return mean squares of linear and angular momentum about its mean, which a robot has by its readings."""
     samples, kernel = side.corrected(samples), side.kernel
     states = kernel.states(samples)
     momentum = states.known_momentum + (states.regressor @ kernel.target.parameters)
@@ -163,89 +127,81 @@ def _momentum(side: NominalModel, samples: Samples) -> Array:
 
 
 def attainable() -> Array:
-    """Return deviations of the target, as `_sizes`, that are attainable after a calibration.
+    """Return standard deviations of the target, as by `_sizes`, attainable after a calibration, to first order.
 
-    It is what the filter reports, to first order, where every window is linearised at the truth: of a servicer that is
-    its URDF, measured without noise, by one that knows nothing of that.
+    The filter reports them if every window is linearised at the truth: for a servicer that is its URDF, measured
+    without noise, by an estimator with the usual priors.
     """
-    free = precapture.free_model()
-    found = _calibrated(free, precapture.windows(precapture.motion(1, SECONDS), None), PRIORS)
-    after = precapture.windows(robot_motion('servicer7'), None)
-    last = _target(after, *_learnt(MomentumKernel(free, 'link7'), found))
-    return _sizes(last.std)
+    found = _calibrated(free_model(), windows(motion(1, SECONDS), None), PRIORS)
+    after = windows(robot_motion('servicer7'), None)
+    return _sizes(_target(after, *_continued(MomentumKernel(free_model(), 'link7'), found)).std)
 
 
-def _learnt(own: MomentumKernel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
-    """Return a robot that goes on from a calibration, and what is uncertain of it."""
+def _continued(own: MomentumKernel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
+    """Return a robot after its calibration, and its uncertainty."""
     return own.with_uncertainty(found.prior.errors(1)), replace(UNCERTAIN, carried=found.carried)
 
 
 def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty | None = None) -> Estimate:
     """Return the last estimate of the target; without an uncertainty joints and mount are exact."""
-    noise = {f'noise.{name}': value for name, value in vars(precapture.NOISE).items()}
-    config = build(EstimatorConfig, {**EXACT, **noise, 'method': 'trajectory', 'target_link': 'link7'})
+    config = build(EstimatorConfig, {**EXACT, **declared(NOISE), 'method': 'trajectory', 'target_link': 'link7'})
     return make_estimator(config, kernel, KnownRobot(kernel, uncertainty or Uncertainty())).update(after, 0)[-1]
 
 
 def _compared(last: Estimate) -> Array:
-    """Return errors of the target, as `_sizes`; then its squared error in its covariance, (4,)."""
-    error = last.parameters - _true_target()
+    """Return (4,) errors of the target, as by `_sizes`, and its squared error in its covariance."""
+    error = last.parameters - target('servicer7')
     return np.append(_sizes(error), error @ np.linalg.solve(last.covariance, error))
 
 
 def _sizes(errors: Array) -> Array:
-    """Return how large errors of the target are, (3,): of mass, relative; of the CoM, m; of the inertia, relative."""
-    true = _true_target()
-    size = np.sqrt(np.outer(true[[4, 7, 9]], true[[4, 7, 9]])[np.triu_indices(3)])
-    relative = errors[4:] / size
+    """Return the (3,) sizes of errors of the target: of mass, relative; of the CoM, m; of the inertia, relative."""
+    true = target('servicer7')
+    relative = errors[4:] / np.sqrt(np.outer(true[[4, 7, 9]], true[[4, 7, 9]])[np.triu_indices(3)])
     return np.array([abs(errors[0]) / true[0], np.linalg.norm(errors[1:4]), np.sqrt(np.mean(relative**2))])
 
 
-def _true_target() -> Array:
-    return physical(model('servicer7').link('link7').parameters)
-
-
-def figures(found: Found, best: Array) -> str:
-    """Return the figures as tables in Markdown; `best` is what is attainable of the target."""
+def figures(found: Outcome, best: Array) -> str:
+    """Return the figures as Markdown; `best` is attainable of the target."""
     wrong, left = (np.sqrt(np.mean(squares, axis=0)) for squares in (found.cad, found.calibrated))
     gains = np.sqrt(found.cad / found.calibrated)
     usual, least = (' and '.join(f'{x:.0f}' for x in each) for each in (np.median(gains, axis=0), gains.min(axis=0)))
-    off = 100.0 * np.sqrt(np.mean(found.factor**2))
-    lines = [
-        f'{len(found)} robots, each with CAD errors, joints, mount and sensor noise of its own.',
-        '',
-        '| momentum on another motion, RMS change of what is constant | linear | angular |',
-        '|---|---|---|',
-        f'| with the URDF | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |',
-        f'| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |',
-        f'| times smaller | {wrong[0] / left[0]:.0f} | {wrong[1] / left[1]:.0f} |',
-        '',
-        f'- Times smaller in one run: median {usual}, least {least}.',
-        (
-            f'- Squared error of all {NUMBERS} numbers in the reported covariance: '
-            f'{np.mean(found.error):.0f} on average; {NUMBERS} is right.'
-        ),
-        f'- Residual: {np.mean(found.residual):.3f} on average.',
-        (
-            f'- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: '
-            f'{100.0 * np.mean(found.factor_std):.1f} %.'
-        ),
-        '',
-        '| target after the capture, RMS error | mass | CoM | inertia | squared error, normalised |',
-        '|---|---|---|---|---|',
-    ]
+    off, reported = 100.0 * np.sqrt(np.mean(found.factor**2)), 100.0 * np.mean(found.factor_std)
+    rows = []
     for words, every in zip(KNOWN, np.swapaxes(found.capture, 0, 1), strict=True):
         errors = every[np.isfinite(every[:, 3])]
         sizes = _row(np.sqrt(np.mean(errors[:, :3] ** 2, axis=0)))
-        lines.append(f'| {words}, {len(errors)} with all ten numbers | {sizes} | {np.mean(errors[:, 3]):.3g} |')
-    lines.append(f'| reported from the calibration on, RMS | {_row(np.sqrt(np.mean(found.reported**2, axis=0)))} | |')
-    lines.append(f'| attainable from the calibration on | {_row(best)} | |')
-    return '\n'.join(lines) + '\n'
+        rows.append(f'| {words}, {len(errors)} with all ten numbers | {sizes} | {np.mean(errors[:, 3]):.3g} |')
+    rows.append(f'| reported from the calibration on, RMS | {_row(np.sqrt(np.mean(found.reported**2, axis=0)))} | |')
+    rows.append(f'| attainable from the calibration on | {_row(best)} | |')
+    return _FIGURES.format(
+        robots=len(found), wrong=wrong, left=left, gain=wrong / left, usual=usual, least=least, numbers=NUMBERS,
+        error=np.mean(found.error), residual=np.mean(found.residual), off=off, reported=reported, rows='\n'.join(rows),
+    )  # fmt: skip
 
 
 def _row(sizes: Array) -> str:
     mass, com, inertia = sizes
     return f'{100.0 * mass:.3f} % | {1e3 * com:.2f} mm | {100.0 * inertia:.3f} %'
+
+
+_FIGURES = """\
+{robots} robots, each with CAD errors, joints, mount and sensor noise of its own.
+
+| momentum on another motion, RMS change although it is constant | linear | angular |
+|---|---|---|
+| with the URDF | {wrong[0]:.3f} N s | {wrong[1]:.3f} N m s |
+| calibrated | {left[0]:.4f} N s | {left[1]:.4f} N m s |
+| times smaller | {gain[0]:.0f} | {gain[1]:.0f} |
+
+- Times smaller in one run: median {usual}, least {least}.
+- Squared error of all {numbers} numbers in the reported covariance: {error:.0f} on average; {numbers} is right.
+- Residual: {residual:.3f} on average.
+- Without a weighed base the common factor is off by {off:.1f} % RMS; reported: {reported:.1f} %.
+
+| target after the capture, RMS error | mass | CoM | inertia | squared error, normalised |
+|---|---|---|---|---|
+{rows}"""
 
 
 if __name__ == '__main__':

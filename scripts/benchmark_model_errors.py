@@ -1,70 +1,67 @@
-"""Monte Carlo over robots that are not their URDF: whether intervals hold, over what is attainable; an error budget.
+"""Write docs/model-errors.md: robots that are not their URDF, coverage and errors over the attainable ones.
 
-usage: benchmark_model_errors.py [--seeds N] [--others N] [--steps N] [--robots R ...] [--sections S ...]
-       [--processes N] [--store FOLDER] [--output FOLDER]
+--seeds is for rows with all errors; other rows have 0.4 times as many.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
-from pathlib import Path
+import numpy as np
 
-from benchmarks.data import ROBOTS
-from benchmarks.model_errors import flywheel
-from benchmarks.model_errors.page import Outcomes, page, row
-from benchmarks.model_errors.plan import EXAMPLE, SECTIONS, outcomes, plan
-from benchmarks.model_errors.runs import budget
-from benchmarks.model_errors.variant import monte_carlo
-from benchmarks.pages import provenance
+from benchmarks.frame import Frame, number, percent, provenance, statuses, table
+from benchmarks.model_errors.runs import Outcome, run
+from benchmarks.model_errors.variant import Variant, monte_carlo
+from mbaid_ros.core.geometry import Array
 
-_SEEDS, _OTHERS, _STEPS = 50, 20, 20
-_WHEELS = 4
-_MASS_STD = 0.01 * flywheel.MASS
+ROBOTS = ('servicer7', 'ets7', 'table1')
+_OTHERS = 0.4  # of the seeds, for rows without all errors
 
 
-def main() -> int:
-    """Run the benchmark and return the exit code."""
-    arguments = _parse()
-    found: Outcomes = {}
-    for variant, outcome in outcomes(
-        plan(arguments.sections, arguments.robots, (arguments.seeds, arguments.others, arguments.steps)),
-        arguments.processes,
-        arguments.store,
-    ):
-        found = {**found, variant: outcome}
-        print(' | '.join(row(variant, outcome)), flush=True)
-    if arguments.output:
-        wheel = {std: flywheel.rows(range(_WHEELS), std) for std in (0.0, _MASS_STD)}
-        example = budget(next(monte_carlo(EXAMPLE)), 0)
-        # Where finished runs are kept is nobody's business.
-        counts = f'--seeds {arguments.seeds} --others {arguments.others} --steps {arguments.steps}'
-        command = f'scripts/{Path(__file__).name} {counts} --output docs'
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        text = page(found, wheel, example, provenance(command=command))
-        (arguments.output / 'model-errors.md').write_text(text, encoding='utf-8')
-    return 0
-
-
-def _parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument(
-        '--seeds', type=int, metavar='N', default=_SEEDS, help=f'robots with all blocks on (default: {_SEEDS})'
+def main() -> None:
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'model-errors.md', seeds=50)
+    variants = sorted(
+        (variant for robot in ROBOTS for variant in monte_carlo(robot)), key=lambda variant: variant.name != 'all'
     )
-    parser.add_argument(
-        '--others', type=int, metavar='N', default=_OTHERS, help=f'robots of every other row (default: {_OTHERS})'
-    )
-    parser.add_argument(
-        '--steps', type=int, metavar='N', default=_STEPS, help=f'robots of each step of the ladder (default: {_STEPS})'
-    )
-    parser.add_argument('--robots', nargs='+', choices=list(ROBOTS), default=[EXAMPLE, 'ets7', 'table1'])
-    parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=SECTIONS)
-    parser.add_argument('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
-    parser.add_argument('--store', type=Path, metavar='FOLDER', help='keep finished runs there, and go on from them')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write model-errors.md there')
-    return parser.parse_args()
+    work = {}
+    for variant in frame.chosen(variants, lambda variant: f'{variant.robot}, {variant.name}'):
+        seeds = frame.seeds if variant.name == 'all' else range(round(_OTHERS * len(frame.seeds)) or 1)
+        work[variant] = (f'{variant.robot}-{variant.name}', [(variant, seed) for seed in seeds])
+    rows = []
+    for variant, outcome in frame.outcomes(Outcome, run, work):
+        rows.append(_row(variant, outcome))
+        print(' | '.join(rows[-1]), flush=True)
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+
+
+def _row(variant: Variant, outcome: Outcome) -> list[str]:
+    coverage, (size, name, seed), (nees, low, high) = outcome.coverage, outcome.largest, outcome.nees
+    numbers, nis = bool(np.any(np.isfinite(coverage))), outcome.nis[np.isfinite(outcome.nis)]
+    return [
+        f'{variant.robot}, {variant.name}',
+        str(len(outcome)),
+        percent(float(np.nanmean(coverage))) if numbers else '-',
+        f'{percent(float(np.nanmin(coverage)))} to {percent(float(np.nanmax(coverage)))}' if numbers else '-',
+        f'{number(size, 1)} ({name}, seed {seed})' if numbers else '-',
+        number(nees),
+        f'{number(low)} to {number(high)}',
+        number(float(np.mean(nis))) if len(nis) else '-',
+        _ratio(outcome.over_bound(outcome.error)),
+        _ratio(outcome.over_bound(outcome.robots_own)),
+        statuses(outcome.status),
+    ]
+
+
+def _ratio(values: Array) -> str:
+    if not np.any(np.isfinite(values)):
+        return '-'
+    return f'{number(float(np.nanmedian(values)))} ({number(float(np.nanmax(values)))})'
+
+
+_HEADER = (
+    *('robot, errors', 'robots', 'coverage', 'by parameter', 'largest error', 'NEES', 'its 95 % band', 'NIS'),
+    *('RMSE / bound', 'draw / bound', 'status'),
+)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

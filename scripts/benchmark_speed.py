@@ -1,176 +1,139 @@
-"""Speed, as ratios to what the work cannot do without: replay, live node, core and start-up, side by side in one run.
+"""Write the tables of docs/speed.md: processor time over that of the work which no such program can avoid.
 
-usage: benchmark_speed.py [--minutes M] [--seconds S] [--lengths MINUTES ...] [--repeats N]
-                          [--parts a b c d] [--output docs]
-
-What is compared is measured in turn, pair by pair, on the same machine under the same load; medians are given.
+Measured pairs alternate on the same machine under the same load; medians are given.
 """
 
 from __future__ import annotations
 
-import argparse
+import json
 import os
-from collections.abc import Mapping, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks import speed_core, speed_live, speed_replay
-from benchmarks.driver import parser_of
-from benchmarks.pages import number, provenance, put_section, table
-from benchmarks.speed_replay import METHODS
+from benchmarks.bags import ROBOT, make_bag
+from benchmarks.data import CONFIG
+from benchmarks.frame import Frame, number, provenance, table
+from benchmarks.speed_live import live_runs
+from demo_graph import assigned
+from mbaid_ros.cli import EXIT_NOT_DETERMINED
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build, values_of
 
-RATE = 1000.0  # Hz, of each topic of the live run
-_ROWS = 3_000  # samples whose rows are made at a time
-_SHORT = 10.0  # s, of the runs that say how the work grows
+HERE = Path(__file__).parent / 'benchmarks'
+METHODS = ('difference', 'trajectory')
+_RATE, _SHORT = 1000.0, 10.0  # Hz, of each topic of the live runs; s
+# Parameters beside those of servicer7_estimator.yaml, which declares a robot that is exactly its URDF.
+_DEFAULTS = values_of(build(EstimatorConfig, {}))
+VARIANTS: dict[str, Mapping[str, object]] = {
+    **{method: {'method': method} for method in METHODS},
+    'trajectory, every model error among the unknowns': {
+        'method': 'trajectory',
+        **{name: _DEFAULTS[name] for name in EXACT},
+    },
+}
+# Wrongly declared noise contradicts the data: the filter searches for a start and for causes, again and again.
+_CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
+# The executable that `ros2 run` starts is these two lines with a shebang.
+_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.replay import main; sys.exit(main())']
 
-_LAST_MINUTES = (
-    'and in the last minutes (at most five) of runs of some length; the first minute, alone in the first column, holds '
-    'the search for a start:'
-)
 
-_SECTIONS = ('Replay', 'Live node', 'Core', 'Start')
-_HEAD = """\
-# Speed
+@dataclass(frozen=True)
+class Cost:
+    """Costs of a process."""
 
-How far the project is above what no program of its kind can do without: reading a bag, receiving a message. Ratios of
-times taken in turn in one run, with the median first and the range behind it; robot `servicer7` with seven joints,
-`mid` noise. `make benchmark-speed` measures all of it anew, a part with `ARGS="--parts a"`.
-"""
+    wall: float  # s
+    cpu: float  # s
+    memory: float  # MB, its peak
 
 
 def main() -> None:
-    """Measure, print and write the page: the parts that were measured anew, the others as they were."""
-    arguments = _parse()
-    parts = {'a': _replays, 'b': _live, 'c': _core, 'd': _starts}
-    with TemporaryDirectory() as folder:
-        for part in arguments.parts:
-            text = f'{parts[part](arguments, Path(folder))}\n\n{_provenance(part, arguments)}\n'
-            print(text, flush=True)
-            if arguments.output:
-                put_section(arguments.output / 'speed.md', _HEAD, text, _SECTIONS)
-
-
-def _provenance(part: str, arguments: argparse.Namespace) -> str:
-    own = {
-        'a': f'--minutes {arguments.minutes:g} ',
-        'b': f'--seconds {arguments.seconds:g} ',
-        'c': f'--lengths {" ".join(map(str, arguments.lengths))} ',
-        'd': '',
+    """Measure the chosen parts."""
+    frame = Frame(__doc__, 'speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
+    arguments = frame.arguments
+    parts: dict[str, Callable[[Path], str]] = {
+        'replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),
+        'live': lambda folder: _live(folder, arguments.seconds, arguments.repeats),
+        'start': lambda folder: _starts(folder, arguments.repeats),
     }
-    command = f'scripts/{Path(__file__).name} --parts {part} {own[part]}--repeats {arguments.repeats} --output docs'
-    return provenance(f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} by then', command)
+    for name, part in parts.items():
+        if name in arguments.parts:
+            with TemporaryDirectory() as folder:
+                text = part(Path(folder))
+            note = f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} at the end'
+            print(text, flush=True)
+            frame.write(**{name: f'{text}\n\n{provenance(note)}'})
 
 
-def _replays(arguments: argparse.Namespace, folder: Path) -> str:
-    found = speed_replay.replays(folder, arguments.minutes, arguments.repeats)
-    rows = [
-        [
-            method,
-            _middle(pairs.ratios),
-            number(pairs.cost.cpu, 1),
-            number(pairs.floor.cpu, 1),
-            number(pairs.cost.memory),
-            number(pairs.floor.memory),
-        ]
-        for method, pairs in found.items()
-    ]
-    header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
-    return (
-        f'## Replay\n\nProcessor time of `replay` on a bag of {arguments.minutes:g} min at 100 Hz, as many JointState '
-        'as Odometry, over that of a process which reads and deserialises the same bag with rosbags and does nothing '
-        'else. '
-        f'Wanted: at most 1.3 of a robot that is its URDF, 3 of another, and below 400 MB.\n\n{table(header, rows)}'
-    )
-
-
-def _live(arguments: argparse.Namespace, folder: Path) -> str:
-    found = speed_live.runs(folder, RATE, arguments.seconds, arguments.repeats)
+def _replays(folder: Path, minutes: float, repeats: int) -> str:
+    bag = folder / 'long'
+    make_bag(bag, minutes)
+    floor, costs = [], {name: list[Cost]() for name in VARIANTS}
+    for _ in range(repeats):
+        floor.append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
+        for name, parameters in VARIANTS.items():
+            costs[name].append(_measured(_replay(bag, parameters)))
     rows = []
-    for method, runs in found.items():
-        ratio = _middle([run.cpu / run.floor for run in runs])
-        latencies = [
-            _middle([1e3 * float(np.percentile(run.latencies, share)) for run in runs], '.1f')
-            for share in (50.0, 99.0, 100.0)
+    for name, each in costs.items():
+        ratio = _middle([cost.cpu / least.cpu for cost, least in zip(each, floor, strict=True)])
+        cost, least = _median(each), _median(floor)
+        seconds = (number(cost.cpu, 1), number(least.cpu, 1))
+        rows.append([name, ratio, *seconds, number(cost.memory), number(least.memory)])
+    header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
+    return f'A bag of {minutes:g} min at 100 Hz:\n\n{table(header, rows)}'
+
+
+def _live(folder: Path, seconds: float, repeats: int) -> str:
+    variants = {**VARIANTS, 'trajectory, contradicted: searches for start and causes': _CONTRADICTED}
+    rows = []
+    for name, pairs in live_runs(variants, folder, _RATE, seconds, repeats).items():
+        shares = [
+            [1e3 * float(np.percentile(run.latencies, share)) for run, _ in pairs] for share in (50.0, 99.0, 100.0)
         ]
-        rows.append([method, ratio, *latencies, str(sum(run.lost for run in runs))])
-    return (
-        f'## Live node\n\nProcessor time of `estimator` while two topics come at 1 kHz each for '
-        f'{arguments.seconds:g} s, over that of a bare node with the same two subscriptions; time from the last sample '
-        'of a window to the arrival of its estimate, percentiles of each run; messages that did not '
-        'arrive. Wanted: at most 1, p99 below 15 ms, none lost.\n\n'
-        f'{table(["method", "ratio", "p50, ms", "p99, ms", "longest, ms", "lost"], rows)}'
-    )
+        ratio = _middle([run.cpu / bare.cpu for run, bare in pairs])
+        rows.append([name, ratio, *(_middle(each, '.1f') for each in shares), str(sum(run.lost for run, _ in pairs))])
+    header = ['method', 'ratio', 'p50, ms', 'p99, ms', 'longest, ms', 'lost']
+    return f'Two topics at {_RATE:g} Hz each for {seconds:g} s:\n\n{table(header, rows)}'
 
 
-def _core(arguments: argparse.Namespace, _folder: Path) -> str:
-    rates = speed_core.rows(_ROWS, arguments.repeats)
-    ratio = _middle([ours / peer for ours, peer in zip(rates.rows, rates.peer, strict=True)])
-    kilo = [number(1e-3 * float(np.median(values)), 1) for values in (rates.rows, rates.peer)]
-    made = (
-        f'Regressor and known momentum of a sample, by the kernel for {_ROWS} samples at once, and one by one '
-        f'in a loop over pinocchio, which gives the same numbers: {kilo[0]} and {kilo[1]} thousand samples a second, a '
-        f'ratio of {ratio}. Wanted: 400 thousand, and 10.'
-    )
-    joints: dict[str, Mapping[int, float]] = {'rows': speed_core.rows_by_joints(_ROWS, arguments.repeats)}
-    joints |= {name: speed_core.identification_by_joints(name, _SHORT, arguments.repeats) for name in METHODS[:1]}
-    windows = {name: speed_core.identification_by_window(name, _SHORT, arguments.repeats) for name in METHODS[:1]}
-    lengths = {name: speed_core.identification_by_length(name, arguments.lengths) for name in METHODS}
-    return '\n\n'.join(
-        [
-            '## Core',
-            made,
-            'Thousand samples a second of one core, by number of joints:',
-            _growth(joints, 'joints'),
-            f'by length of the windows (runs of {_SHORT:g} s):',
-            _growth(windows, 'window, s'),
-            _LAST_MINUTES,
-            _growth(lengths, 'run, min'),
-        ]
-    )
+def _starts(folder: Path, repeats: int) -> str:
+    bag = folder / 'short'
+    make_bag(bag, _SHORT / 60.0)
+    commands = {'`replay --help`': [*_PROGRAM, '--help']}
+    commands |= {f'replay of 10 s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
+    rows = []
+    for name, command in commands.items():
+        cost = _median([_measured(command) for _ in range(repeats)])
+        rows.append([name, number(cost.wall), number(cost.cpu), number(cost.memory)])
+    return table(['', 'wall, s', 'processor, s', 'peak, MB'], rows)
 
 
-def _starts(arguments: argparse.Namespace, folder: Path) -> str:
-    found = speed_replay.starts(folder, arguments.repeats)
-    rows = [
-        [f'`{name}`' if '--' in name else name, *(number(value) for value in (cost.wall, cost.cpu, cost.memory))]
-        for name, cost in found.items()
-    ]
-    return (
-        '## Start\n\nThe whole process, from its start to its end. Wanted: the help within 0.3 s.\n\n'
-        f'{table(["", "wall, s", "processor, s", "peak, MB"], rows)}'
-    )
+def _replay(bag: Path, parameters: Mapping[str, object]) -> list[str]:
+    files = ['--model', str(CONFIG / f'{ROBOT}.urdf'), '--params', str(CONFIG / f'{ROBOT}_estimator.yaml')]
+    return [*_PROGRAM, str(bag), *files, *assigned(parameters)]
 
 
-def _growth(rates: Mapping[str, Mapping[int, float] | Mapping[float, float]], name: str) -> str:
-    """Return a table of thousand samples a second, a column for each size."""
-    sizes = list(next(iter(rates.values())))
-    rows = [[f'{what}', *(number(1e-3 * rate) for rate in found.values())] for what, found in rates.items()]
-    return table([name, *(f'{size:g}' for size in sizes)], rows)
+def _measured(command: Sequence[str]) -> Cost:
+    program = [sys.executable, str(HERE / 'speed_measured.py'), *command]
+    run = subprocess.run(program, stdout=subprocess.PIPE, text=True, check=False)
+    if run.returncode not in {0, EXIT_NOT_DETERMINED}:
+        raise RuntimeError(f'exit code {run.returncode} of {" ".join(command)}')
+    return Cost(**json.loads(run.stdout))
+
+
+def _median(costs: Sequence[Cost]) -> Cost:
+    return Cost(*(float(np.median([getattr(cost, name) for cost in costs])) for name in ('wall', 'cpu', 'memory')))
 
 
 def _middle(values: Sequence[float], form: str = '.2f') -> str:
-    """Return the median of values, one a pair, and their range."""
+    """Return median and range of values, one a pair."""
     return f'{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})'
-
-
-def _parse() -> argparse.Namespace:
-    parser = parser_of(__doc__)
-    parser.add_argument('--minutes', type=float, metavar='M', default=60.0, help='length of the bag that is replayed')
-    parser.add_argument('--seconds', type=float, metavar='S', default=30.0, help='length of the live runs')
-    parser.add_argument(
-        '--lengths',
-        type=int,
-        nargs='+',
-        metavar='MINUTES',
-        default=[1, 2, 10, 60],
-        help='runs that the cost is told at',
-    )
-    parser.add_argument('--repeats', type=int, metavar='N', default=5, help='pairs, of which medians are given')
-    parser.add_argument('--parts', nargs='+', choices=list('abcd'), default=list('abcd'), help='what is measured')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='write speed.md there')
-    return parser.parse_args()
 
 
 if __name__ == '__main__':

@@ -1,9 +1,7 @@
 """Send damaged files through the executables that read them: bags, robots, parameters, truths, results, logs.
 
-usage: fuzz_files.py [--inputs N] [--seed N] [--formats F ...]    (with `install/setup.bash` sourced)
-
-Each has to end with 0, 2, 3 or 4, with a line of error at most, within 10 s of the processor and 30 s of the clock, in
-less than 1 GB. All run in this process; each thousandth runs once more in one of its own, which has to do the same.
+Each has to end with 0, 2, 3 or 4, with one line of error at most, within 10 s of the processor and 30 s of the clock,
+in less than 1 GB. All run in this process; each thousandth runs again in one of its own, with the same outcome.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fuzzing.formats import Format, clear, formats
+from fuzzing.formats import Format, formats
 from fuzzing.trial import Found, TooLongError, alone, tried
 
 EVERY = 1000  # inputs, of which one is tried in a process of its own, too
@@ -42,7 +40,7 @@ def _one(kind: Format, number: int, seed: int, found: Found, *, apart: bool) -> 
     """Try one input; return what is wrong with what it leads to."""
     kind.path.write_bytes(kind.damaged(kind.content, np.random.default_rng([seed, number])))
     arguments = kind.arguments(number)
-    clear(kind)
+    kind.clear()
     with tempfile.TemporaryFile() as words:
         try:
             trial = tried(kind.main, arguments, words)
@@ -50,24 +48,20 @@ def _one(kind: Format, number: int, seed: int, found: Found, *, apart: bool) -> 
             return f'{type(reason).__name__}: {reason}'
     found.measured(trial.taken, trial.memory)
     found.codes[trial.code] += 1
-    wrong = trial.wrong(kind.told)
+    wrong = trial.wrong(kind.reported)
     if apart and not wrong:
-        clear(kind)
+        kind.clear()
         other = alone(kind.main, arguments)
         wrong = '' if other == (trial.code, trial.error) else f'{trial} and in a process of its own {other}'
     return wrong
 
 
-def _arguments() -> argparse.Namespace:
+if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--inputs', type=int, default=400, metavar='N', help='of each format (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=0, metavar='N')
-    parser.add_argument('--formats', nargs='+', metavar='F', help="such as URDF or 'MCAP records' (default: all)")
-    return parser.parse_args()
-
-
-if __name__ == '__main__':
-    asked = _arguments()
+    parser.add_argument('--formats', nargs='+', metavar='F', help="such as URDF or 'MCAP bytes' (default: all)")
+    asked = parser.parse_args()
     results = fuzz(asked.inputs, asked.seed, asked.formats)
     for each, of_it in results.items():
         print(f'{each}: {of_it}')

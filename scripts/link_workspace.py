@@ -1,9 +1,7 @@
 """Tie a virtual environment that holds the ROS 2 wheels to this colcon workspace.
 
-`make setup` runs it with the environment's Python. The wheels come without the `local_setup` files of a ROS 2 prefix:
-this writes them, so that colcon chains the environment like any other underlay and `. install/setup.bash` gives
-everything. It also writes a start-up file for the environment's Python, so that Python finds the workspace by itself
-and the installed executables run without anything being sourced.
+`make setup` runs it with the environment's Python. The wheels lack the `local_setup` files of a ROS 2 prefix;
+with these colcon chains them like any underlay. A start-up file lets the environment's Python find the workspace.
 """
 
 from __future__ import annotations

@@ -34,12 +34,11 @@ def resolve(python: str, *, keep: bool) -> tuple[str, Packages]:
     """Return the version of an interpreter, like 3.12, and the packages that pip would install for it."""
     command = [python, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed', '--report', '-']
     command += ['-r', str(ROOT / 'requirements.txt'), *(['-c', str(CONSTRAINTS)] if keep else [])]
-    run = subprocess.run(command, check=True, capture_output=True, text=True)
-    return resolved(json.loads(run.stdout))
+    return resolved(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
 
 
 def resolved(report: dict[str, Any]) -> tuple[str, Packages]:
-    """Return the version of the interpreter that a report of pip's is of, and the packages."""
+    """Return the version of the interpreter and the packages of a report of pip."""
     packages: Packages = {}
     for item in report['install']:
         name = re.sub('[-_.]+', '-', item['metadata']['name']).lower()
@@ -63,19 +62,8 @@ def lines(name: str, versions: dict[str, str | None]) -> list[str]:
     return constraints
 
 
-def locked(line: str, hashes: set[str]) -> str:
-    """Return the constraint of one package with the hashes of its files."""
-    return ' '.join([line, *(f'--hash=sha256:{each}' for each in sorted(hashes))])
-
-
 def write(found: dict[str, Packages], *, keep: bool) -> None:
-    """Write what all interpreters agree on once, what differs with markers.
-
-    Parameters
-    ----------
-    found : the packages by the version of the interpreter
-    keep : whether constraints.txt stays as it is
-    """
+    """Write both files, or the hashes alone, from the packages by the version of the interpreter."""
     pythons = sorted(found, key=lambda python: int(python.split('.')[1]))
     pinned, with_hashes = [], []
     for name in sorted(set().union(*found.values())):
@@ -84,7 +72,7 @@ def write(found: dict[str, Packages], *, keep: bool) -> None:
             version = line.partition('==')[2].partition(';')[0]
             of_it = {found[python][name][1] for python in pythons if versions[python] == version}
             pinned.append(line)
-            with_hashes.append(locked(line, of_it))
+            with_hashes.append(' '.join([line, *(f'--hash=sha256:{each}' for each in sorted(of_it))]))
     if not keep:
         CONSTRAINTS.write_text(HEADER + '\n'.join(pinned) + '\n')
     LOCK.write_text(LOCK_HEADER + '\n'.join(with_hashes) + '\n')

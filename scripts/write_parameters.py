@@ -1,7 +1,5 @@
 """Write config/estimator.yaml, and the tables of parameters in the documents, from the declarations.
 
-usage: write_parameters.py    (with `install/setup.bash` sourced; a test compares the files with the dataclasses)
-
 In a document the table stands between `<!-- parameters of X -->` and `<!-- end of parameters -->`.
 """
 
@@ -70,13 +68,11 @@ def with_tables(document: str) -> str:
 
 def table(declared: type) -> str:
     """Return the parameters of a dataclass as a table in Markdown."""
+    both = ((specifications(declared), True), (named_specifications(declared), False))
     rows = [
-        f'| `{spec.name}` | `{_written(spec.default)}` | {spec.unit} | {_meaning(spec)} |'
-        for spec in specifications(declared).values()
-    ]
-    # A single thing is as all are, where nothing is said of it.
-    rows += [
-        f'| `{spec.name}` | | {spec.unit} | {_meaning(spec)} |' for spec in named_specifications(declared).values()
+        f'| `{spec.name}` | {f"`{_written(spec.default)}` " if defaults else ""}| {spec.unit} | {_meaning(spec)} |'
+        for specs, defaults in both  # a single named thing has the defaults of all
+        for spec in specs.values()
     ]
     return '\n'.join(['| parameter | default | unit | meaning |', '|---|---|---|---|', *rows]) + '\n'
 

@@ -1,7 +1,4 @@
-"""Write docs/thresholds.md: every number of the estimators that is no parameter, with the reason that stands beside it.
-
-usage: write_thresholds.py    (a test compares the page with the code)
-"""
+"""Write docs/thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
 
 from __future__ import annotations
 
@@ -16,15 +13,19 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'mbaid_ros'
 PAGE = ROOT / 'docs' / 'thresholds.md'
-# By what they belong to: modules and packages.
+# By what they belong to: modules of the core, and packages.
 SECTIONS = {
-    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter'),
-    'Fault isolation': ('core/diagnosis',),
-    'Method `difference`, and the first stage of `trajectory`': ('core/difference',),
-    'Methods `paper_main` and `paper_difference`': ('core/paper',),
-    'Results': ('core/results',),
-    'Unknowns': ('core/unknowns',),
-    'Capture': ('core/capture',),
+    'Method `trajectory`': (
+        *('two_stage.py', 'trajectory', 'trajectory/windows', 'trajectory/linearised', 'trajectory/filter'),
+        'trajectory/search',
+    ),
+    'What may be wrong with a run': ('trajectory/inquiry',),
+    'Method `difference`, and the first stage of `trajectory`': ('difference', 'equations'),
+    'Methods `paper_main` and `paper_difference`': ('paper',),
+    'Whether a run is to be trusted': ('verdict',),
+    'What of an estimate is published': ('results',),
+    'Unknowns': ('unknowns',),
+    'Capture': ('capture',),
     '`calibrate`': ('calibration',),
     'Readings': ('core/sensors',),
     'Robots': ('core/robot',),
@@ -50,23 +51,30 @@ class Threshold:
 
     @property
     def row(self) -> str:
-        """The same as a row of a table."""
+        """Row of a table."""
         first, *others = self.names
         names = ', '.join([f'`{self.module}.{first}`', *(f'`{name}`' for name in others)])
         word, space, rest = self.why.partition(' ')
         begin = word.lower() if word == 'A' or word[1:].islower() else word  # no unit
-        why = (begin + space + rest).replace('|', '\\|')
-        return f'| {names} | {self.value} | {why} |'
+        return f'| {names} | {self.value} | {(begin + space + rest).replace("|", chr(92) + "|")} |'
 
 
 def text() -> str:
     """Return the page."""
-    return '\n'.join([HEAD, *(_section(title, places) for title, places in SECTIONS.items())])
+    head = ['', '| where | value | what, and why |', '|---|---|---|']
+    sections = ([f'## {title}', *head, *(each.row for each in _of(places)), ''] for title, places in SECTIONS.items())
+    return '\n'.join([HEAD, *('\n'.join(section) for section in sections)])
 
 
 def all_thresholds() -> list[Threshold]:
     """Return those of all sections."""
-    return [threshold for places in SECTIONS.values() for file in _files(places) for threshold in thresholds(file)]
+    return [threshold for places in SECTIONS.values() for threshold in _of(places)]
+
+
+def _of(places: tuple[str, ...]) -> Iterator[Threshold]:
+    for place in places:
+        for file in sorted(PACKAGE.glob(place if place.endswith('.py') else f'{place}/*.py')):
+            yield from thresholds(file)
 
 
 def thresholds(file: Path) -> Iterator[Threshold]:
@@ -85,17 +93,6 @@ def thresholds(file: Path) -> Iterator[Threshold]:
         why = ' '.join([*above, comments.get(node.end_lineno or node.lineno, '')]).strip().removesuffix('.')
         value = ' '.join((ast.get_source_segment(source, node.value) or '').split())
         yield Threshold(file.stem, tuple(ast.unparse(name) for name in names), value, why)
-
-
-def _section(title: str, places: tuple[str, ...]) -> str:
-    rows = [threshold.row for file in _files(places) for threshold in thresholds(file)]
-    return '\n'.join([f'## {title}', '', '| where | value | what, and why |', '|---|---|---|', *rows, ''])
-
-
-def _files(places: tuple[str, ...]) -> list[Path]:
-    return [
-        file for place in places for file in sorted(PACKAGE.glob(place if place.endswith('.py') else f'{place}/*.py'))
-    ]
 
 
 def _comments(source: str) -> dict[int, str]:

@@ -138,12 +138,13 @@ def make(
     adapt: bool = False,
     known_std: float = 0.0,
     uncertainty: Uncertainty = DEFAULT,
+    kept: int = 40,
 ) -> TrajectoryEstimator:
-    """Return an estimator with the defaults of the parameters."""
+    """Return an estimator with the defaults of the parameters, and so many windows kept."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
     return TrajectoryEstimator(
         kernel.with_uncertainty(declared(kernel.known, known_std)),
-        TrajectorySettings(noise, WINDOW, 10, 40, uncertainty, adapt),
+        TrajectorySettings(noise, WINDOW, 10, kept, uncertainty, adapt),
         reporting,
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.honesty.catalogue import CATALOGUE
+from benchmarks.honesty.disturbed import CATALOGUE
 
 
 def shorten(monkeypatch: pytest.MonkeyPatch, name: str, seconds: float) -> None:

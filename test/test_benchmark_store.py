@@ -15,8 +15,8 @@ from tqdm import tqdm
 from mbaid_ros.core.geometry import Array
 from simulated import CONFIG
 
-STORE = runpy.run_path(str(CONFIG.parent / 'scripts' / 'benchmarks' / 'store.py'))
-OUTCOME: Any = make_dataclass('OUTCOME', [('square', Array), ('powers', Array)], bases=(STORE['Runs'],), frozen=True)
+FRAME = runpy.run_path(str(CONFIG.parent / 'scripts' / 'benchmarks' / 'frame.py'))
+OUTCOME: Any = make_dataclass('OUTCOME', [('square', Array), ('powers', Array)], bases=(FRAME['Runs'],), frozen=True)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def completed(file: Path | None, count: int, fails_at: int = -1) -> tuple[Any, l
         return Said(number**2, number ** np.arange(3.0))
 
     with ThreadPoolExecutor(1) as pool, tqdm(disable=True) as bar:
-        outcome = STORE['completed'](OUTCOME, file, range(count), run, pool, bar)
+        outcome = FRAME['completed'](OUTCOME, file, range(count), run, pool, bar)
     return outcome, made
 
 

@@ -41,11 +41,43 @@ def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: s
     assert {path for path in DOCUMENTS if blocks(path, kind)} == documents
 
 
-@pytest.mark.parametrize('document', [name for name in names(DOCUMENTS) if blocks(ROOT / name, 'run')])
-def test_the_commands_run_as_printed(document: str, tmp_path: Path) -> None:
-    texts = [block.text for block in blocks(ROOT / document, 'run')]
+# A document's commands run with less data in the default run, and as printed in the long one.
+SHORTER = {
+    'docs/calibration.md': {'--output before': '--output before --duration 20'},
+    'docs/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
+    'docs/plan.md': {'-p plan.relative_std': '-p plan.effort:=8 -p plan.relative_std'},
+    'docs/simulator.md': {'--duration 60': '--duration 24', 'time:=30.0': 'time:=12.0', 'time: 30.0': 'time: 12.0'},
+    'docs/tutorial.md': {'--duration 30': '--duration 12'},
+}
+SHORT_CAMPAIGN = r"""sed -e 's/^seeds: .*/seeds: 1/' -e 's#: table1#: config/table1#' \
+    config/table1_campaign.yaml > short.yaml
+"""
+
+
+def shortened(document: str, commands: str) -> str:
+    for old, new in SHORTER[document].items():
+        assert old in commands
+        commands = commands.replace(old, new)
+    return (SHORT_CAMPAIGN if 'short.yaml' in commands else '') + commands
+
+
+@pytest.mark.parametrize(
+    ('document', 'short'),
+    [
+        *(pytest.param(name, True, id=f'{name} shortened') for name in SHORTER),
+        *(
+            pytest.param(name, False, id=name, marks=[pytest.mark.long] if name in SHORTER else [])
+            for name in names(DOCUMENTS)
+            if blocks(ROOT / name, 'run')
+        ),
+    ],
+)
+def test_the_commands_run_as_printed(document: str, short: bool, tmp_path: Path) -> None:
+    commands = ''.join(block.text for block in blocks(ROOT / document, 'run'))
+    if short:
+        commands = shortened(document, commands)
     with project(tmp_path) as folder:
-        run = bash(''.join([*(prelude() if document != 'README.md' else []), *texts]), folder)
+        run = bash(''.join(prelude() if document != 'README.md' else []) + commands, folder)
     assert (run.returncode, run.stderr) == (0, ''), run.stdout
     if document == 'README.md':
         assert 'the inertia of link7 is identified' in run.stdout
@@ -103,29 +135,19 @@ def running(block: Block, place: Graph, folder: Path) -> Iterator[subprocess.Pop
             process.wait()
 
 
-def test_the_live_commands_lead_to_an_estimate(tmp_path: Path) -> None:
+def test_the_live_commands_lead_to_an_estimate_and_to_answers(tmp_path: Path) -> None:
     estimator, simulator, own = blocks(README, 'live')
+    questions = [block.text for path in DOCUMENTS for block in blocks(path, 'on the graph')]
+    assert len(questions) >= 2
     with project(tmp_path / 'work') as folder, graph(tmp_path) as place:
         estimates = place.collect('/estimator/estimate', InertiaEstimate)
         with running(estimator, place, folder), running(simulator, place, folder):
             place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
+            for command in ''.join(questions).splitlines():
+                ask(place, shlex.split(command))
         estimates.clear()
         with running(own, place, folder):
             place.wait(lambda: any('/base/odom' in str(estimate.warnings) for estimate in estimates), 'what it lacks')
-
-
-def test_what_the_documents_ask_of_a_graph_is_answered(tmp_path: Path) -> None:
-    questions = [block.text for path in DOCUMENTS for block in blocks(path, 'on the graph')]
-    estimator, simulator = blocks(README, 'live')[:2]
-    with (
-        project(tmp_path / 'work') as folder,
-        graph(tmp_path) as place,
-        running(estimator, place, folder),
-        running(simulator, place, folder),
-    ):
-        for command in ''.join(questions).splitlines():
-            ask(place, shlex.split(command))
-    assert len(questions) >= 2
 
 
 def ask(place: Graph, words: list[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -21,6 +22,7 @@ from mbaid_ros.core.samples import Stamps
 Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
 
 _AT_ONCE = 1_000
+_MAGIC = b'\x89MCAP0\r\n'
 LATEST = 2**63 - 1  # ns: later times, which are none, count as this
 
 
@@ -123,12 +125,26 @@ class ChunkReader(McapReader):
         Raises
         ------
         UnindexedError
-            It has none.
+            It has none, or one that does not say which channels a chunk holds.
         """
         super().open()
-        if not self.chunks:
+        if not self.chunks or not all(chunk.channel_count for chunk in self.chunks):
             self.close()
-            raise UnindexedError('no index of chunks')
+            raise UnindexedError('no index of chunks, or none of their messages')
+
+    @staticmethod
+    def require_whole(path: Path) -> None:
+        """Refuse a file whose end is missing.
+
+        Raises
+        ------
+        ReaderError
+            It is.
+        """
+        with path.open('rb') as file:
+            file.seek(max(path.stat().st_size - len(_MAGIC), 0))
+            if file.read() != _MAGIC:
+                raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:
         """Refuse to look for what the index lacks: it decompresses without a bound."""

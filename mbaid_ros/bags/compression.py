@@ -13,6 +13,7 @@ from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError
 
 _PIECE = 1_000_000  # bytes
+_ZSTD = b'\x28\xb5\x2f\xfd'  # what a frame of zstd begins with, and no message in CDR
 
 
 def unpacked(data: bytes, most: int, what: str) -> bytes:
@@ -37,6 +38,11 @@ def unpacked(data: bytes, most: int, what: str) -> bytes:
             raise ReaderError('compressed data end early')
         data = frame.unused_data
     return b''.join(parts)
+
+
+def is_compressed(message: bytes) -> bool:
+    """Tell whether a message was compressed by itself."""
+    return message.startswith(_ZSTD)
 
 
 def unpacked_chunk(data: bytes, compression: str, size: int, checksum: int) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePath
@@ -16,8 +16,8 @@ from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.reader import DirectoryReader
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
-from mbaid_ros.bags.compression import unpack_file, unpacked
+from mbaid_ros.bags.chunks import Block, ChunkReader
+from mbaid_ros.bags.compression import unpack_file
 from mbaid_ros.bags.sqlite import SqliteReader
 from mbaid_ros.bags.writer import parse_profiles, parse_yaml
 from mbaid_ros.core.errors import DataError
@@ -45,7 +45,7 @@ class FolderReader(DirectoryReader):
         """
         folder = Path(str(self.path))
         self.stack = ExitStack()
-        self._opened: list[ChunkReader | SqliteReader] = []
+        self._parts: list[tuple[type[ChunkReader | SqliteReader], Path]] = []
         try:
             told = _read(folder / 'metadata.yaml')
             plugin = self.STORAGE_PLUGINS.get(_text(told, 'storage_identifier'))
@@ -56,10 +56,7 @@ class FolderReader(DirectoryReader):
             self.connections = self._topics(told)
             self.metadata = ReaderMetadata(0, 0, 0, _count(told, 'message_count'), None, mode, None, None)
             for path in self._unpacked(files) if mode == 'file' else files:
-                storage = plugin(path)
-                storage.open()
-                self.stack.callback(storage.close)
-                self._opened.append(storage)
+                self._parts.append((plugin, path))
             self._find_definitions()
         except BaseException:
             with suppress(ReaderError):
@@ -68,14 +65,12 @@ class FolderReader(DirectoryReader):
 
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections, of each file in the order of their times."""
-        found = self._blocks({(connection.topic, connection.msgtype) for connection in connections})
-        yield from in_blocks(_unpacked(found)) if self.metadata.compression_mode == 'message' else found
-
-    def _blocks(self, wanted: Collection[tuple[str, str]]) -> Iterator[Block]:
-        for file in self._opened:
-            chosen = [each for each in file.connections if (each.topic, each.msgtype) in wanted]
-            if chosen:
-                yield from file.blocks(chosen)
+        wanted = {(connection.topic, connection.msgtype) for connection in connections}
+        for part in self._parts:
+            with _opened(*part) as file:
+                chosen = [each for each in file.connections if (each.topic, each.msgtype) in wanted]
+                if chosen:
+                    yield from file.blocks(chosen)
 
     def _topics(self, told: Mapping[str, Any]) -> list[Connection]:
         topics = _list(told, 'topics_with_message_count')
@@ -103,10 +98,15 @@ class FolderReader(DirectoryReader):
     def _find_definitions(self) -> None:
         """Take the definitions of the types from the files."""
         found: dict[str, MessageDefinition] = {}
-        for storage in self._opened:
-            for connection in storage.connections:
-                if connection.msgdef.format != MessageDefinitionFormat.NONE:
-                    found.setdefault(connection.msgtype, connection.msgdef)
+        types = {each.msgtype for each in self.connections}
+        for plugin, path in self._parts:
+            if types <= found.keys():
+                plugin.require_whole(path)  # of thousands of files, without a look at their index
+                continue
+            with _opened(plugin, path) as storage:
+                for connection in storage.connections:
+                    if connection.msgdef.format != MessageDefinitionFormat.NONE:
+                        found.setdefault(connection.msgtype, connection.msgdef)
         self.connections = [each._replace(msgdef=found.get(each.msgtype, each.msgdef)) for each in self.connections]
 
     def _unpacked(self, files: Collection[Path]) -> Iterator[Path]:
@@ -119,11 +119,15 @@ class FolderReader(DirectoryReader):
             yield folder / file.stem
 
 
-def _unpacked(blocks: Iterator[Block]) -> Iterator[Raw]:
-    """Yield messages that are compressed one by one."""
-    for block in blocks:
-        for topic, data, time in block:
-            yield topic, unpacked(data, limits.MESSAGE_BYTES, f"a message on topic '{topic}'"), time
+@contextmanager
+def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> Iterator[ChunkReader | SqliteReader]:
+    """Open one file of a bag for a block: a process may not have thousands of them open."""
+    storage = plugin(path)
+    storage.open()
+    try:
+        yield storage
+    finally:
+        storage.close()
 
 
 def _read(path: Path) -> Mapping[str, Any]:

@@ -15,15 +15,28 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, of_length
+from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.folder import Recorded, Timed
-from mbaid_ros.bags.sources import DAMAGE, MCAP_MAGIC, IndexedSource, SalvagedSource, Source, Topic, by_name
+from mbaid_ros.bags.sources import (
+    DAMAGE,
+    MCAP_MAGIC,
+    IndexedSource,
+    SalvagedSource,
+    Source,
+    Topic,
+    UnpackedSource,
+    by_name,
+)
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.files import require_regular
+
+BAG_FILES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.mcap.zst', '.db3.zst')
+ROS1_MAGIC = b'#ROSBAG V2.0'
 
 
 class BagReader:
@@ -104,7 +117,7 @@ class BagReader:
             try:
                 for block in source.blocks(own):
                     read += len(block)
-                    yield block
+                    yield from _without_compression(block)
             except (*DAMAGE, OSError) as error:
                 reason = _reason(error)
             expected = sum(own.values())
@@ -263,6 +276,19 @@ class BagReader:
         return sources
 
 
+def _without_compression(block: Block) -> Iterator[Block]:
+    """Yield messages that may have been compressed one by one, no more of them at once than memory should hold."""
+    if not any(map(is_compressed, block.contents)):
+        yield block
+        return
+    yield from in_blocks(
+        (topic, unpacked(data, limits.MESSAGE_BYTES, f"a message on topic '{topic}'"), time)
+        if is_compressed(data)
+        else (topic, data, time)
+        for topic, data, time in block
+    )
+
+
 def _reason(error: Exception) -> str:
     return ' '.join(str(error).split())[:200] or type(error).__name__
 
@@ -278,7 +304,7 @@ def _files(folder: Path, reason: str) -> list[Path]:
     entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
     if len(entries) > limits.FOLDER_FILES:
         raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
-    files = [path for path in sorted(entries, key=_natural_order) if path.suffix in {'.mcap', '.db3'}]
+    files = [path for path in sorted(entries, key=_natural_order) if path.name.endswith(BAG_FILES)]
     if not files:
         raise DataError(
             f"folder '{folder}' is not a bag: there is no .mcap and no .db3 file in it; metadata.yaml: {reason}"
@@ -288,6 +314,8 @@ def _files(folder: Path, reason: str) -> list[Path]:
 
 def _open_file(file: Path) -> Source:
     require_regular(file, 'bag')
+    if file.suffix in {'.zst', '.zstd'}:
+        return UnpackedSource(file, _open_file)
     try:
         return IndexedSource(file)
     except OSError as error:
@@ -299,6 +327,11 @@ def _open_file(file: Path) -> Source:
             return SalvagedSource(file)
         if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
             raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
+        if head == ROS1_MAGIC[: len(head)] and head:
+            raise DataError(
+                f"bag '{file}' is one of ROS 1; accepted: the same converted, by rosbags-convert --src {file.name} "
+                '--dst FOLDER'
+            ) from error
         if log := unread_log(file):
             raise DataError(f"bag '{file}' cannot be read: {log}") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error

@@ -5,9 +5,10 @@ from __future__ import annotations
 import io
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import apsw
@@ -21,10 +22,11 @@ from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
-from mbaid_ros.bags.compression import beginning, unpacked_chunk
+from mbaid_ros.bags.compression import beginning, unpack_file, unpacked_chunk
 from mbaid_ros.bags.folder import FolderReader
 from mbaid_ros.bags.sqlite import SqliteReader
 from mbaid_ros.bags.writer import parse_profiles
+from mbaid_ros.core.errors import DataError
 
 Storage = FolderReader | ChunkReader | SqliteReader
 
@@ -193,6 +195,43 @@ class SalvagedSource:
             except DAMAGE:
                 stream.seek(good)
                 yield from _cut_chunk(stream, size - good)
+
+
+class UnpackedSource:
+    """A file that was compressed as a whole: unpacked into a folder that goes when it is closed.
+
+    Parameters
+    ----------
+    path : the file, ``.zstd`` after its name
+    opened : what opens the file that was in it
+
+    Raises
+    ------
+    DataError
+        It holds far more than a recording of its size, or no bag.
+    """
+
+    def __init__(self, path: Path, opened: Callable[[Path], Source]) -> None:
+        self._folder = TemporaryDirectory()
+        try:
+            unpack_file(path, Path(self._folder.name) / path.stem)
+            self._inner = opened(Path(self._folder.name) / path.stem)
+        except (ZstdError, EOFError) as error:
+            self._folder.cleanup()
+            raise DataError(f"bag '{path}' cannot be decompressed: {error}") from error
+        except BaseException:
+            self._folder.cleanup()
+            raise
+        self.topics, self.left_out, self.complete = self._inner.topics, self._inner.left_out, self._inner.complete
+
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages."""
+        yield from self._inner.blocks(topics)
+
+    def close(self) -> None:
+        """Release the files."""
+        self._inner.close()
+        self._folder.cleanup()
 
 
 def _unpacked(chunk: Chunk) -> Chunk:

@@ -72,6 +72,19 @@ class SqliteReader(Sqlite3Reader):
                 raise ReaderError(f'Cannot open database {path}: {error}') from error
             raise
 
+    @classmethod
+    def require_whole(cls, path: Path) -> None:
+        """Refuse what is no bag, by opening it.
+
+        Raises
+        ------
+        ReaderError
+            It is none.
+        """
+        reader = cls(path)
+        reader.open()
+        reader.close()
+
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""
         yield from in_blocks(self._rows({connection.id: connection.topic for connection in connections}))

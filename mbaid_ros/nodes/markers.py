@@ -19,6 +19,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.urdf_document import tree_of
 from mbaid_ros.messages import positions_of, stamp_of
 from mbaid_ros.nodes.subscriptions import LATCHED, qos, quiet_publisher, tf_message
 
@@ -96,7 +97,7 @@ class LinkFrames:
         self._model = model
         self._prefix = prefix
         self._kinematics = Kinematics(model)
-        joints = ET.fromstring(model.urdf).findall('joint')
+        joints = tree_of(model.urdf).findall('joint')
         kept = {link.name for link in model.links}
         ends = ((_end(joint, 'child'), _end(joint, 'parent')) for joint in joints)
         self._parents = {child: parent for child, parent in ends if child in kept and parent in kept}

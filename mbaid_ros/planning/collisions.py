@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
 from mbaid_ros.core.robot.urdf import read_description
-from mbaid_ros.core.robot.urdf_document import kept_words, triple
+from mbaid_ros.core.robot.urdf_document import kept_words, tree_of, triple
 
 ReadMesh = Callable[[str], Array]
 
@@ -161,7 +161,7 @@ def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
     except (ValueError, RuntimeError) as error:
         complaints.append(str(error))
         shapes = None
-    given = sum(len(link.findall('collision')) for link in ET.fromstring(text).iter('link'))
+    given = sum(len(link.findall('collision')) for link in tree_of(text).iter('link'))
     if shapes is None or len(shapes.geometryObjects) != given:
         reason = ' '.join('; '.join(complaints).split()) or 'no reason given'
         raise ModelError(f'a collision shape of the robot description cannot be read: {reason}')
@@ -175,7 +175,7 @@ def _link(shape: str) -> str:
 
 def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:
     """Return a robot description without the collision shapes that are meshes, and these with their links."""
-    robot = ET.fromstring(text)
+    robot = tree_of(text)
     meshes = []
     for link in robot.iter('link'):
         for shape in link.findall('collision'):

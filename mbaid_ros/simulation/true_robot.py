@@ -15,6 +15,7 @@ from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, in_frame_of, relative_factor, with_bodies
+from mbaid_ros.core.robot.urdf_document import tree_of
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth
@@ -43,7 +44,7 @@ def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()
 
 def _displaced(model: RobotModel, origins: Array, tilts: Array) -> str:
     """Return the document with the joints' <origin> elsewhere."""
-    document = ET.fromstring(model.urdf)
+    document = tree_of(model.urdf)
     elements = {element.get('name'): element for element in document.findall('joint')}
     for name, origin, tilt in zip(model.joint_names, origins, tilts, strict=True):
         _displace(elements[name], origin, tilt)

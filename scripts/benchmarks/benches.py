@@ -1,4 +1,4 @@
-"""Simulated twins of the benches whose logs others have published: their rates, noise, defects and formats."""
+"""Simulated twins of benches with published logs: their rates, noise, defects and formats."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.recordings import spot_2023 as bench_2023
 from mbaid_ros.recordings.spot import BASE, CHASER, COMMANDS_FILE, LINKS, planar_urdf
-from mbaid_ros.recordings.throws import OBJECTS, Thrown, throw_urdf
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Push
 from mbaid_ros.simulation.motion import Sinusoids
@@ -23,46 +22,33 @@ from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 
 _STEP = 0.02  # s, of the integrator
-_THROWN_RATE, _RESTING = 4030.0, 2100  # Hz; samples before the flywheel starts
 _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
 _ARM = 42.0  # s, when the arm begins to move in the logs of 2021
-_TRACKING, _LAG = 2.0, 0.2  # s, time constants of what joints are off their commands by, and of how they follow
+_TRACKING, _LAG = 2.0, 0.2  # s, time constants of the joints' deviation from their commands, and of their lag
 _BEFORE = 200  # steps of that, until it is stationary
 
 
 @dataclass(frozen=True)
 class Twin:
-    """A run of a bench that was simulated.
+    """A simulated run of a bench."""
 
-    Attributes
-    ----------
-    log : file, as that bench would have written it
-    truth : (10,) mass, CoM, inertia about it of the target link
-    lag, slope : s, by which the arm is behind its commands, and m/s^2, of the table; 0 where there is none
-    """
-
-    log: Path
-    truth: Array
-    lag: float
-    slope: float
+    log: Path  # in the format of the bench
+    truth: Array  # (10,) mass, CoM, inertia about it of the target link
+    lag: float = 0.0  # s, of the arm behind its commands
+    slope: float = 0.0  # m/s^2, of the table
 
 
 def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float = 0.02) -> Twin:
-    """Write what the bench of 2021 would have logged of a robot near the described one.
+    """Write a log of the bench of 2021, of a robot near the described one.
 
-    Parameters
-    ----------
-    folder : where the log and the arm's commands are written
-    seed : of the robot, its motion, and the noise
-    duration : s, from the begin of the log's useful part
-    tracking : rad, standard deviation of how far the joints wander from their commands
+    The useful part lasts `duration` s; the joints deviate from their commands by `tracking` rad, a standard deviation.
     """
     rng = np.random.default_rng(seed)
     described = load_model(planar_urdf(CHASER, ''))
     base = physical(described.link(BASE).parameters)
-    # The base is what is looked for: it is another one than nominal.
+    # The base is the target: it differs from the nominal one.
     base[[0, 1, 2, 9]] = (
         base[0] * rng.uniform(0.85, 1.1), *rng.uniform(-0.01, 0.01, 2), base[9] * rng.uniform(0.7, 1.1)
     )  # fmt: skip
@@ -74,9 +60,9 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     motion = _arm(rng)
     slope = rng.uniform(-6e-4, 6e-4, 2)
     logged = _ARM + 0.4 + np.arange(0.0, duration, 0.1)
-    told = np.floor(logged / 0.2 + 1e-9) * 0.2  # when the pose there was new
-    seen = _pulled(robot, motion, slope).advance(told - _ARM - lag)
-    noise = rng.normal(size=(len(logged), 3))[np.round((told - told[0]) / 0.2).astype(int)] * (5e-4, 5e-4, 2e-3)
+    updated = np.floor(logged / 0.2 + 1e-9) * 0.2  # stamp of the pose
+    seen = _pulled(robot, motion, slope).advance(updated - _ARM - lag)
+    noise = rng.normal(size=(len(logged), 3))[np.round((updated - updated[0]) / 0.2).astype(int)] * (5e-4, 5e-4, 2e-3)
     table = np.zeros((len(logged), 65))
     table[:, 0] = logged
     table[:, 4:6] = seen.base_position[:, :2] + noise[:, :2]
@@ -90,41 +76,6 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     return Twin(folder / 'run__stitched.mat', base, lag, float(np.linalg.norm(slope)))
 
 
-def tudelft_throw(folder: Path, seed: int) -> Twin:
-    """Write what the throwing device would have logged, as CSV; truth is of the device, its IMU at the origin.
-
-    Parameters
-    ----------
-    folder : where the log is written
-    seed : of the body, its motion, and the noise
-    """
-    rng = np.random.default_rng(seed)
-    body = np.array([0.2792, *rng.uniform(-0.01, 0.01, 2), 0.03, 5.1e-4, 0.0, 0.0, 2.1e-4, 0.0, 5.0e-4])
-    robot = load_model(change_inertial(throw_urdf(OBJECTS['empty']), Thrown.BASE, body))
-    # The flywheel runs up to 1300 rad/s and down again, the other way round than z.
-    motion = Sinusoids(np.zeros(1), np.array([[-245.0]]), np.array([[0.85]]), np.array([[-np.pi / 2.0]]))
-    tumbling = np.concatenate((rng.normal(size=3), rng.normal(size=3) * 6.0, np.zeros(1)))
-    start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, tumbling)
-    time = np.arange(2350) / _THROWN_RATE
-    seen = Simulation(robot, motion, start, 1e-3).advance(time)
-    rotation = rotation_from_quaternion(seen.base_orientation)
-    falling = np.gradient(rotate(rotation, seen.base_linear_velocity), time, axis=0)
-    gyro = np.concatenate((np.zeros((_RESTING, 3)), seen.base_angular_velocity))
-    acceleration = np.concatenate((np.zeros((_RESTING, 3)), rotate_back(rotation, falling)))
-    speed = np.concatenate((np.zeros(_RESTING), np.maximum(np.abs(seen.joint_velocity[:, 0]), 10.5)))
-    gyro += rng.normal(size=gyro.shape) * 5e-3 + rng.normal(size=3) * 5e-3
-    acceleration += rng.normal(size=acceleration.shape) * 0.3
-    raw: list[Array] = [np.arange(len(gyro)) / _THROWN_RATE * 1e6]
-    # The board is turned on the device, and its numbers are whole.
-    for values, unit in ((gyro, np.pi / 180.0 / 16.384), (acceleration, 9.81 / 2048.0)):
-        raw += [values[:, 1] / unit, -values[:, 0] / unit, values[:, 2] / unit]
-    raw.append(speed * 60.0 / (2.0 * np.pi) * 7.0 / 100.0)
-    names = [f'{name}[{axis}]' for name in ('gyroADC', 'accSmooth') for axis in range(3)]
-    header = ','.join(['time', *names, 'erpm[0]'])
-    np.savetxt(folder / 'throw.csv', np.transpose(raw), fmt='%.0f', delimiter=',', header=header, comments='')
-    return Twin(folder / 'throw.csv', body, 0.0, 0.0)
-
-
 def _arm(rng: np.random.Generator) -> Sinusoids:
     """Return a motion of three joints that begins at rest."""
     amplitude = rng.uniform(0.5, 1.0, (3, 1)) * rng.choice((-1.0, 1.0), (3, 1)) * np.array([[0.4], [0.9], [0.6]])
@@ -133,7 +84,7 @@ def _arm(rng: np.random.Generator) -> Sinusoids:
 
 
 def _wandering(rng: np.random.Generator, time: Array) -> Array:
-    """Return what three joints are off by at even times, (3, N): a first-order process behind a lag, variance 1."""
+    """Return (3, N) errors of three joints at even times: a first-order process behind a lag, variance 1."""
     kept, passed = np.exp(-(time[1] - time[0]) / np.array([_TRACKING, _LAG]))
     off, lagging = np.zeros((2, 3, len(time) + _BEFORE))
     for index in range(1, off.shape[1]):
@@ -143,7 +94,7 @@ def _wandering(rng: np.random.Generator, time: Array) -> Array:
 
 
 def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
-    """Return a robot that slides down a table, from rest: what pulls acts at the common centre of mass."""
+    """Return a robot that slides down a table, from rest: gravity acts at the common centre of mass."""
     rest = np.array([0.0, 0.0, 0.0, 1.0])
     start = State(np.zeros(3), rest, motion.start, np.zeros(6 + robot.joints))
     placed = Kinematics(robot).configure(np.eye(3)[None], motion.start[None])
@@ -160,14 +111,9 @@ def _wrapped(angle: Array) -> Array:
 
 
 def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.01) -> Twin:
-    """Write what the bench of 2023 would have logged, had the arm held a satellite firmly and its thrusters obeyed.
+    """Write a log of the bench of 2023, whose arm holds a satellite firmly and whose thrusters obey their commands.
 
-    Parameters
-    ----------
-    folder : where the log is written
-    seed : of the robot, its motion, the thrust, and the noise
-    duration : s, from the begin of the log's useful part
-    links : relative standard deviation of the known bodies
+    The useful part lasts `duration` s; `links` is the relative standard deviation of the known bodies.
     """
     rng = np.random.default_rng(seed)
     described = load_model(planar_urdf(bench_2023.CHASER, ''))
@@ -198,11 +144,11 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
     table[:, 64:67] = np.round(read / _ENCODER) * _ENCODER
     table[:, 67:70] = seen.joint_velocity + rng.normal(size=(len(time), 3)) * 1e-2
     np.savetxt(folder / 'ExpLog', table, fmt='%.10g', delimiter=',')
-    return Twin(folder / 'ExpLog', body, 0.0, 0.0)
+    return Twin(folder / 'ExpLog', body)
 
 
 def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) -> Truth:
-    """Return the motion of a robot from rest on whose base one wrench after the other acts, in its axes."""
+    """Return the motion of a robot from rest, with one wrench after the other on its base, in its axes."""
     state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.zeros(6 + robot.joints))
     parts, base = [], robot.link(BASE)
     for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):

@@ -1,27 +1,32 @@
-"""The robots of config/ in motion, and what sensors of three qualities say of it."""
+"""Robots of config/ in motion, and the readings of sensors of three qualities."""
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from scipy.signal import lfilter
 
-from benchmarks.spoilt import correlated, outliers
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, log, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
@@ -37,80 +42,67 @@ ROBOTS = {
 RATE = 100.0  # Hz
 DURATION = 60.0  # s
 MAXIMUM_GAP = 0.1  # s
+START = 1_700_000_000_000_000_000  # ns, stamp at time 0
 _DIRECTION = np.array([2.0, 1.0, 2.0]) / 3.0  # of drift and offset
+_FAR, _TURNED = 0.2, np.radians(5.0)  # m, rad: errors of outliers
+_MESSAGES_AT_ONCE = 2_000  # as in `replay`
 
 
 def _noise(encoder: float) -> SensorNoise:
-    return SensorNoise(
-        joint_position=encoder,
-        joint_velocity=10.0 * encoder,
-        base_position=1e-3,
-        base_orientation=1e-4,
-        base_linear_velocity=1e-3,
-        base_angular_velocity=1e-4,
-    )
+    return SensorNoise(encoder, 10.0 * encoder, 1e-3, 1e-4, 1e-3, 1e-4)
 
 
 # Quality of the encoders; that of the navigation is the same throughout.
 LEVELS = {'low': _noise(1e-5), 'mid': _noise(1e-4), 'high': _noise(1e-3)}
+NOISE = LEVELS['mid']
 _SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One situation that the methods are compared in.
+    """A robot, the quality of its sensors, and the frame of its odometry."""
 
-    Attributes
-    ----------
-    robot : name of a URDF of config/
-    level : quality of the encoders
-    drift : m/s, velocity of the whole system's centre of mass in the odometry frame
-    offset : m, distance of the base from the odometry origin
-    sensors : 'all', or 'poses': joint positions and poses alone, no velocities
-    wander : m / sqrt(s), random walk of the odometry's position
-    correlated : s, time constant of the errors of the poses, which are white without
-    outliers : share of the poses that are far off
-    every : so many joint states come for each Odometry
-    """
-
-    robot: str
-    level: str
-    drift: float = 0.0
-    offset: float = 0.0
-    sensors: Literal['all', 'poses'] = 'all'
-    wander: float = 0.0
-    correlated: float = 0.0
-    outliers: float = 0.0
-    every: int = 1
+    robot: str  # name of a URDF of config/
+    level: str  # of encoder noise
+    drift: float = 0.0  # m/s, velocity of the system's centre of mass in the odometry frame
+    offset: float = 0.0  # m, distance of the base from the odometry origin
+    sensors: Literal['all', 'poses'] = 'all'  # 'poses': joint positions and base poses, no velocities
+    wander: float = 0.0  # m / sqrt(s), random walk of the odometry's position
+    correlated: float = 0.0  # s, time constant of the pose errors; 0: white
+    outliers: float = 0.0  # share of the poses
+    every: int = 1  # joint states for each Odometry
 
     @property
     def noise(self) -> SensorNoise:
-        """What the sensors add."""
+        """Standard deviations of the sensors."""
         return LEVELS[self.level]
 
     @property
     def name(self) -> str:
-        """Short, for people and files."""
-        drift = f' drift {1e3 * self.drift:g} mm/s' if self.drift else ''
-        away = f' {self.offset:.0e} m away' if self.offset else ''
-        wander = f' wander {1e3 * self.wander:g} mm' if self.wander else ''
-        alike = f' correlated over {self.correlated:g} s' if self.correlated else ''
-        far = f' {100.0 * self.outliers:g} % outliers' if self.outliers else ''
-        slow = f' odometry at {RATE / self.every:g} Hz' if self.every > 1 else ''
-        alone = ' poses alone' if self.sensors == 'poses' else ''
-        return f'{self.robot} {self.level}{drift}{away}{wander}{alike}{far}{slow}{alone}'
+        """Short, for tables and files."""
+        parts = {
+            f'drift {1e3 * self.drift:g} mm/s': self.drift,
+            f'{self.offset:.0e} m away': self.offset,
+            f'wander {1e3 * self.wander:g} mm': self.wander,
+            f'correlated over {self.correlated:g} s': self.correlated,
+            f'{100.0 * self.outliers:g} % outliers': self.outliers,
+            f'odometry at {RATE / self.every:g} Hz': self.every > 1,
+            'poses alone': self.sensors == 'poses',
+        }
+        return ' '.join([self.robot, self.level, *(text for text, given in parts.items() if given)])
 
     @property
     def plain(self) -> bool:
-        """Whether nothing is special but robot and noise."""
+        """Whether all sensors work, near the origin of a frame at rest."""
         return self == Case(self.robot, self.level)
 
-    def draw(self, seed: int) -> int:
-        """Return the seed of the sensors' noise.
+    @property
+    def moved(self) -> bool:
+        """Whether the frame drifts or is far away."""
+        return bool(self.drift or self.offset)
 
-        Robots and noise levels draw apart, so that the tables' rows do not share their luck; one robot in several
-        frames draws the same, so that those rows can be compared closely.
-        """
+    def draw(self, seed: int) -> int:
+        """Return the seed of the noise: robots and levels draw apart, one robot in several frames the same."""
         return zlib.crc32(f'{self.robot} {self.level}'.encode()) << 32 | seed
 
 
@@ -126,8 +118,14 @@ def kernel(robot: str) -> MomentumKernel:
     return MomentumKernel(model(robot), model(robot).last_link)
 
 
+@cache
+def target(robot: str) -> Array:
+    """Return the true (10,) physical parameters of a robot's last link."""
+    return physical(kernel(robot).target.parameters)
+
+
 def drawn(robot: str, sizes: ErrorSizes, seed: int) -> ModelErrors:
-    """Return what a robot has more than its URDF says, as the simulator draws it for a seed."""
+    """Return the errors of a robot's URDF, drawn as the simulator draws them."""
     return draw(model(robot), model(robot).last_link, sizes, generator(seed))
 
 
@@ -137,11 +135,20 @@ def true_model(robot: str, model_errors: ModelErrors | None = None) -> RobotMode
     return nominal if model_errors is None else true_robot(nominal, model_errors, (nominal.last_link,))
 
 
-def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
-    """Return the true motion of a robot, as config/<robot>_simulator.yaml has it, at 0 ... 60 s.
+def simulator_config(robot: str, changes: Mapping[str, object] | None = None) -> SimulatorConfig:
+    """Return the parameters of config/<robot>_simulator.yaml with changes."""
+    values = load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator')
+    return build(SimulatorConfig, {**values, **(changes or {})})
 
-    That of the robot that is exactly its URDF is made once.
-    """
+
+def simulation(config: SimulatorConfig, moving: RobotModel, step: float = 0.0) -> Simulation:
+    """Return the simulation of a robot."""
+    driven = make_motion(config, moving)
+    return Simulation(moving, driven, make_initial_state(config, moving, driven), step or config.step)
+
+
+def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
+    """Return the true motion of a robot with errors, as config/<robot>_simulator.yaml has it, at 0 ... 60 s."""
     return _exact_motion(robot, rate) if model_errors is None else _motion(robot, rate, model_errors)
 
 
@@ -151,34 +158,27 @@ def _exact_motion(robot: str, rate: float) -> Truth:
 
 
 def _motion(robot: str, rate: float, model_errors: ModelErrors | None) -> Truth:
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator'))
-    moving = true_model(robot, model_errors)
-    driven = make_motion(config, moving)
-    simulation = Simulation(moving, driven, make_initial_state(config, moving, driven), config.step)
-    return simulation.advance(np.arange(round(DURATION * rate) + 1) / rate)
+    moving = simulation(simulator_config(robot), true_model(robot, model_errors))
+    return moving.advance(np.arange(round(DURATION * rate) + 1) / rate)
 
 
 def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) -> Truth:
     """Return one period (60 s), or its beginning, of a motion that repeats exactly, from rest and without momentum.
 
-    All joints follow cosines with whole numbers of periods a minute: in the second half minute they go back the way
-    they came. Without momentum the base's pose depends on their path alone, so it comes back too.
+    All joints follow cosines with whole numbers of periods a minute: in the second half minute they reverse the first.
+    Without momentum the base's pose depends on their path alone, so it returns as well.
     """
     joints = model(robot).joints
     order = np.arange(joints)
     cycles = np.column_stack((1 + order % 3, 4 + order % 4)) * 1.0
-    driven = Sinusoids(
-        start=0.3 * np.cos(order),
-        amplitude=np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order)),
-        frequency=cycles / DURATION,
-        phase=np.full(cycles.shape, 0.5 * np.pi),
-    )
+    amplitude = np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order))
+    driven = Sinusoids(0.3 * np.cos(order), amplitude, cycles / DURATION, np.full(cycles.shape, 0.5 * np.pi))
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
     return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def moved(truth: Truth, case: Case) -> Truth:
-    """Return a motion seen from another frame: drifting, or far from its origin."""
+    """Return a motion seen from the frame of a case."""
     drift = case.drift * _DIRECTION
     velocity = np.broadcast_to(drift, truth.base_position.shape)
     rotation = rotation_from_quaternion(truth.base_orientation)
@@ -197,15 +197,7 @@ def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = Non
 def readings(
     truth: Truth, noise: SensorNoise, seed: int | None, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
-    """Return what sensors say of a motion; without a seed they are right, but do not know it.
-
-    Parameters
-    ----------
-    truth : the motion
-    noise : one standard deviation of each channel
-    seed : of the noise
-    model_errors : of the robot, whose zeros and mount the sensors do not know
-    """
+    """Return the readings of a motion with the covariances of a noise; without a seed they are exact."""
     sensors = Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors)
     return sensed(truth, sensors, noise)
 
@@ -213,15 +205,7 @@ def readings(
 def observed(
     truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
-    """Return what a case's sensors say of a motion.
-
-    Parameters
-    ----------
-    truth : the motion, as `moved` has it
-    case : Case
-    seed : of the noise, before `Case.draw`
-    model_errors : of the robot
-    """
+    """Return the readings of a motion, seen from the case's frame, by the case's sensors."""
     joints, base = readings(truth, case.noise, case.draw(seed), model_errors)
     if case.wander:
         step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))
@@ -232,14 +216,14 @@ def observed(
         nothing = np.full_like(base.linear_velocity, np.nan)
         base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
     if case.correlated:
-        base = correlated(base, truth, case.correlated)
+        base = _correlated(base, truth, case.correlated)
     if case.outliers:
-        base = outliers(base, case.outliers, seed)
+        base = _with_outliers(base, case.outliers, seed)
     return joints, base[:: case.every]
 
 
 def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStream, BaseStream]:
-    """Return what given sensors say of a motion, with the covariances of a given noise."""
+    """Return the readings of given sensors, with the covariances of a given noise."""
     joints, base = sensors.joints(truth), sensors.base(truth)
     stamp = np.round(truth.time * 1e9).astype(np.int64)
     rotation = rotation_from_quaternion(base.orientation)
@@ -256,8 +240,70 @@ def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStr
 
 
 def exact_samples(truth: Truth, noise: SensorNoise, model_errors: ModelErrors | None = None) -> Samples:
-    """Return noise-free samples that carry the covariances of noisy ones."""
+    """Return noise-free samples with the covariances of noisy ones."""
     samples = Synchroniser(MAXIMUM_GAP).push(*readings(truth, noise, None, model_errors))
     if samples is None:
         raise ValueError('no samples')
     return samples
+
+
+def sampled(truth: Truth, sensors: Sensors, declared: SensorNoise) -> Samples:
+    """Return the samples that sensors take of a motion, all at the same instants, with a declared noise of the base."""
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    count = len(truth)
+    return Samples(
+        time=truth.time - truth.time[0],
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=rotation_from_quaternion(base.orientation),
+        base_linear_velocity=quaternions.rotate(base.orientation, base.linear_velocity),
+        base_angular_velocity=quaternions.rotate(base.orientation, base.angular_velocity),
+        pose_covariance=np.tile(declared.pose_covariance(), (count, 1, 1)),
+        twist_covariance=np.tile(declared.twist_covariance(), (count, 1, 1)),
+    )
+
+
+def history(session: Session, messages: Iterable[tuple[Callable[[Any], Any], Any]]) -> list[Estimate]:
+    """Return all estimates of a session that takes messages, each paired with the method that takes it."""
+    found: list[Estimate] = []
+    for count, (take, message) in enumerate(messages, start=1):
+        take(message)
+        if count % _MESSAGES_AT_ONCE == 0:
+            found += session.process()
+    return found + session.process()
+
+
+def coloured(white: Array, time: Array, constant: float) -> Array:
+    """Return errors (N, 3) at (N,) s as an autoregression with a time constant (s), as large as the white ones."""
+    keep = float(np.exp(-np.mean(np.diff(time)) / constant))
+    scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
+    scale[0] = 1.0
+    return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
+
+
+def _correlated(base: BaseStream, truth: Truth, constant: float) -> BaseStream:
+    true = rotation_from_quaternion(truth.base_orientation)
+    rotation = exp(coloured(log(base.rotation @ np.swapaxes(true, 1, 2)), truth.time, constant)) @ true
+    return _posed(
+        base, truth.base_position + coloured(base.position - truth.base_position, truth.time, constant), rotation
+    )
+
+
+def _with_outliers(base: BaseStream, share: float, seed: int) -> BaseStream:
+    rng = np.random.default_rng([seed, 2])
+    hit = (rng.random(len(base.stamp)) < share)[:, None]
+    away, turn = (_directions(rng, len(hit)) for _ in range(2))
+    return _posed(base, base.position + hit * _FAR * away, exp(hit * _TURNED * turn) @ base.rotation)
+
+
+def _directions(rng: np.random.Generator, count: int) -> Array:
+    vectors = rng.normal(size=(count, 3))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _posed(base: BaseStream, position: Array, rotation: Array) -> BaseStream:
+    """Return a stream with other poses; the twist keeps its components in base axes."""
+    turn = rotation @ np.swapaxes(base.rotation, 1, 2)
+    linear, angular = ((turn @ each[..., None])[..., 0] for each in (base.linear_velocity, base.angular_velocity))
+    return replace(base, position=position, rotation=rotation, linear_velocity=linear, angular_velocity=angular)

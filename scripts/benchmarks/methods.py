@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from benchmarks.data import MAXIMUM_GAP, Case
+from benchmarks.frame import declared
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -20,43 +21,29 @@ from mbaid_ros.session import make_estimator
 
 @dataclass(frozen=True)
 class Method:
-    """A method of the registry.
-
-    Attributes
-    ----------
-    settings : what it is told besides the noise; the true total angular momentum it gets if it has to be told one
-    share, fewest : it runs for that share of the seeds, but for no fewer than those, as far as there are: to tell
-        factors of a hundred apart takes few
-    papers : whether it is the paper's: it takes every velocity as it comes, and reports no uncertainty
-    extra : whether it is only run where it is asked for
-    finds_noise : whether it is not told how noisy the sensors are, but finds it
-    """
+    """A method: its parameters, and for which cases and how many seeds it runs."""
 
     settings: Mapping[str, object]
-    share: float = 1.0
-    fewest: int = 0
-    papers: bool = False
-    extra: bool = False
-    finds_noise: bool = False
+    share: float = 1.0  # of the seeds
+    fewest: int = 0  # seeds at least, if there are so many
+    papers: bool = False  # a method of the paper takes all velocities, and reports no uncertainty
+    finds_noise: bool = False  # the noise is estimated, not declared
 
     def runs(self, seeds: int, *, plain: bool) -> int:
-        """Return how many of some seeds it runs for; of cases that are not plain, which have few, for all."""
+        """Return for how many seeds it runs; cases that are not plain have few, and run all."""
         if not plain and not self.papers:
             return seeds
         return max(round(self.share * seeds), min(self.fewest, seeds))
 
     def takes(self, case: Case) -> bool:
-        """Tell whether it is run for a case: the paper's take all sensors, what noise is found in is plain."""
-        if self.finds_noise:
-            return case.plain
-        return not self.papers or case.plain or bool(case.drift or case.offset)
+        """Return whether it runs for a case."""
+        return case.plain or not (self.finds_noise or (self.papers and not case.moved))
 
 
 METHODS = {
     'difference': Method({'method': 'difference'}),
     'trajectory': Method({'method': 'trajectory'}, 0.5, 100),
     'trajectory, noise found': Method({'method': 'trajectory'}, 0.5, 100, finds_noise=True),
-    'difference unasked': Method({'method': 'difference', 'convergence.identifiable_std': 1e3}, extra=True),
     'paper_main': Method({'method': 'paper_main'}, 0.05, 10, papers=True),
     'paper_difference previous': Method(
         {'method': 'paper_difference', 'paper.reference': 'previous'}, 0.05, 10, papers=True
@@ -67,25 +54,18 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Identification:
-    """One method at work on one robot.
-
-    Attributes
-    ----------
-    kernel : of the robot
-    noise : of its sensors
-    momentum : (6,) the true total, of which paper_main is given L_0
-    """
+    """A robot that is exactly its URDF, ready to be identified by any method."""
 
     kernel: MomentumKernel
     noise: SensorNoise
-    momentum: Array
+    momentum: Array  # (6,) true total, of which paper_main is given the angular part
 
     def identifier(self, method: str, settings: Mapping[str, object] | None = None) -> Identifier:
-        """Return a method of the registry, ready for its first measurement."""
+        """Return a method before its first measurement."""
         values: dict[str, object] = {
-            **EXACT,  # as the simulated robots are
+            **EXACT,
             'paper.total_angular_momentum': [float(value) for value in self.momentum[3:]],
-            **{f'noise.{name}': value for name, value in vars(self.noise).items()},
+            **declared(self.noise),
             **METHODS[method].settings,
             **(settings or {}),
         }

@@ -1,4 +1,4 @@
-"""Random sinusoids within the limits of planned motions, and how soon the best of them tells as much."""
+"""Random sinusoids within the limits of planned motions, and the time in which the best of them is as informative."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from mbaid_ros.simulation.motion import Sinusoids
 
 SINUSOIDS = 50
 LENGTHS = (10.0, 20.0, 40.0, 80.0, 160.0)  # s, in which sinusoids keep the limits
-_BATCH, _WINDOWS = 25, 40  # sinusoids at once; windows in which they are looked at, of each length
-_TINY = 1e-12  # rad or m, that a sinusoid goes to one side of its begin
+_BATCH, _WINDOWS = 25, 40  # sinusoids at once; windows of each length
+_TINY = 1e-12  # rad or m
 
 
 def best_of_sinusoids(motions: Motions, wanted: Wanted, base: BaseLimits, generator: np.random.Generator) -> float:
-    """Return the shortest time in which one of the sinusoids reaches what is wanted, s."""
+    """Return the shortest time in which one of the sinusoids reaches the wanted accuracy, s; infinite for none."""
     drawn = _sinusoids(motions, generator)
     for length in LENGTHS:  # in a longer one they are no larger, and reach it no sooner
         shortest = min(_time_to_reach(motions, each, length, wanted, base) for each in drawn)
@@ -51,7 +51,7 @@ def _sinusoids(motions: Motions, generator: np.random.Generator) -> list[list[Si
 
 
 def _time_to_reach(motions: Motions, drawn: list[Sinusoids], length: float, wanted: Wanted, base: BaseLimits) -> float:
-    """Return when the first of some sinusoids reaches what is wanted, each as large as keeps the base in its limit."""
+    """Return when the first of some sinusoids, reduced to the limits of the base, reaches the wanted accuracy."""
     grid = Grid(_WINDOWS, 5, length / _WINDOWS / 5)
     times = grid.half_steps
     part = np.ones(len(drawn))

@@ -1,7 +1,4 @@
-"""The floor under a replay: read a bag and deserialise its messages with rosbags, and do nothing else.
-
-usage: speed_floor.py BAG
-"""
+"""The floor under a replay: read a bag, the only argument, and deserialise its messages with rosbags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files that are damaged, each with what damages it and the executable that reads it."""
+"""The damaged files, each with its damage and the executable that reads it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import contextlib
 import io
 import json
 import shutil
+import sqlite3
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fuzzing.damage import Damage, of_text
-from fuzzing.databases import database, in_database
-from fuzzing.mcap_files import CONFIG, in_bytes, in_meaning, in_records, in_schemas
+from fuzzing.damage import Damage, of_bytes, of_text, one
+from fuzzing.mcap_files import CONFIG, in_bytes, in_meaning, in_schemas
 from fuzzing.meanings import TYPES
 from fuzzing.trial import Main
 from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.bags.types import definition
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.replay.export import FORMATS
@@ -28,7 +29,6 @@ BAG = CONFIG.parent / 'bags' / 'table1_live'
 _MESSAGES = 600
 _METHODS = ('difference', 'paper_difference') * 10 + ('trajectory',)  # which takes ten times as long
 _LINES = 200  # of a log
-_TABLE = 't,x,y,yaw,q1,qd1,fx\n'
 _MAPPING = """\
 time: {column: t, scale: 1.0e-3}
 base:
@@ -41,88 +41,119 @@ joints:
 thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
 """
 _URDF = CONFIG / 'table1.urdf'
+_CELLS = ('NULL', "'text'", "x'00ff'", '1.5e300', '-1', '9223372036854775807', "''", 'zeroblob(100000)')
+_TABLES = ('topics', 'messages', 'message_definitions')
+_SCHEMA = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT);
+INSERT INTO schema VALUES (4, 'jazzy');
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,
+  offered_qos_profiles TEXT, type_description_hash TEXT);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,
+  encoded_message_definition TEXT, type_description_hash TEXT);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+"""
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file.
-
-    Attributes
-    ----------
-    path : of the file
-    content : of one that is not damaged
-    damaged : makes another one of it
-    main : of the executable that reads it
-    arguments : its, of the input of a number
-    told : exit codes with which it writes a line on stderr
-    left : folder that it writes, which has to go before the next one; None if there is none
-    """
+    """A kind of file."""
 
     path: Path
-    content: bytes
+    content: bytes  # undamaged
     damaged: Damage
-    main: Main
-    arguments: Callable[[int], Sequence[str]]
-    told: tuple[int, ...] = (2,)
-    left: Path | None = None
+    main: Main  # of the executable that reads it
+    arguments: Callable[[int], Sequence[str]]  # by the number of the input
+    reported: tuple[int, ...] = (2,)  # exit codes with a line on stderr
+    left: Path | None = None  # folder that it writes, removed before the next one
+
+    def clear(self) -> None:
+        """Remove the output of the last input."""
+        if self.left is not None:
+            shutil.rmtree(self.left, ignore_errors=True)
 
 
 def formats(folder: Path) -> dict[str, Format]:
-    """Return all kinds of files by name, with what they need besides in a folder."""
-    robot = ['--model', str(_URDF)]
-    rows, small = folder / 'bag.db3', folder / 'small.db3'
-    content = database(small, BAG, _MESSAGES)
+    """Return all kinds of files by name, with the other files that they need in a folder."""
+    rows, small, model = folder / 'bag.db3', str(folder / 'small.db3'), ['--model', str(_URDF)]
+    robot, yaml, truth = folder / 'robot.urdf', folder / 'estimator.yaml', folder / 'truth.json'
+    content = database(Path(small))
+    compared = [small, *model, '--truth', str(truth), '--report', str(folder / 'report.html')]
+    parameters, body = (CONFIG / 'table1_estimator.yaml').read_bytes(), (BAG / 'truth.json').read_bytes()
     return {
-        **_mcap(folder / 'bag.mcap', robot),
-        'sqlite': Format(rows, content, in_database, replay, lambda _: [str(rows), *robot]),
-        'metadata': _metadata(folder / 'bag', robot),
-        **_documents(folder, str(small)),
+        **_mcap(folder / 'bag.mcap', model),
+        'sqlite': Format(rows, content, in_database, replay, lambda _: [str(rows), *model]),
+        'metadata': _metadata(folder / 'bag', model),
+        'URDF': Format(robot, _URDF.read_bytes(), of_text, replay, lambda _: [small, '--model', str(robot)]),
+        'YAML': Format(yaml, parameters, of_text, replay, lambda _: [small, *model, '--params', str(yaml)]),
+        'truth': Format(truth, body, of_text, replay, lambda _: compared),
         'results': _results(folder / 'results.json'),
-        'calibration': _calibration(folder / 'calibration.json', [str(small), *robot]),
+        'calibration': _calibration(folder / 'calibration.json', [small, *model]),
         **_logs(folder),
     }
 
 
-def _mcap(path: Path, robot: list[str]) -> dict[str, Format]:
-    ways: dict[str, Damage] = {'bytes': in_bytes, 'records': in_records, 'schemas': in_schemas, 'messages': in_meaning}
+def _mcap(path: Path, model: list[str]) -> dict[str, Format]:
+    ways: dict[str, Damage] = {'bytes': in_bytes, 'schemas': in_schemas, 'messages': in_meaning}
 
     def arguments(number: int) -> list[str]:
-        return [str(path), *robot, '--method', _METHODS[number % len(_METHODS)], '--json', '-']
+        return [str(path), *model, '--method', _METHODS[number % len(_METHODS)], '--json', '-']
 
     return {f'MCAP {name}': Format(path, b'', way, replay, arguments) for name, way in ways.items()}
 
 
-def _metadata(bag: Path, robot: list[str]) -> Format:
+def _metadata(bag: Path, model: list[str]) -> Format:
     with BagReader(BAG) as whole, BagWriter(bag) as short:
         for topic, kind in TYPES.items():
             short.add_topic(f'/{topic}', kind)
         topics = [f'/{topic}' for topic in TYPES]
         for _, (topic, data, when) in zip(range(_MESSAGES), whole.raw(topics), strict=False):
             short.write_raw(topic, data, when)
-    told = bag / 'metadata.yaml'
-    return Format(told, told.read_bytes(), of_text, replay, lambda _: [str(bag), *robot])
+    path = bag / 'metadata.yaml'
+    return Format(path, path.read_bytes(), of_text, replay, lambda _: [str(bag), *model])
 
 
-def _documents(folder: Path, small: str) -> dict[str, Format]:
-    """Return what a run needs besides its bag."""
-    robot, yaml, truth = folder / 'robot.urdf', folder / 'estimator.yaml', folder / 'truth.json'
-    page, urdf = str(folder / 'report.html'), str(_URDF)
-    parameters = (CONFIG / 'table1_estimator.yaml').read_bytes()
-    compared = [small, '--model', urdf, '--truth', str(truth), '--report', page]
-    return {
-        'URDF': Format(robot, _URDF.read_bytes(), of_text, replay, lambda _: [small, '--model', str(robot)]),
-        'YAML': Format(yaml, parameters, of_text, replay, lambda _: [small, '--model', urdf, '--params', str(yaml)]),
-        'truth': Format(truth, (BAG / 'truth.json').read_bytes(), of_text, replay, lambda _: compared),
-    }
+def database(path: Path) -> bytes:
+    """Write the first messages of a bag as a bag of sqlite3; return its bytes."""
+    with contextlib.closing(sqlite3.connect(path)) as connection, BagReader(BAG) as bag:
+        connection.executescript(_SCHEMA)
+        numbers = {f'/{topic}': number for number, topic in enumerate(TYPES, start=1)}
+        for (topic, number), kind in zip(numbers.items(), TYPES.values(), strict=True):
+            row = (number, topic, kind, 'cdr', '', '')
+            connection.execute('INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)', row)
+            meaning = (number, kind, 'ros2msg', definition(kind)[0], '')
+            connection.execute('INSERT INTO message_definitions VALUES (?, ?, ?, ?, ?)', meaning)
+        raw = zip(range(_MESSAGES), bag.raw(numbers), strict=False)
+        rows = [(None, numbers[topic], when, data) for _, (topic, data, when) in raw]
+        connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+        connection.commit()
+    return path.read_bytes()
+
+
+def in_database(data: bytes, generator: np.random.Generator) -> bytes:
+    """Return a database with damaged bytes, or with some cells of another type or size."""
+    if generator.random() < 0.5:
+        return of_bytes(data, generator)
+    with contextlib.closing(sqlite3.connect(':memory:')) as connection:
+        connection.deserialize(data)
+        for _ in range(int(generator.integers(1, 4))):
+            table = one(_TABLES, generator)
+            columns = [row[1] for row in connection.execute(f'PRAGMA table_info({table})')]
+            column, cell = one(columns, generator), one(_CELLS, generator)
+            some = f'(rowid * {int(generator.integers(1, 10**6))}) % {one((1, 2, 50), generator)} = 0'
+            with contextlib.suppress(sqlite3.Error):  # not every column takes every value
+                connection.execute(f'UPDATE {table} SET {column} = {cell} WHERE {some}')
+        connection.commit()
+        return connection.serialize()
 
 
 def _results(path: Path) -> Format:
-    """Return what `export` reads, without most of its history, at which it does not look."""
+    """Return the input of `export`, without most of its history, which it ignores."""
     of = CONFIG / 'servicer7'
     given = ['--model', f'{of}.urdf', '--params', f'{of}_estimator.yaml', '--method', 'difference', '--json', str(path)]
     with contextlib.redirect_stdout(io.StringIO()):
         if replay([str(BAG.parent / 'servicer7_mid'), *given]) != 0:
-            raise RuntimeError('the bag leads to no estimate')
+            raise RuntimeError('the bag gives no estimate')
     found = json.loads(path.read_text(encoding='utf-8'))
     content = json.dumps({**found, 'history': found['history'][:2]}, indent=1).encode()
 
@@ -130,7 +161,7 @@ def _results(path: Path) -> Format:
         form = FORMATS[number % len(FORMATS)]
         return [str(path), '--format', form, *(['--model', f'{of}.urdf'] if form == 'urdf' else [])]
 
-    return Format(path, content, of_text, export, arguments, told=(2, 3, 4))
+    return Format(path, content, of_text, export, arguments, reported=(2, 3, 4))
 
 
 def _calibration(path: Path, arguments: list[str]) -> Format:
@@ -141,31 +172,25 @@ def _calibration(path: Path, arguments: list[str]) -> Format:
     joints = {name: {'position': position, 'rotation': rotation} for name, position, rotation in frames}
     values = [*np.concatenate(list(links.values())).tolist(), *[1e-3] * (6 * len(joints) + 6)]
     matrix = np.diag(1e-4 * np.maximum(np.square(values), 1e-6)).tolist()
-    content = {
-        'status': 'calibrated',
-        'links': {name: {} for name in links},
-        'joints': joints,
-        'covariance': {'values': values, 'matrix': matrix},
-    }
+    covariance = {'values': values, 'matrix': matrix}
+    status = {'status': 'calibrated', 'links': {name: {} for name in links}}
+    content = json.dumps({**status, 'joints': joints, 'covariance': covariance}, indent=1)
     given = [*arguments, '-p', f'known_links.calibration:={path}']
-    return Format(path, json.dumps(content, indent=1).encode(), of_text, replay, lambda _: given)
+    return Format(path, content.encode(), of_text, replay, lambda _: given)
 
 
 def _logs(folder: Path) -> dict[str, Format]:
-    """Return a log as a table, and what says what its columns are."""
+    """Return a log as a table, and the mapping of its columns."""
     table, columns, output = folder / 'run.csv', folder / 'columns.yaml', folder / 'converted'
     lines = [f'{10 * k},{k / 7},{k / 9},{k % 90},{k / 3},{1 / 3},0.5\n' for k in range(_LINES)]
     given = ['csv', str(table), '--columns', str(columns), '--output', str(output)]
-    contents = {'CSV': (table, (_TABLE + ''.join(lines)).encode()), 'columns': (columns, _MAPPING.encode())}
+    contents = {
+        'CSV': (table, ('t,x,y,yaw,q1,qd1,fx\n' + ''.join(lines)).encode()),
+        'columns': (columns, _MAPPING.encode()),
+    }
     for path, content in contents.values():
         path.write_bytes(content)
     return {
         name: Format(path, content, of_text, convert, lambda _: given, left=output)
         for name, (path, content) in contents.items()
     }
-
-
-def clear(kind: Format) -> None:
-    """Take away what the last input has left."""
-    if kind.left is not None:
-        shutil.rmtree(kind.left, ignore_errors=True)

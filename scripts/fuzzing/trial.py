@@ -1,8 +1,4 @@
-"""One input through an executable, in this process: exit code, words, time and memory of it alone.
-
-All that a process of its own would show is looked at: what Python and C++ write on stderr, what comes out as an
-exception, processor time, and how much memory the input alone took at its peak.
-"""
+"""One input through an executable in this process: exit code, stderr of Python and C++, processor time, memory."""
 
 from __future__ import annotations
 
@@ -23,10 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-LONGEST = 10.0  # s of processor time: a machine that does other things, too, makes nothing hang
-HANG = 30.0  # s of the clock on the wall
-_STUCK = 3 * HANG  # s, after which not even a signal's handler has come to run: this process ends, and says where
-MEMORY = 1_000_000_000  # bytes, beyond what the process has before the input
+LONGEST, HANG = 10.0, 30.0  # s, of processor time and on the wall
+MEMORY = 1_000_000_000  # bytes, beyond the memory before the input
+_STUCK = 3 * HANG  # s, after which not even a signal's handler has run: this process ends with a traceback
 _ACCEPTED = {0, 2, 3, 4}
 _STDERR = 2
 _NOTE = re.compile('mbaid_ros convert: note: .*\n')
@@ -35,31 +30,23 @@ Main = Callable[[Sequence[str]], int]
 
 
 class TooLongError(BaseException):
-    """An input takes longer than it may; no reader's `except Exception` makes a line of error of it."""
+    """An input takes too long; a reader's `except Exception` does not catch it."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What one input led to.
-
-    Attributes
-    ----------
-    code : exit code
-    error : all that was written on stderr
-    taken : s, of the processor
-    memory : bytes, at most, beyond those before
-    """
+    """The outcome of one input."""
 
     code: int
-    error: str
-    taken: float
-    memory: int
+    error: str  # all of stderr
+    taken: float  # s, of the processor
+    memory: int  # bytes, at most, beyond those before
 
-    def wrong(self, told: Collection[int] = (2,)) -> str:
-        """Return what it should not have done; empty if nothing. With some exit codes a line of error is told."""
+    def wrong(self, reported: Collection[int] = (2,)) -> str:
+        """Return its fault; empty for none. Some exit codes need a line of error."""
         lines = [line for line in self.error.splitlines(keepends=True) if not _NOTE.match(line)]
         one = len(lines) == 1 and lines[0].startswith('mbaid_ros ') and lines[0].endswith('\n')
-        if self.code not in _ACCEPTED or (lines and not one) or bool(lines) != (self.code in told):
+        if self.code not in _ACCEPTED or (lines and not one) or bool(lines) != (self.code in reported):
             return f'exit code {self.code}, {self.error[:1000]!r}'
         if self.memory > MEMORY:
             return f'{self.memory / 1e6:.0f} MB'
@@ -68,23 +55,13 @@ class Trial:
 
 @dataclass
 class Found:
-    """What came out of many.
-
-    Attributes
-    ----------
-    inputs : how many went in
-    codes : how often each exit code came
-    slowest : s, of the processor
-    largest : bytes, of memory
-    spent : s, of the processor, by all
-    wrong : what should not have been
-    """
+    """The outcome of many inputs."""
 
     inputs: int = 0
     codes: Counter[int] = field(default_factory=Counter)
-    slowest: float = 0.0
-    largest: int = 0
-    spent: float = 0.0
+    slowest: float = 0.0  # s, of the processor
+    largest: int = 0  # bytes
+    spent: float = 0.0  # s, by all
     wrong: list[str] = field(default_factory=list)
 
     def measured(self, taken: float, memory: int) -> None:
@@ -95,7 +72,7 @@ class Found:
         self.largest = max(self.largest, memory)
 
     def __str__(self) -> str:
-        """Return it as a line, and one for each of the first faults."""
+        """Return a line, and one for each of the first faults."""
         codes = ', '.join(f'{number} with exit code {code}' for code, number in sorted(self.codes.items()))
         each = 1e3 * self.spent / max(1, self.inputs)
         line = (
@@ -128,13 +105,13 @@ def bounded() -> Iterator[None]:
 
 
 def memory_begins() -> int:
-    """Forget the peak of this process's memory so far; return what it has now, bytes."""
+    """Reset the peak of this process's memory; return its present memory, bytes."""
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
     return _memory('VmRSS')
 
 
 def memory_peak() -> int:
-    """Return the most memory that this process has had since, bytes."""
+    """Return the peak memory of this process since, bytes."""
     return _memory('VmHWM')
 
 
@@ -144,21 +121,9 @@ def _memory(name: str) -> int:
 
 
 def tried(main: Main, arguments: Sequence[str], words: BinaryIO) -> Trial:
-    """Return what an executable does with an input.
-
-    Parameters
-    ----------
-    main : of the executable
-    arguments : its
-    words : an open file, for what C++ writes on stderr
-
-    Raises
-    ------
-    TooLongError
-        It took longer than it may.
-    """
+    """Return the outcome of an executable; `words` is an open file for what C++ writes on stderr."""
     error = io.StringIO()
-    gc.unfreeze()  # else `replay` counts, each time, all that earlier ones have frozen
+    gc.unfreeze()  # otherwise `replay` counts all that earlier ones have frozen
     words.seek(0)
     words.truncate()
     usual = os.dup(_STDERR)
@@ -172,7 +137,7 @@ def tried(main: Main, arguments: Sequence[str], words: BinaryIO) -> Trial:
             bounded(),
         ):
             for kind in (RuntimeWarning, UserWarning, FutureWarning):
-                warnings.simplefilter('always', kind)  # else the first input with a warning hides all later ones
+                warnings.simplefilter('always', kind)  # otherwise the first input with a warning hides later ones
             code = main(arguments)
     finally:
         taken, memory = time.process_time() - begin, memory_peak() - at_first
@@ -183,8 +148,7 @@ def tried(main: Main, arguments: Sequence[str], words: BinaryIO) -> Trial:
 
 
 def alone(main: Main, arguments: Sequence[str]) -> tuple[int, str]:
-    """Return exit code and words of the same in a process of its own."""
+    """Return exit code and stderr of the same in a process of its own."""
     start = f'import sys; from {main.__module__} import main; sys.exit(main())'  # as the executables do
-    program = [sys.executable, '-c', start, *arguments]
-    done = subprocess.run(program, capture_output=True, timeout=HANG, check=False)
+    done = subprocess.run([sys.executable, '-c', start, *arguments], capture_output=True, timeout=HANG, check=False)
     return done.returncode, done.stderr.decode(errors='replace')

@@ -1,12 +1,13 @@
-"""The messages of MCAP files: the same in the same order as rosbags gives them, and as objects or as packets."""
+"""The messages of MCAP files, in the order of rosbags: as objects, packets and blocks, of several topics together."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +15,17 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
 
-from mbaid_ros.bags import BagReader, BagWriter, message_types
+from mbaid_ros.bags import BagReader, BagWriter, Recorded, Timed, message_types
+from mbaid_ros.bags.chunks import (
+    Block,
+    Raw,
+    in_blocks,
+    of_length,
+)
 from mbaid_ros.bags.types import definition
-from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
+from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet, packer
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.messages import joint_state_shape
 from small_bags import COUNT, everything, write_bag
 from wire import as_bytes, joint_state
@@ -188,3 +196,89 @@ def test_damage_of_the_file_is_the_same_with_packets(tmp_path: Path) -> None:
         packets = [time for part in bag.read_packed(['/joint_states'], 64) for _, _, time in part]
     assert 0 < len(objects) < COUNT
     assert packets == objects
+
+
+# -- Messages of a bag in blocks: whatever their lengths, the messages are the same.
+
+
+def messages(count: int) -> list[Raw]:
+    return [(f'/{"ab"[k % 3 % 2]}', bytes([k % 251]), 10 * k) for k in range(count)]
+
+
+def content(blocks: list[Block]) -> list[Raw]:
+    return [message for block in blocks for message in block]
+
+
+@pytest.mark.parametrize('count', [0, 1, 999, 1000, 1001, 2500])
+def test_blocks_hold_the_messages(count: int) -> None:
+    assert content(list(in_blocks(messages(count)))) == messages(count)
+
+
+@pytest.mark.parametrize('count', [0, 5, 1000, 1700])
+def test_what_was_read_before_an_error_comes_first(count: int) -> None:
+    def failing() -> Iterator[Raw]:
+        yield from messages(count)
+        raise EOFError('cut off')
+
+    found: list[Block] = []
+    with pytest.raises(EOFError, match='cut off'):
+        found.extend(in_blocks(failing()))
+    assert content(found) == messages(count)
+
+
+@pytest.mark.parametrize('length', [1, 7, 64, 1000])
+@pytest.mark.parametrize('seed', range(3))
+def test_blocks_of_a_length(length: int, seed: int) -> None:
+    (whole,) = in_blocks(messages(300))
+    cuts = [0, *np.sort(np.random.default_rng(seed).integers(0, 300, 9)).tolist(), 300]
+    found = list(of_length([whole.part(*pair) for pair in pairwise(cuts)], length))
+    assert [len(block) for block in found[:-1]] == [length] * (len(found) - 1)
+    assert 0 < len(found[-1]) <= length
+    assert content(found) == messages(300)
+
+
+def test_a_time_that_no_clock_shows_is_no_failure() -> None:
+    (block,) = in_blocks([('/a', b'', 2**64 - 1)])
+    assert block.times.tolist() == [2**63 - 1]
+
+
+# -- Messages of several topics that are read together.
+
+
+def topics_together(names: str) -> tuple[list[Timed], Recorded]:
+    """Return messages of topics with names of a letter; those of `p` are packets that are together."""
+    pack = packer(JOINT_STATE_TYPE)
+    assert pack is not None
+    data = [as_bytes(joint_state(['x'], np.ones(1), np.ones(1), stamp=k)) for k in range(len(names))]
+    messages: dict[str, Sequence[Any]] = {}
+    times: dict[str, Stamps] = {}
+    for name in dict.fromkeys(names):
+        places = [k for k, each in enumerate(names) if each == name]
+        together = pack.many([data[k] for k in places]) if name == 'p' else None
+        messages[name] = places if together is None else together
+        times[name] = 7 * np.array(places)
+    expected = [(name, k, 7 * k) for k, name in enumerate(names)]
+    return expected, Recorded(names, messages, times)
+
+
+def content_of(messages: Recorded) -> list[Timed]:
+    return [(name, message.stamp if name == 'p' else message, time) for name, message, time in messages]
+
+
+@pytest.mark.parametrize('names', ['', 'a', 'p', 'papbp', 'aab', 'tpapttbpat', 'ppppt'])
+def test_messages_come_in_the_order_they_were_recorded(names: str) -> None:
+    expected, found = topics_together(names)
+    assert len(found) == len(names)
+    assert content_of(found) == expected
+    for name in 'abpt':
+        assert len(found.of(name)) == names.count(name)
+
+
+@pytest.mark.parametrize('names', ['', 'p', 'papbp', 'tpapttbpat', 'ppppt', 'ttt'])
+def test_runs_are_all_of_a_topic_or_none(names: str) -> None:
+    expected, found = topics_together(names)
+    runs = list(found.runs('t'))
+    assert [each for run in runs for each in content_of(run)] == expected
+    for run in runs:
+        assert set(run.topics) == {'t'} or 't' not in run.topics
+        assert set(run.messages) == set(run.topics)

@@ -5,16 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from floating import float_freely
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model_errors import declared
 from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
-from observed import configured_motion
+from observed import configured_motion, kernel
+from planned import Begun, begun
 from simulated import CONFIG, robot
+from wrong_robots import LINKS
 
-RATE = 20.0  # Hz
+RATE, FAST = 20.0, 100.0  # Hz
 # Errors of an integrator of order 6 at this step: 1e-10 of the momentum over a minute.
 STEP = 0.05  # s
 
@@ -38,7 +44,7 @@ def planar() -> Truth:
 
 
 @pytest.fixture(scope='session')
-def drift() -> np.ndarray[tuple[int], np.dtype[np.floating]]:
+def drift() -> Array:
     """Return the direction that drifting systems drift in."""
     return np.array([0.6, -0.3, np.sqrt(0.55)])
 
@@ -50,3 +56,46 @@ def joints() -> Sinusoids:
     motion = make_motion(config, robot('servicer7'))
     assert isinstance(motion, Sinusoids)
     return motion
+
+
+@pytest.fixture(scope='session')
+def servicer() -> Truth:
+    """Return 20 s of the seven-joint servicer, 100 samples a second."""
+    return configured_motion('servicer7', 20.0, FAST, STEP)
+
+
+@pytest.fixture(scope='session')
+def satellite() -> Truth:
+    """Return 10 s of ETS-VII, 100 samples a second."""
+    return configured_motion('ets7', 10.0, FAST, STEP)
+
+
+@pytest.fixture(scope='session')
+def plane() -> Truth:
+    """Return 20 s of the paper's planar case, 100 samples a second."""
+    return configured_motion('table1', 20.0, FAST, STEP)
+
+
+@pytest.fixture(scope='session')
+def servicer7() -> MomentumKernel:
+    """Return the momentum of the seven-joint servicer, whose known bodies are in doubt."""
+    robot = kernel('servicer7')
+    return robot.with_uncertainty(declared(robot.known, LINKS))
+
+
+@pytest.fixture(scope='session')
+def start() -> Array:
+    """Return the momentum (6,) about the odometry's origin of a servicer that tumbles and drifts."""
+    return np.array([4.0, -3.0, 2.0, 30.0, -12.0, 190.0])
+
+
+@pytest.fixture(scope='session')
+def tumbling(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> Truth:
+    """Return 6 s of a servicer that is as its URDF says, as it tumbles and drifts."""
+    return float_freely(servicer7, joints, start, 6.0)
+
+
+@pytest.fixture(scope='session')
+def identified() -> Begun:
+    """Return the seven-joint servicer after 8.5 s, as motions are planned from. Its method must not go on."""
+    return begun()

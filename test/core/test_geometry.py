@@ -9,6 +9,7 @@ import pytest
 
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.simulation import quaternions
 
 COUNT = 200
 # A few rounding errors of numbers of size one.
@@ -151,6 +152,8 @@ FUNCTIONS: list[tuple[Callable[..., Array], tuple[Array, ...]]] = [
     (geometry.cross, (vectors(10), vectors(11))),
     (geometry.rotate, (rotations(), vectors(12))),
     (geometry.rotate_back, (rotations(), vectors(12))),
+    (quaternions.product, (np.random.default_rng(14).normal(size=(COUNT, 4)), np.ones((COUNT, 4)))),
+    (quaternions.rotate, (np.random.default_rng(15).normal(size=(COUNT, 4)), vectors(12))),
 ]
 
 
@@ -172,3 +175,36 @@ def test_a_rotation_is_spread_over_many_vectors() -> None:
     assert geometry.rotate(rotation, many) == pytest.approx(many @ rotation.T, abs=ROUNDING)
     assert geometry.rotate_back(rotation, many) == pytest.approx(many @ rotation, abs=ROUNDING)
     assert geometry.cross(many[0], many) == pytest.approx(np.cross(many[0], many), abs=ROUNDING)
+
+
+PAIRS = 50
+
+
+@pytest.fixture(name='pair')
+def random_pair() -> tuple[Array, Array]:
+    rng = np.random.default_rng(0)
+    return quaternions.normalised(rng.normal(size=(PAIRS, 4))), quaternions.normalised(rng.normal(size=(PAIRS, 4)))
+
+
+def test_the_product_turns_by_one_then_the_other(pair: tuple[Array, Array]) -> None:
+    left, right = pair
+    product = geometry.rotation_from_quaternion(quaternions.product(left, right))
+    assert product == pytest.approx(
+        geometry.rotation_from_quaternion(left) @ geometry.rotation_from_quaternion(right), abs=1e-14
+    )
+
+
+def test_rotate_is_the_matrix(pair: tuple[Array, Array]) -> None:
+    left, _ = pair
+    vector = np.random.default_rng(1).normal(size=(PAIRS, 3))
+    matrix = geometry.rotation_from_quaternion(left)
+    assert quaternions.rotate(left, vector) == pytest.approx(geometry.rotate(matrix, vector), abs=1e-14)
+    back = quaternions.rotate(quaternions.conjugate(left), vector)
+    assert back == pytest.approx(geometry.rotate_back(matrix, vector), abs=1e-14)
+
+
+@pytest.mark.parametrize('size', [0.0, 1e-12, 1e-3, 1.0, 3.0])
+def test_exp_is_the_matrix_exponential(size: float) -> None:
+    vector = size * np.random.default_rng(2).normal(size=(PAIRS, 3))
+    turned = geometry.rotation_from_quaternion(quaternions.exp(vector))
+    assert turned == pytest.approx(geometry.exp(vector), abs=1e-14)

@@ -1,18 +1,24 @@
-"""One identification from its first measurement on: the same windows reach the method, however the streams are cut."""
+"""One identification from its first measurement on, and the change from its first stage to the second."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from checked import same
+from made_runs import estimate
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.two_stage import DISAGREE, TwoStageEstimator
 from measured import base_stream, joint_stream, piece
+from observed import MID, configured_motion, observe, windows
 
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -40,12 +46,6 @@ def every(milliseconds: float, count: int) -> Stamps:
     return START + np.round(milliseconds * 1e6 * np.arange(count)).astype(np.int64)
 
 
-def same(left: Samples, right: Samples) -> bool:
-    return all(
-        np.array_equal(getattr(left, item.name), getattr(right, item.name), equal_nan=True) for item in fields(Samples)
-    )
-
-
 @given(cuts=st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None, derandomize=True)
 def test_pieces_do_not_matter(cuts: int) -> None:
@@ -64,7 +64,7 @@ def test_pieces_do_not_matter(cuts: int) -> None:
         step = rng.integers(0, 40, 2)
         found += one.push(piece(joints, first, first + step[0]), piece(base, second, second + step[1]))
         first, second = first + int(step[0]), second + int(step[1])
-    assert all(same(left, right) for left, right in zip(pieces.windows, whole.windows, strict=True))
+    assert same(pieces.windows, whole.windows)
     assert [x.warnings for x in found] == [x.warnings for x in expected]
     assert (one.used, one.dropped, one.end_of_window) == (together.used, together.dropped, together.end_of_window)
     assert pieces.origins == {START}
@@ -106,3 +106,91 @@ def test_a_window_too_short_for_a_derivative_is_dropped() -> None:
     assert identifier.push(replace(joints, velocity=np.full_like(joints.velocity, np.nan)), base) == []
     assert identifier.dropped[RATE_MISSING] == 5
     assert identifier.used == 1
+
+
+MASS, INERTIA = slice(0, 1), slice(4, 10)
+
+
+class Stage:
+    """Says one estimate after another, whatever it is given."""
+
+    settled, disturbed, changed = True, False, False
+    needs_rates = False
+
+    def __init__(self, method: str, said: Sequence[Estimate]) -> None:
+        self.method = method
+        self._said = [replace(each, stage=method) for each in said]
+        self.restarts = 0
+
+    def update(self, windows: list[Samples], _origin: int) -> list[Estimate]:
+        """Say the next ones."""
+        return [self._said.pop(0) for _ in windows]
+
+    def offer(self, estimate: Estimate) -> None:
+        """Need no start."""
+
+    def restart(self) -> None:
+        """Count it."""
+        self.restarts += 1
+
+    def work_off(self) -> bool:
+        """Have nothing to do."""
+        return False
+
+    def knowledge(self) -> Posterior | None:
+        """Know nothing."""
+        return None
+
+
+def knowing(known: slice, *, mass: float = 100.0) -> Estimate:
+    """Return an estimate of which some parameters are determined."""
+    determined = np.zeros(10, dtype=bool)
+    determined[known] = True
+    parameters = np.array([mass, 0.1, 0.2, 0.3, 10.0, 0.5, 0.2, 12.0, 0.3, 11.0])
+    return replace(
+        estimate(),
+        parameters=parameters,
+        covariance=np.diag((0.01 * parameters) ** 2),
+        identifiable=determined,
+        status='estimating',
+        warnings=(),
+    )
+
+
+def both(first: Sequence[Estimate], second: Sequence[Estimate]) -> tuple[list[Estimate], Stage]:
+    """Return what is published of two stages, and the second one."""
+    later = Stage('trajectory', second)
+    window, *_ = windows(observe(configured_motion('servicer7', 2.0, 100.0, 0.01), MID, 1))
+    return TwoStageEstimator(Stage('difference', first), later).update([window] * len(first), 0), later
+
+
+def test_stages_that_know_nothing_in_common_do_not_contradict_each_other() -> None:
+    found, later = both([knowing(MASS)] * 3, [knowing(INERTIA), knowing(slice(0, 0)), knowing(MASS)])
+    assert later.restarts == 0
+    assert [each.status for each in found] == ['estimating'] * 3
+    assert [each.stage for each in found] == ['trajectory'] * 3
+
+
+def test_the_second_stage_starts_again_where_the_first_contradicts_it() -> None:
+    found, later = both([knowing(MASS)] * 2, [knowing(MASS, mass=110.0), knowing(MASS)])
+    assert later.restarts == 1
+    assert [each.stage for each in found] == ['difference', 'trajectory']
+    assert [each.status for each in found] == ['inconsistent', 'estimating']
+    assert found[0].warnings == (DISAGREE,)
+
+
+@pytest.mark.parametrize(('mass', 'agrees'), [(106.0, True), (108.0, False)])
+def test_they_may_be_as_far_apart_as_chance_allows(mass: float, agrees: bool) -> None:
+    found, _ = both([knowing(MASS)] * 3, [knowing(MASS, mass=mass)] * 3)
+    assert [each.status for each in found] == ['estimating' if agrees else 'inconsistent'] * 3
+
+
+@pytest.mark.parametrize('agrees', [True, False])
+def test_a_first_stage_goes_in_the_end_unless_it_contradicts_the_second(agrees: bool) -> None:
+    """Gone, it may say anything."""
+    many = 1200
+    first = [knowing(MASS)] * many + [knowing(MASS, mass=200.0)]
+    second = [knowing(MASS, mass=100.0 if agrees else 110.0)] * (many + 1)
+    found, _ = both(first, second)
+    assert {each.status for each in found[:many]} == {'estimating' if agrees else 'inconsistent'}
+    assert found[-1].status == ('estimating' if agrees else 'inconsistent')

@@ -1,4 +1,4 @@
-"""Messages to arrays: bytes, objects and any mixture of them lead to the same bits, and are refused alike."""
+"""Messages to arrays: bytes, objects and any mixture lead to the same bits; wheels beside the joints."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ from mbaid_ros.messages import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    JointReader,
 )
 from mbaid_ros.session import Session
+from recorded import joint_state as plain
 from simulated import CONFIG
 from wire import again, as_bytes, joint_state, odometry
 
@@ -184,3 +186,40 @@ def test_the_numbers_are_those_of_the_messages() -> None:
     assert np.array_equal(base.linear_velocity, numbers[:, 7:10])
     assert np.array_equal(base.angular_velocity, numbers[:, 10:])
     assert list(base.stamp) == [9] * 4
+
+
+# -- Wheels beside the joints in JointState: their speeds are read, their positions are not.
+
+NAMES = ('wheel', 'elbow', 'finger', 'shoulder')
+
+
+def test_their_speeds_come_after_the_joints() -> None:
+    reader = JointReader(('shoulder', 'elbow'), ('wheel',))
+    message = plain(5, NAMES, [np.nan, 0.2, 9.0, 0.4], [300.0, 2.0, 9.0, 4.0])
+    streams, dropped = reader.read([message])
+    assert not dropped
+    (joints, stream), *others = streams.items()
+    assert joints == reader.all == (0, 1, 2)
+    assert not others
+    assert stream.position.tolist() == [[0.4, 0.2, 0.0]]
+    assert stream.velocity.tolist() == [[4.0, 2.0, 300.0]]
+
+
+@pytest.mark.parametrize('velocity', [[np.nan, 2.0, 9.0, 4.0], []])
+def test_a_message_without_their_speed_is_not_used(velocity: list[float]) -> None:
+    reader = JointReader(('shoulder', 'elbow'), ('wheel',))
+    streams, dropped = reader.read([plain(5, NAMES, [1e9, 0.2, 9.0, 0.4], velocity)])
+    assert not streams
+    assert dropped == {NOT_FINITE: 1}
+
+
+def test_wheels_may_have_messages_of_their_own() -> None:
+    reader = JointReader(('shoulder', 'elbow'), ('wheel',))
+    messages = [
+        plain(5, ('shoulder', 'elbow'), [0.1, 0.2], [1.0, 2.0]),
+        plain(6, ('wheel',), [0.0], [7.0]),
+    ]
+    streams, dropped = reader.read(messages)
+    assert not dropped
+    assert set(streams) == {(0, 1), (2,)}
+    assert streams[2,].velocity.tolist() == [[7.0]]

@@ -1,4 +1,4 @@
-"""Every test of the nodes gets an empty ROS 2 graph of its own."""
+"""An empty ROS 2 graph for a test of the nodes, or a domain of its own for nodes of this process."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from graph import Graph, graph
+from graph import LOCAL, Graph, free_domain, graph
 
 
 @pytest.fixture(name='graph')
 def empty_graph(tmp_path: Path) -> Iterator[Graph]:
     with graph(tmp_path) as made:
         yield made
+
+
+@pytest.fixture(name='_domain')
+def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with free_domain() as domain:
+        for name, value in {**LOCAL, 'ROS_DOMAIN_ID': str(domain)}.items():
+            monkeypatch.setenv(name, value)
+        yield

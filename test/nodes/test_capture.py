@@ -1,4 +1,4 @@
-"""The service ~/capture of a live estimator: phases, numbers, and what it refuses."""
+"""Captures and thrust on a live graph: phases, numbers, and commands that are refused."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
@@ -22,10 +23,14 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.capture import BEFORE
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.sensors.thrust import EXACT_THRUST
 from mbaid_ros.nodes.subscriptions import TYPES, qos
-from mbaid_ros.outgoing import Frames, debris_message
+from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.session import Session
+from simulated import CONFIG, robot
 from streams import every_bit
+from thrusting import WRENCH, pulse
+from thrusting import messages as pushed_messages
 
 BEGIN = 3.0  # s
 PARAMETERS = {
@@ -36,7 +41,11 @@ PARAMETERS = {
     'calibration.com_std': 4e-3,
     'calibration.inertia_relative_std': 2e-3,
 }
-CLASSES = {'/joint_states': (JointState, recorded.JOINT_STATE), '/odom': (Odometry, recorded.ODOMETRY)}
+CLASSES = {
+    '/joint_states': (JointState, recorded.JOINT_STATE),
+    '/odom': (Odometry, recorded.ODOMETRY),
+    '/thrust': (WrenchStamped, WRENCH),
+}
 ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
 
 Timed = tuple[str, Any]
@@ -72,21 +81,13 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
 
 def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
-    assigned = {
-        'robot_description_file': tmp_path / 'robot.urdf',
-        'capture.phase': 'pre_capture',
-        'debris.report': 'true',
-        'calibration.enabled': 'true',
-        'calibration.mass_relative_std': 2e-3,
-        'calibration.com_std': 4e-3,
-        'calibration.inertia_relative_std': 2e-3,
-    }
-    words = [word for name, value in assigned.items() for word in ('-p', f'{name}:={value}')]
+    file = {'robot_description_file': tmp_path / 'robot.urdf'}
+    words = [word for name, value in {**file, **PARAMETERS}.items() for word in ('-p', f'{name}:={value}')]
     graph.start('estimator', '--ros-args', *words)
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)
     diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
-    publishers = {topic: graph.publisher(topic, each, qos(10_000)) for topic, (each, _) in CLASSES.items()}
+    publishers = {topic: graph.publisher(topic, CLASSES[topic][0], qos(10_000)) for topic in ('/joint_states', '/odom')}
     refused = call(graph)
     assert not refused.success
     assert 'no samples yet' in refused.message
@@ -115,9 +116,31 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
     graph.wait(lambda: 'bodies calibrated from the 2.49 s before the capture' in str(diagnostics), 'the calibration')
 
 
-def test_a_run_that_began_after_the_capture_has_none_to_tell(graph: Graph, tmp_path: Path) -> None:
-    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
-    graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={tmp_path / "robot.urdf"}')
-    refused = call(graph)
-    assert not refused.success
-    assert 'capture.phase: pre_capture' in refused.message
+# -- Commanded thrust at a live estimator and recorder: used, told of, and in the bag.
+
+
+def test_thrust_is_used_and_reported(graph: Graph) -> None:
+    graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG / "servicer7.urdf"}')
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    publishers = {topic: graph.publisher(topic, each, qos(10_000)) for topic, (each, _) in CLASSES.items()}
+    graph.wait(lambda: 'none is commanded on /thrust' in str(diagnostics), 'that no thrust is commanded')
+
+    session = Session(EstimatorConfig(), robot('servicer7').urdf)
+    read = [*pulse(), *pushed_messages(2)]
+
+    def publish(topic: str, message: Any) -> None:
+        ours, name = CLASSES[topic]
+        publishers[topic].publish(deserialize_message(serialize(message, name), ours))
+
+    for topic, message, _ in read[:2]:
+        publish(topic, message)
+        session.add_thrust(message)
+    graph.wait(lambda: '2 commands used' in str(diagnostics), 'the commands')
+    for topic, message, _ in read[2:]:
+        publish(topic, message)
+        (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
+    last = estimate_message(session.process()[-1], TYPES, Frames('link7', 'odom'))
+    assert list(last.warnings) == [EXACT_THRUST]
+    expected = every_bit(last, ESTIMATE)
+    graph.wait(lambda: estimates and every_bit(estimates[-1], ESTIMATE) == expected, 'the estimate')

@@ -1,4 +1,4 @@
-"""The demo as `make demo` runs it, shortened: what it prints, what it leaves, and that it leaves no process behind."""
+"""The demo as `make demo` runs it, shortened, and the live loop of plan and motion."""
 
 from __future__ import annotations
 
@@ -12,11 +12,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Inertia
 from mbaid_msgs.msg import InertiaEstimate
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
-from graph import PATIENCE, ROOT
+from graph import PATIENCE, ROOT, Graph
+from mbaid_ros.config.trajectory import as_yaml
+from mbaid_ros.messages import trajectory_of
+from mbaid_ros.nodes.subscriptions import LATCHED, qos
+from planned import first_motion
+from simulated import CONFIG
 
 SCRIPT = ROOT / 'scripts' / 'demo.py'
 
@@ -85,3 +95,70 @@ def test_the_demo_fails_where_a_parameter_is_off_or_unknown(monkeypatch: pytest.
     assert demo['judge'](InertiaEstimate(inertia=inertia(m=926.0)), inertia()) == ''
     wrong = InertiaEstimate(inertia=inertia(x=2.33, y=float('nan')))
     assert demo['judge'](wrong, inertia()) == 'x_c is off by +1.30 %, y_c is not determined'
+
+
+# -- The live loop: a simulated robot is identified, a motion planned, followed, and more is known than before.
+
+NOISE = {
+    'joint_position': 1e-4, 'base_position': 1e-3, 'base_orientation': 1e-4, 'base_linear_velocity': 1e-3,
+    'base_angular_velocity': 1e-4,
+}  # fmt: skip
+PLAN = {'effort': 16, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
+
+
+def call(graph: Graph) -> Trigger.Response:
+    return graph.call('/estimator/plan', Trigger, Trigger.Request())
+
+
+def words(parameters: dict[str, object]) -> list[str]:
+    return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+
+
+def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph, tmp_path: Path) -> None:
+    (tmp_path / 'first.yaml').write_text(as_yaml(first_motion('servicer7', 6.0)))
+    plan = words({f'plan.{name}': value for name, value in PLAN.items()})
+    file = CONFIG / 'servicer7_estimator.yaml'
+    estimator = graph.start('estimator', '--ros-args', '--params-file', file, *plan)
+    refused = call(graph)
+    assert not refused.success
+    assert 'no solution to plan from yet' in refused.message
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    watch = graph.start('watch')
+    motions = graph.collect('/estimator/motion', JointTrajectory)
+    states = graph.collect('/joint_states', JointState, qos(10_000))
+    given = {
+        'robot_description_file': CONFIG / 'servicer7.urdf', 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05,
+        'real_time_factor': 4.0, 'wait_for_subscribers': 1, 'motion.kind': 'trajectory',
+        'motion.trajectory_file': tmp_path / 'first.yaml', **{f'noise.{name}': size for name, size in NOISE.items()},
+    }  # fmt: skip
+    graph.start('simulator', '--ros-args', *words(given))
+    graph.wait(lambda: estimates and estimates[-1].span.sec >= 7, 'an estimate after the first motion')
+    before = estimates[-1]
+    graph.wait(lambda: 'next: of single joints ' in estimator.stderr, 'in the log what would help')
+    graph.wait(lambda: "key='next', value='of single joints " in str(diagnostics), 'the same in the diagnostics')
+    graph.wait(lambda: ', next: of single joints ' in watch.stdout, 'the same in the terminal')
+    answer = call(graph)
+    assert answer.success, answer.message
+    assert 'the motion comes on ~/motion' in answer.message
+    assert not call(graph).success  # it is being planned
+    graph.wait(lambda: motions, 'the planned motion')
+    graph.wait(lambda: ' s of motion bring ' in estimator.stderr, 'the verdict in the log')
+    graph.wait(lambda: "key='plan reaches what is wanted', value='" in str(diagnostics), 'and in the diagnostics')
+    trajectory = trajectory_of(motions[-1])
+    assert trajectory.duration == 5.0
+    assert trajectory.position[0] == pytest.approx(np.array(states[-1].position), abs=2e-3)
+
+    graph.publisher('/joint_trajectory', JointTrajectory).publish(motions[-1])
+    end = trajectory.position[-1]
+    graph.wait(lambda: np.abs(np.array(states[-1].position) - end).max() < 2e-3, 'the end of the motion')
+    done = estimates[-1].span.sec
+    graph.wait(lambda: estimates[-1].span.sec > done, 'an estimate after the motion')
+    assert np.all(estimates[-1].standard_deviation < before.standard_deviation)
+
+    # A run that is over has no motion that could be followed.
+    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
+    late = graph.collect('/estimator/motion', JointTrajectory, LATCHED)
+    graph.wait(lambda: graph.node.count_publishers('/estimator/motion') == 1, 'the topic')
+    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
+    assert not late

@@ -1,4 +1,4 @@
-"""The executables as `ros2 run` finds them, and what they do with arguments, signals and mistakes."""
+"""The executables as `ros2 run` finds them: arguments, signals at any time, mistakes, and what SROS2 has to admit."""
 
 from __future__ import annotations
 
@@ -7,31 +7,30 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
+import rclpy
 from ament_index_python.packages import get_package_share_directory, get_packages_with_prefixes
 from mbaid_msgs.msg import InertiaEstimate
+from rclpy.node import Node
 
 from graph import LOCAL, Graph, executable, free_domain
-from mbaid_ros.nodes import estimator
+from mbaid_ros.nodes import estimator, simulator
+from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
+from mbaid_ros.nodes.runner import Interrupt
+from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
 
 NAMES = (
-    'simulator',
-    'estimator',
-    'recorder',
-    'player',
-    'watch',
-    'simulate',
-    'replay',
-    'calibrate',
-    'campaign',
-    'export',
-    'convert',
-    'noise_at_rest',
+    *('simulator', 'estimator', 'recorder', 'player', 'watch', 'simulate', 'plan', 'replay', 'calibrate', 'campaign'),
+    *('export', 'convert', 'noise_at_rest'),
 )
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 
@@ -46,30 +45,16 @@ def test_the_package_is_in_the_index() -> None:
     assert (share / 'config' / 'table1.urdf').is_file()
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_help_has_an_example(name: str) -> None:
-    assert os.access(executable(name), os.X_OK)
-    run = subprocess.run([executable(name), '--help'], capture_output=True, text=True, timeout=60, check=False)
-    assert run.returncode == 0
-    assert not run.stderr
-    assert re.search(r'example:\n  (ros2 run mbaid_ros )?' + name, run.stdout)
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_an_unknown_argument_is_one_line(name: str) -> None:
-    run = subprocess.run([executable(name), '--colour'], capture_output=True, text=True, timeout=60, check=False)
-    assert run.returncode == 2
-    assert not run.stdout
-    assert run.stderr.count('\n') == 1
-    assert '--colour' in run.stderr or 'required' in run.stderr
-
-
-@pytest.fixture(name='_domain')
-def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    with free_domain() as domain:
-        for name, value in {**LOCAL, 'ROS_DOMAIN_ID': str(domain)}.items():
-            monkeypatch.setenv(name, value)
-        yield
+def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:
+    """All at once: test_cli.py has their help."""
+    pipe = subprocess.PIPE
+    started = {
+        name: subprocess.Popen([executable(name), '--colour'], stdout=pipe, stderr=pipe, text=True) for name in NAMES
+    }
+    for name, process in started.items():
+        out, error = process.communicate(timeout=60)
+        assert (process.returncode, out, error.count('\n')) == (2, '', 1), name
+        assert '--colour' in error or 'required' in error
 
 
 @pytest.mark.parametrize(
@@ -94,14 +79,34 @@ def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
         (['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
         (['--ros-args', '--colour'], '--colour'),
+        (['--lifecycle', *assigned('window:=-1.0')], "'window' is -1.0 s; accepted: a number > 0"),
     ],
 )
 @pytest.mark.usefixtures('_domain')
 def test_what_cannot_be_used_is_one_line(arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert estimator.main(arguments) == 2
+    refused(estimator, arguments, text, capfd)
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'text'),
+    [
+        ('nois.joint_position:=1.0', "unknown parameter 'nois.joint_position'; known: noise.joint_position"),
+        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s"),
+        ('robot_description_file:=/none.urdf', "cannot read robot description '/none.urdf'"),
+        ('target_link:=hand', "link 'hand' is not in the robot description; links: base_link"),
+        ('initial.joint_positions:=[1.0]', 'initial.joint_positions'),
+    ],
+)
+@pytest.mark.usefixtures('_domain')
+def test_a_mistake_of_the_simulator_is_one_line(parameter: str, text: str, capfd: pytest.CaptureFixture[str]) -> None:
+    refused(simulator, assigned(TABLE1, parameter), text, capfd)
+
+
+def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert node.main(arguments) == 2
     captured = capfd.readouterr()
     assert not captured.out
-    assert captured.err.startswith('mbaid_ros estimator: ')
+    assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
     assert captured.err.count('\n') == 1
     assert text in captured.err
     assert '/src/' not in captured.err
@@ -146,3 +151,142 @@ def test_a_signal_is_an_end_in_order(graph: Graph, number: signal.Signals) -> No
     assert node.stop(number) == 0
     assert not node.stdout
     assert all('[INFO]' in line for line in node.stderr.splitlines())
+
+
+# -- Nodes that are interrupted while they start: nothing on stderr, and the exit code that shells give.
+
+DELAYS = (0.0, 0.05, 0.15, 0.4, 0.8, 1.5)  # s after the process is able to take signals
+PROGRAM = 'import sys; from mbaid_ros.nodes.start import {0}; sys.exit({0}())'
+ARGUMENTS = {
+    'estimator': [],
+    'simulator': ['--ros-args', '-p', f'robot_description_file:={CONFIG / "table1.urdf"}'],
+    'recorder': ['--ros-args', '-p', 'output:=run'],
+}
+
+
+def takes_signals(process: subprocess.Popen[str]) -> bool:
+    """Tell whether a handler for SIGTERM is there; Python itself has none."""
+    status = Path(f'/proc/{process.pid}/status').read_text()
+    caught = re.search(r'^SigCgt:\s*(\w+)$', status, re.MULTILINE)
+    return caught is not None and bool(int(caught[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_what_comes_before_the_signals_are_handled_takes_no_time() -> None:
+    program = 'import sys, mbaid_ros.nodes.start; print(*(name for name in sys.modules if "mbaid_ros." in name))'
+    ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=True)
+    assert set(ended.stdout.split()) == {'mbaid_ros.nodes', 'mbaid_ros.nodes.start'}
+
+
+def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, domain: int) -> None:
+    folder.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, '-c', PROGRAM.format(name), *ARGUMENTS[name]],
+        env={**os.environ, **LOCAL, 'ROS_DOMAIN_ID': str(domain)},
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while process.poll() is None and not takes_signals(process):
+        time.sleep(0.001)
+    time.sleep(delay)
+    process.send_signal(number)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode in {0, 128 + number}, (delay, error)
+    assert 'Traceback' not in error, delay
+
+
+@pytest.mark.parametrize('name', ARGUMENTS)
+def test_an_interrupt_at_some_times_of_the_start(name: str, tmp_path: Path) -> None:
+    """Every other delay, by turns with either signal."""
+    with free_domain() as domain:
+        for place, delay in enumerate(DELAYS[::2]):
+            interrupted(name, SIGNALS[place % 2], delay, tmp_path / str(delay), domain)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('number', SIGNALS)
+@pytest.mark.parametrize('name', ARGUMENTS)
+def test_an_interrupt_at_any_time_of_the_start(name: str, number: signal.Signals, tmp_path: Path) -> None:
+    with free_domain() as domain:
+        for delay in DELAYS:
+            interrupted(name, number, delay, tmp_path / str(delay), domain)
+
+
+# -- An interrupt: noticed between callbacks, never in the middle of one.
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    """Give the process its own handlers back."""
+    before = [signal.getsignal(number) for number in SIGNALS]
+    yield
+    for number, handler in zip(SIGNALS, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_what_runs_when_a_signal_comes_is_not_cut_short(number: signal.Signals) -> None:
+    interrupt = Interrupt()
+    assert not interrupt.requested
+    for _ in range(2):  # a launcher and a terminal may both send one
+        os.kill(os.getpid(), number)
+    assert interrupt.requested
+
+
+# -- The policy for SROS2 admits what the nodes do on the graph: no topic or service of theirs is missing in it.
+
+POLICY = CONFIG / 'sros2' / 'mbaid_ros.policy.xml'
+EVERYTHING = ['publish_tf:=true', 'debris.report:=true', 'wheels.momentum_frame:=base_link']
+MOVED = [
+    f'robot_description_file:={CONFIG / "servicer7.urdf"}',
+    'thrust.duration:=1.0',
+    'publish_clock:=true',
+    'imu.rate:=100.0',
+]
+
+
+def admitted(node: str) -> dict[str, set[str]]:
+    """Return the full names that a node may subscribe to, publish and serve."""
+    (enclave,) = ET.parse(POLICY).getroot().findall(f"enclaves/enclave[@path='/mbaid_ros/{node}']")
+    (profile,) = enclave.findall('profiles/profile')
+    assert (profile.get('ns'), profile.get('node')) == ('/', node)
+    found: dict[str, set[str]] = {}
+    for kind, what in (('subscribe', 'topic'), ('publish', 'topic'), ('reply', 'service')):
+        names = [each.text or '' for each in profile.findall(f"*[@{kind}='ALLOW']/{what}")]
+        found[kind] = {name.replace('~', f'/{node}') if name[0] in '~/' else f'/{name}' for name in names}
+    return found
+
+
+@pytest.mark.parametrize(
+    ('make', 'parameters'),
+    [
+        (EstimatorNode, EVERYTHING),
+        (EstimatorNode, ['pose.tf_child_frame:=base_link']),
+        (lambda: ManagedEstimatorNode('estimator'), []),
+        (SimulatorNode, MOVED),
+    ],
+    ids=['estimator', 'on tf', 'managed', 'simulator'],
+)
+def test_the_policy_admits_all_that_a_node_does(
+    make: Callable[[], Node], parameters: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    with free_domain() as domain:
+        words = [word for text in parameters for word in ('-p', text)]
+        rclpy.init(args=['', '--ros-args', *words], domain_id=domain)
+        try:
+            node = make()
+            name = node.get_name()
+            rules = admitted(name)
+            done = {
+                'subscribe': node.get_subscriber_names_and_types_by_node(name, '/'),
+                'publish': node.get_publisher_names_and_types_by_node(name, '/'),
+                'reply': node.get_service_names_and_types_by_node(name, '/'),
+            }
+        finally:
+            rclpy.shutdown()
+    for kind, pairs in done.items():
+        names = {each for each, _ in pairs}
+        assert names or kind == 'subscribe'
+        assert names <= rules[kind]

@@ -1,4 +1,4 @@
-"""ROS parameters from the dataclasses: descriptors, values as rclpy brings them, and what is refused."""
+"""ROS parameters from the dataclasses: descriptors, values, refusals, and when a managed node reads them."""
 
 from __future__ import annotations
 
@@ -6,19 +6,31 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 import rclpy
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from mbaid_msgs.msg import InertiaEstimate
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
 
-from graph import free_domain
+from graph import Graph, free_domain
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.runner import changed, declare_parameters
+from mbaid_ros.nodes.subscriptions import qos
+from simulated import CONFIG
+from streams import run
 
 
 @dataclass(frozen=True)
@@ -171,3 +183,73 @@ def test_the_readme_says_which_may_change() -> None:
     changing = {name for name, spec in specifications(EstimatorConfig).items() if not spec.read_only}
     named = specifications(EstimatorConfig)
     assert changing == {'publish_tf', *(name for name in named if name.startswith(('convergence.', 'plan.')))}
+
+
+# -- The estimator as a managed node: what each transition does, on a live graph.
+
+
+def transition(graph: Graph, number: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=number))
+    return bool(graph.call('/estimator/change_state', ChangeState, request).success)
+
+
+def state(graph: Graph) -> int:
+    return int(graph.call('/estimator/get_state', GetState, GetState.Request()).current_state.id)
+
+
+def assign(graph: Graph, name: str, value: str | float) -> Any:
+    given = {'type': 4, 'string_value': value} if isinstance(value, str) else {'type': 3, 'double_value': value}
+    request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=ParameterValue(**given))])
+    return graph.call('/estimator/set_parameters', SetParameters, request).results[0]
+
+
+def topics(graph: Graph) -> set[str]:
+    return {name for name, _ in graph.node.get_topic_names_and_types()}
+
+
+def test_a_life(graph: Graph) -> None:
+    node = graph.start('estimator', '--lifecycle', '--ros-args', '-p', 'known_joints.joint2.zero_std:=0.002')
+    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
+    assert '/estimator/estimate' not in topics(graph)
+
+    # The robot is read by `configure`: what is wrong with it is told, and can be mended.
+    assert assign(graph, 'robot_description_file', '/absent.urdf').successful
+    assert not transition(graph, Transition.TRANSITION_CONFIGURE)
+    graph.wait(lambda: '/absent.urdf' in node.stderr, 'the reason')
+    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
+    assert assign(graph, 'robot_description_file', str(CONFIG / 'table1.urdf')).successful
+    assert transition(graph, Transition.TRANSITION_CONFIGURE)
+    graph.wait(lambda: '/estimator/estimate' in topics(graph), 'the topics')
+    refused = assign(graph, 'target_link', 'link3')
+    assert refused.reason == "'target_link' is read when the node is configured: clean up first"
+
+    # Data are taken while it is active.
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    publishers = {
+        'joint_states': graph.publisher('joint_states', JointState, qos(10_000)),
+        'odom': graph.publisher('odom', Odometry, qos(10_000)),
+    }
+    messages = run('table1', 6.0)
+    third = len(messages) // 3
+    for begin, active in ((0, False), (third, True)):
+        if active:
+            assert not any(estimate.samples for estimate in estimates)
+            assert transition(graph, Transition.TRANSITION_ACTIVATE)
+        for timed in messages[begin : begin + third]:
+            publishers[timed.topic].publish(timed.message)
+    graph.wait(lambda: estimates and estimates[-1].samples, 'an estimate')
+    assert estimates[-1].samples <= third // 2
+    assert not estimates[-1].stale
+    assert transition(graph, Transition.TRANSITION_DEACTIVATE)
+    graph.wait(lambda: estimates[-1].stale, 'that the estimate is the last one')
+    assert estimates[-1].warnings[-1] == 'not active: no samples are taken'
+    refused = assign(graph, 'known_joints.joint2.zero_std', 1e-3)
+    assert refused.reason == "'known_joints.joint2.zero_std' is read when the node is configured: clean up first"
+    assert transition(graph, Transition.TRANSITION_CLEANUP)
+
+    def published() -> set[str]:
+        return {name for name, _ in graph.node.get_publisher_names_and_types_by_node('estimator', '/')}
+
+    graph.wait(lambda: '/estimator/estimate' not in published(), 'the end of the topics')
+    assert transition(graph, Transition.TRANSITION_CONFIGURE)
+    assert node.stop() == 0

@@ -1,4 +1,4 @@
-"""The node `simulator` on a live graph."""
+"""The node `simulator` on a live graph, and its pace."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from graph import Graph, Process
+from mbaid_ros.nodes.player import Pace
 from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
@@ -20,10 +21,11 @@ from streams import run
 DEEP = qos(10_000)
 
 
-def start(graph: Graph, *parameters: str) -> Process:
+def start(graph: Graph, *parameters: str, ns: str = '/') -> Process:
     """Start a simulator of the paper's case."""
     words = [word for text in (f'robot_description_file:={CONFIG}/table1.urdf', *parameters) for word in ('-p', text)]
-    return graph.start('simulator', '--ros-args', '--params-file', CONFIG / 'table1_simulator.yaml', *words)
+    file = CONFIG / 'table1_simulator.yaml'
+    return graph.start('simulator', '--ros-args', '--params-file', file, '-r', f'__ns:={ns}', *words)
 
 
 def test_what_it_publishes(graph: Graph) -> None:
@@ -33,7 +35,7 @@ def test_what_it_publishes(graph: Graph) -> None:
     truths = graph.collect('simulator/truth', InertiaStamped)
     node = start(graph, 'duration:=0')
     graph.wait(lambda: len(joints) > 20 and len(odometry) > 20 and descriptions and truths, 'every topic')
-    assert node.stop(signal.SIGINT) == 0
+    assert node.stop(signal.SIGTERM) == 0
     assert 'Traceback' not in node.stderr
 
     assert descriptions[0].data == (CONFIG / 'table1.urdf').read_text()
@@ -47,7 +49,7 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
     clock = graph.collect('/clock', Clock, DEEP)
     joints = graph.collect('joint_states', JointState, DEEP)
     odometry = graph.collect('odom', Odometry, DEEP)
-    node = start(graph, 'publish_clock:=true', 'real_time_factor:=4', 'duration:=4', 'wait_for_subscribers:=1')
+    node = start(graph, 'publish_clock:=true', 'real_time_factor:=8', 'duration:=4', 'wait_for_subscribers:=1')
     graph.wait(lambda: len(joints) == len(odometry) == 401 and clock[-1].clock.sec == 4, 'every message')
     assert node.wait() == 0
     expected = run('table1', 4.01, start=0)
@@ -60,44 +62,39 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
 def test_what_the_machine_does_not_keep_up_with_comes_later_and_nothing_is_left_out(graph: Graph) -> None:
     joints = graph.collect('joint_states', JointState, DEEP)
     odometry = graph.collect('odom', Odometry, DEEP)
-    fast = 'publish_clock:=true', 'real_time_factor:=1000', 'duration:=60', 'wait_for_subscribers:=1'
+    fast = 'publish_clock:=true', 'real_time_factor:=1000', 'duration:=20', 'wait_for_subscribers:=1'
     # No more messages than are kept for this process, however slow it is.
     node = start(graph, *fast, 'joint_rate:=15.0', 'odometry_rate:=15.0', 'step:=0.004')
-    graph.wait(lambda: len(joints) == len(odometry) == 901, 'every message')
+    graph.wait(lambda: len(joints) == len(odometry) == 301, 'every message')
     assert node.wait() == 0
     assert node.stderr.count('this machine does not keep up with real_time_factor 1000') == 1
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly(graph: Graph, number: signal.Signals) -> None:
-    node = start(graph, 'duration:=0')
-    truths = graph.collect('simulator/truth', InertiaStamped)
-    graph.wait(lambda: truths, 'the node')
-    assert node.stop(number) == 0
-    assert 'Traceback' not in node.stderr
+def test_however_slow_it_is_it_runs_until_it_is_stopped(graph: Graph) -> None:
+    slow = {'/one': ['real_time_factor:=1e-12'], '/two': ['joint_rate:=1e-12', 'odometry_rate:=1e-12']}
+    nodes = [start(graph, 'duration:=0', 'wait_for_subscribers:=1', *given, ns=ns) for ns, given in slow.items()]
+    kinds = {'joint_states': JointState, 'odom': Odometry}
+    received = [graph.collect(f'{ns}/{topic}', kind, DEEP) for ns in slow for topic, kind in kinds.items()]
+    graph.wait(lambda: all(received), 'the first messages')
+    assert [node.stop() for node in nodes] == [0, 0]
 
 
-@pytest.mark.parametrize('slow', [['real_time_factor:=1e-12'], ['joint_rate:=1e-12', 'odometry_rate:=1e-12']])
-def test_however_slow_it_is_it_runs_until_it_is_stopped(graph: Graph, slow: list[str]) -> None:
-    node = start(graph, 'duration:=0', 'wait_for_subscribers:=1', *slow)
-    joints = graph.collect('joint_states', JointState, DEEP)
-    odometry = graph.collect('odom', Odometry, DEEP)
-    graph.wait(lambda: joints and odometry, 'the first messages')
-    assert node.stop() == 0
+# --
 
 
-@pytest.mark.parametrize(
-    ('parameter', 'words'),
-    [
-        ('nois.joint_position:=1.0', "unknown parameter 'nois.joint_position'; known: noise.joint_position"),
-        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s"),
-        ('robot_description_file:=/none.urdf', "cannot read robot description '/none.urdf'"),
-        ('target_link:=hand', "link 'hand' is not in the robot description; links: base_link"),
-        ('initial.joint_positions:=[1.0]', 'initial.joint_positions'),
-    ],
-)
-def test_a_mistake_is_one_line(graph: Graph, parameter: str, words: str) -> None:
-    node = start(graph, parameter)
-    assert node.wait() == 2
-    assert words in node.stderr
-    assert node.stderr.count('\n') == 1
+def test_a_run_goes_by_the_clock_and_is_late_after_a_standstill() -> None:
+    clock = [100.0]
+    pace = Pace(10.0, 2.0, lambda: clock[0])
+    pace.begin()
+    assert pace.now() == 0.0
+    for seconds in (0.125, 0.1875):  # less than may be told at once
+        clock[0] += seconds
+        assert pace.now() == pytest.approx(10.0 * (clock[0] - 100.0))
+        assert pace.late == 0.0
+    clock[0] += 5.0  # 50 s of the run, of which 2 s are told
+    assert pace.now() == pytest.approx(5.125)
+    assert pace.late == pytest.approx(4.8)
+    assert pace.now() == pytest.approx(5.125)
+    clock[0] += 0.1
+    assert pace.now() == pytest.approx(6.125)
+    assert pace.late == pytest.approx(4.8)

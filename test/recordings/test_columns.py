@@ -65,6 +65,15 @@ def test_columns_become_messages(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (wrench.header.frame_id, wrench.wrench.force.x, wrench.wrench.force.z) == ('plate', 0.25, -1.0)
 
 
+def test_a_byte_order_mark_is_no_part_of_the_first_name(tmp_path: Path) -> None:
+    """As Excel and PowerShell save a table."""
+    for folder, mark in (('plain', ''), ('marked', '\ufeff')):
+        (tmp_path / folder).mkdir()
+        assert convert(tmp_path / folder, mark + TABLE) == 0
+    plain, marked = (messages(tmp_path / folder, '/joint_states') for folder in ('plain', 'marked'))
+    assert [tuple(each.position) for each in marked] == [tuple(each.position) for each in plain]
+
+
 def test_columns_by_number_and_a_part_of_the_time(tmp_path: Path) -> None:
     mapping = """\
 header: false

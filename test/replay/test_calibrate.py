@@ -333,7 +333,8 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path) -> None:
+@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
+def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path, method: str) -> None:
     (drawn / 'after.yaml').write_text(
         'estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4, '
         f'known_links.calibration: {drawn / "out.json"}}}}}'
@@ -341,14 +342,8 @@ def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(dra
     (drawn / 'cad.yaml').write_text('estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4}}')
     last = {}
     for name, model in (('after', 'out'), ('cad', 'cad')):
-        inputs = [
-            str(drawn / 'after'),
-            '--model',
-            str(drawn / f'{model}.urdf'),
-            '--params',
-            str(drawn / f'{name}.yaml'),
-        ]
-        replay([*inputs, '--json', str(drawn / f'{name}.json')])
+        files = ['--model', str(drawn / f'{model}.urdf'), '--params', str(drawn / f'{name}.yaml')]
+        replay([str(drawn / 'after'), *files, '--method', method, '--json', str(drawn / f'{name}.json')])
         last[name] = json.loads((drawn / f'{name}.json').read_text(encoding='utf-8'))
     true, found = true_body(kernel('servicer7')), last['after']
     error = (

@@ -107,7 +107,7 @@ def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_
     )
     quick = {
         'duration: 8.0': 'joint_rate: 50.0\n  odometry_rate: 50.0\n  duration: 8.0', 'motions: 4': 'motions: 1',
-        'plan: {duration: 20.0,': 'plan: {effort: 32, duration: 10.0,',
+        'plan: {duration: 20.0,': 'plan: {effort: 12, duration: 6.0,',
     }  # fmt: skip
     for old, new in quick.items():
         text = text.replace(old, new)
@@ -116,12 +116,12 @@ def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_
     told = {run['then']['motion']: run['then'] for run in lines(output)}
     assert list(told) == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
     assert len({each['before'] for each in told.values()}) == 1
-    assert all(each['seconds'] == 10.0 and each['after'] < each['before'] for each in told.values())
+    assert all(each['seconds'] == 6.0 and each['after'] < each['before'] for each in told.values())
     assert all(each['turned'] < 0.036 for each in told.values())
     assert min(told, key=lambda motion: told[motion]['after']) == 'planned'
     case = json.loads((output / 'summary.json').read_text())['cases'][0]
     assert case['then']['after'] == told['planned']['after']
-    assert 'then 10.0 s: the least known from ' in capsys.readouterr().out
+    assert 'then 6.0 s: the least known from ' in capsys.readouterr().out
 
 
 CAD = f"""
@@ -147,7 +147,7 @@ cases:
 
 def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output), '--processes', '2']) == 0
+    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output), '--processes', '1']) == 0
     results = lines(output)
     by_case = {tuple(runs[0]['case'].values()): runs for runs in (results[i : i + 3] for i in range(0, 12, 3))}
     # The truth is one for all: the target is never drawn.
@@ -288,17 +288,18 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
 ) -> None:
     output = str(tmp_path / 'output')
-    arguments = [str(written(tmp_path, TEXT + WILD)), '--output', output]
+    few = TEXT.replace('seeds: 4', 'seeds: 1')
+    arguments = [str(written(tmp_path, few + WILD)), '--output', output, '--processes', '1']
     assert campaign.main(arguments) == 3
     told = capsys.readouterr().out
     results = lines(tmp_path / 'output')
     bad = [result for result in results if result['case']['motion'] == 'wild']
-    assert len(bad) == RUNS
+    assert len(bad) == len(results) / 2 == 2
     assert all(result['status'] == 'failed' and result['reason'].startswith('ModelError: ') for result in bad)
-    assert f'16 runs, {RUNS} of them failed' in told
+    assert '4 runs, 2 of them failed' in told
     assert f'run {bad[0]["run"]}: {bad[0]["reason"]}' in told
     good = [result['estimate'] for result in results if result['case']['motion'] == 'gentle']
-    assert good == [result['estimate'] for result in lines(whole)]
+    assert good == [result['estimate'] for result in lines(whole) if result['seed'] == 0]
     numbers = remade(monkeypatch)
     assert campaign.main(arguments) == 3
     assert numbers == []

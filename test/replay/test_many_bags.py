@@ -27,6 +27,7 @@ from mbaid_ros.replay.run import replay_bag
 from simulated import CONFIG
 
 MODEL = str(CONFIG / 'table1.urdf')
+QUICK = ('--model', MODEL, '--method', 'difference')
 DURATIONS = (8.0, 3.0, 5.0)
 
 
@@ -41,15 +42,15 @@ def test_many_bags_lead_to_what_each_leads_to_alone(
 ) -> None:
     alone = []
     for bag in bags:
-        main([bag, '--model', MODEL, '--json', '-'])
+        main([bag, *QUICK, '--json', '-'])
         alone.append(without_origin(capsys.readouterr().out))
     report = tmp_path / 'report.html'
-    main([*bags, '--model', MODEL, '--json', '-', '--report', str(report), '--processes', '2'])
+    main([*bags, *QUICK, '--json', '-', '--report', str(report), '--processes', '2'])
     together = capsys.readouterr()
     assert together.err == ''
     assert [without_origin(json.dumps(result)) for result in json.loads(together.out)] == alone
     urdf = Path(MODEL).read_text()
-    runs = [replay_bag(bag, EstimatorConfig(), urdf, Inputs()) for bag in bags]
+    runs = [replay_bag(bag, EstimatorConfig(method='difference'), urdf, Inputs()) for bag in bags]
     page, foot = report.read_text().split('<footer>')
     assert page == html(runs, [None] * len(runs)).split('<footer>')[0]
     assert foot.count('SHA-256') == 1 + len(bags)

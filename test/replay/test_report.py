@@ -1,4 +1,4 @@
-"""The report: what it says, what it draws, that it needs nothing else, and what a browser makes of it."""
+"""The report: its parts and drawings, the comparison with a truth, and a browser's view of it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ import pytest
 import recorded
 from chromium import Chromium
 from made_runs import BODY, HOSTILE, PLAIN, STD, estimate, event, hostile_urdf, planar, pose, run
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.report.comparison import comparison
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.truth import Truth
+from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
 from mbaid_ros.session import summarise
 from simulated import CONFIG, table1
 
@@ -222,24 +223,24 @@ def test_of_many_shapes_some_are_drawn() -> None:
 
 
 def test_several_bags_are_compared() -> None:
-    other = estimate(parameters=BODY + 0.3 * STD)
-    text = html([run(), run(other, bag='another/bag')], [truth(), truth()])
+    other = brief(final=estimate(parameters=BODY + 0.3 * STD), bag='another/bag')
+    text = html([brief(), other], [truth(), truth()])
     assert 'Side by side' in text
     assert 'The runs agree' in text
     assert text.count('<section class="run">') == 2
-    assert comparison([run(), run(other, bag='another/bag')], [truth(), truth()]) in text
+    assert comparison([brief(), other], [truth(), truth()]) in text
 
     def compared(one: Run) -> str:
-        return comparison([run(), one], [None, None])
+        return comparison([brief(), one], [None, None])
 
-    assert 'The runs contradict each other' in compared(run(estimate(parameters=BODY + 10.0 * STD)))
-    assert 'different links' in compared(run(target_link='link6'))
+    assert 'The runs contradict each other' in compared(brief(final=estimate(parameters=BODY + 10.0 * STD)))
+    assert 'different links' in compared(brief(target_link='link6'))
     assert 'no parameter with an uncertainty in common' in compared(nothing())
 
 
-def test_a_contradiction_among_several_bags_is_told_first() -> None:
-    wrong = run(estimate(status='inconsistent', events=(event(),)), bag='another/bag')
-    text = html([run(), wrong])
+def test_a_contradiction_among_several_bags_comes_first() -> None:
+    wrong = brief(final=estimate(status='inconsistent', events=(event(),)), bag='another/bag')
+    text = html([brief(), wrong])
     assert '<p class="verdict wrong">The data of (2) contradict the model' in text
     assert 'The runs agree' not in text
     assert '<p class="verdict wrong">The data contradict the model, so the numbers of link7 must not be trusted' in text
@@ -335,3 +336,48 @@ def test_it_can_be_printed(chromium: Chromium, tmp_path: Path) -> None:
     page.write_text(page_of_a_good_run(), encoding='utf-8')
     printed = chromium.pdf(page, tmp_path / 'report.pdf')
     assert printed.startswith(b'%PDF')
+
+
+# -- Truth files: found beside a bag or named, and told when they cannot be used.
+
+
+def truth_file(folder: Path, **changes: Any) -> Path:
+    content = {
+        'target_link': 'link4', 'mass': 934.45, 'com': [2.3, 0.9, 0.0],
+        'inertia': {'ixx': 1100.0, 'ixy': 0.0, 'ixz': 0.0, 'iyy': 2800.0, 'iyz': 0.0, 'izz': 3435.0}, **changes,
+    }  # fmt: skip
+    file = folder / 'truth.json'
+    file.write_text(json.dumps(content), encoding='utf-8')
+    return file
+
+
+def test_the_truth_beside_a_bag_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = recorded.papers_case(tmp_path / 'bag', 5.0, 20.0)
+    truth_file(bag)
+    report = tmp_path / 'report.html'
+    quick = ['--model', str(CONFIG / 'table1.urdf'), '--method', 'difference', '--report', str(report)]
+    for path in (bag, bag / 'bag.mcap'):
+        main([str(path), *quick])
+        assert cells(report.read_text(encoding='utf-8'), 'mass')[4] == '934.45'
+    other = truth_file(tmp_path, mass=900.0)
+    main([str(bag), *quick, '--truth', str(other)])
+    assert cells(report.read_text(encoding='utf-8'), 'mass')[4] == '900'
+    assert not capsys.readouterr().err
+
+
+def test_a_truth_that_cannot_be_used_is_not_compared(tmp_path: Path) -> None:
+    (tmp_path / 'truth.json').write_text('{"mass": 1}', encoding='utf-8')
+    beside = truth_beside(str(tmp_path))
+    assert beside is not None
+    assert "'inertia'" in beside.why_not('link4')
+    assert not np.any(np.isfinite(beside.parameters))
+
+
+@pytest.mark.parametrize('changes', [{'com': [1.0, 2.0]}, {'mass': float('nan')}, {'momentum': {'linear': [1.0]}}])
+def test_a_truth_with_odd_numbers_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    with pytest.raises(DataError, match=r'cannot be used|NaN is no number of JSON'):
+        read_truth(truth_file(tmp_path, **changes))
+
+
+def test_no_truth_file_is_no_mistake(tmp_path: Path) -> None:
+    assert truth_beside(str(tmp_path)) is None

@@ -1,13 +1,17 @@
-"""The result of a replay: its history, and what JSON, terminal and report make of it."""
+"""The result of a replay and of a campaign's second motion: history, arrivals, JSON and terminal."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Status
+from mbaid_ros.replay.arrivals import Arrivals
+from mbaid_ros.replay.campaigns.then import Then, ThenStatistics
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.result_json import as_json
 from mbaid_ros.replay.result_text import summary
@@ -117,3 +121,103 @@ def test_what_happened_is_on_the_terminal_unless_the_data_contradict_the_model(c
     assert ('  event: momentum jumped at 14.0 s, by (0.5, 0, 0) N s' in told) is not contradicted
     assert ('  and 2 more events' in told) is not contradicted
     assert told.count('  event: ') == (0 if contradicted else 5)
+
+
+# -- What is told of the arrival of messages.
+
+SECOND = 1_000_000_000
+
+
+def arrivals(times: list[float]) -> Arrivals:
+    made = Arrivals()
+    made.add(np.array([round(time * SECOND) for time in times], dtype=np.int64))
+    return made
+
+
+def test_rate_and_course_of_a_steady_topic() -> None:
+    topic = arrivals([5.0 + 0.01 * index for index in range(1001)]).statistics('/a', 'x', 1001, 5 * SECOND)
+    assert topic.rate == pytest.approx(100.0)
+    assert topic.gaps == ()
+    assert [rate for _, rate in topic.course[:-1]] == pytest.approx([100.0] * (len(topic.course) - 1))
+    assert topic.course[0][0] == pytest.approx(10.0 / len(topic.course) / 2, rel=0.1)
+
+
+def test_a_gap_is_told_with_its_place_and_length() -> None:
+    times = [0.01 * index for index in range(1001) if not 300 < index < 350]
+    topic = arrivals(times).statistics('/a', 'x', len(times), 0)
+    assert np.array(topic.gaps) == pytest.approx(np.array([[3.0, 0.5]]))
+
+
+def test_only_the_longest_gaps_are_kept_in_order() -> None:
+    times, now = [], 0.0
+    for block in range(40):
+        times += [now + 0.01 * index for index in range(20)]
+        now += 1.0 + 0.01 * block
+    gaps = arrivals(times).statistics('/a', 'x', len(times), 0).gaps
+    assert len(gaps) == 20
+    assert list(gaps) == sorted(gaps)
+    assert min(length for _, length in gaps) > 0.98
+
+
+@pytest.mark.parametrize('times', [[], [1.0], [1.0, 1.0]])
+def test_too_little_to_tell_a_rate(times: list[float]) -> None:
+    topic = arrivals(times).statistics('/a', 'x', len(times), 0)
+    assert math.isnan(topic.rate)
+    assert topic.course == ()
+
+
+def test_of_a_long_run_the_same_is_told_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(0)
+    intervals = np.round(1e7 + 1e5 * generator.standard_normal(20_000)).astype(np.int64)
+    intervals[[70, 5_000, 19_000]] *= 50
+    times = np.cumsum(intervals)
+    whole, thinned = Arrivals(), Arrivals()
+    whole.add(times)
+    monkeypatch.setattr('mbaid_ros.replay.arrivals._KEPT', 3_000)
+    for begin in range(0, len(times), 777):
+        thinned.add(times[begin : begin + 777])
+        assert len(thinned._times) <= 3_000
+    exact, told = (each.statistics('/a', 'x', len(times), int(times[0])) for each in (whole, thinned))
+    assert told.rate == exact.rate
+    assert told.gaps == exact.gaps
+    assert len(told.gaps) == 3
+    assert len(told.course) == len(exact.course)
+    assert np.array(told.course) == pytest.approx(np.array(exact.course), rel=0.05, abs=0.5)
+
+
+def test_no_messages_at_a_time_change_nothing() -> None:
+    topic = arrivals([0.0, 1.0])
+    topic.add(np.zeros(0, dtype=np.int64))
+    assert topic.statistics('/a', 'x', 2, 0).rate == 1.0
+
+
+# -- What is told of motions that follow in campaigns.
+
+ASKED = np.arange(10) < 8
+
+
+def told(std: float) -> dict[str, object]:
+    """Return what is told where one parameter ends with a standard deviation; none of the last two can be known."""
+    still = np.zeros((1, 1))
+    trajectory = JointTrajectory(('joint1',), np.array([30.0]), still, still, still)
+    deviations = np.where(ASKED, 0.1, np.nan)
+    deviations[3] = std
+    last = Estimate('trajectory', 'estimating', parameters=np.ones(10), covariance=np.diag(deviations**2))
+    return Then('planned', trajectory, 0.4, np.array([0.1, 0.2]), ASKED).told(last, np.ones(10))
+
+
+def test_the_least_known_of_what_can_be_known_counts() -> None:
+    assert told(0.2)['after'] == pytest.approx(0.2)
+    found = ThenStatistics.of([told(0.2), told(np.nan), told(0.2)])
+    assert found is not None
+    assert found.after == pytest.approx(0.2)
+    assert found.halvings == pytest.approx(2.0)
+    assert 'from 40 to 20 %, halved 2.0 times a minute' in str(found)
+
+
+def test_what_is_not_determined_in_the_end_is_told() -> None:
+    assert told(np.nan)['after'] is None
+    found = ThenStatistics.of([told(np.nan)])
+    assert found is not None
+    assert found.as_json()['after'] is None
+    assert 'the least known from 40 % to not determined; base turned by' in str(found)

@@ -1,4 +1,4 @@
-"""`simulate`: a bag and its truth from the command line."""
+"""`simulate`: a bag and its truth from the command line, with a capture and with thrust."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import recorded
 from benchmarks.precapture import free_urdf
-from mbaid_ros.bags import BagReader
+from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.core.sensors.thrust import EXACT_THRUST
+from mbaid_ros.replay.calibrate import main as calibrate
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.replay.simulate import main
 from simulated import CONFIG
+from thrusting import WRENCH, messages, pulse
 
 TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']
 NOISY = ['-p', 'noise.joint_position:=1e-4', '-p', 'noise.base_angular_velocity:=1e-4']
@@ -234,3 +238,52 @@ def test_thrust_that_cannot_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
 ) -> None:
     assert reason in refused(tmp_path, capsys, {**CAPTURE, 'capture.time': '0.0', **THRUST, **changed})
+
+
+# -- Recorded thrust in replay and calibrate: taken from the bag, or from the topic that is named.
+
+TYPES = {'/joint_states': recorded.JOINT_STATE, '/odom': recorded.ODOMETRY}
+MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]
+PARAMETERS = ['--params', str(CONFIG / 'servicer7_estimator.yaml')]
+
+
+def write(path: Path, topic: str) -> str:
+    with BagWriter(path) as bag:
+        for name, kind in {**TYPES, topic: WRENCH}.items():
+            bag.add_topic(name, kind)
+        for name, message, time in messages(2, *pulse()):
+            bag.write(topic if name == '/thrust' else name, message, recorded.EPOCH * 1_000_000_000 + time)
+    return str(path)
+
+
+@pytest.mark.parametrize(('topic', 'options'), [('/thrust', []), ('/base/thrust', ['--thrust', '/base/thrust'])])
+def test_thrust_in_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str], topic: str, options: list[str]) -> None:
+    bag = write(tmp_path / 'bag', topic)
+    assert replay([bag, *MODEL, *PARAMETERS, '--json', '-', *options]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['events'] == []
+    assert result['warnings'] == [EXACT_THRUST]
+    # Not where it is called otherwise and nobody says so.
+    if options:
+        assert replay([bag, *MODEL, *PARAMETERS, '--json', '-']) == 0
+        assert [event['kind'] for event in json.loads(capsys.readouterr().out)['events']] == ['step']
+
+
+def test_a_topic_that_is_not_there_or_something_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write(tmp_path / 'bag', '/thrust')
+    for topic, reason in (('/jets', '/jets'), ('/odom', 'geometry_msgs/msg/WrenchStamped')):
+        assert replay([bag, *MODEL, '--thrust', topic]) == 2
+        error = capsys.readouterr().err
+        assert error.count('\n') == 1
+        assert reason in error
+
+
+def test_a_calibration_knows_of_thrust(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write(tmp_path / 'bag', '/thrust')
+    assert calibrate([bag, *MODEL, '--unknown', 'link7', '--json', '-']) == 0
+    known = json.loads(capsys.readouterr().out)
+    assert known['residual'] == pytest.approx(1.0, abs=0.15)
+    other = write(tmp_path / 'other', '/jets')
+    assert calibrate([other, *MODEL, '--unknown', 'link7', '--json', '-']) == 4
+    assert json.loads(capsys.readouterr().out)['residual'] > 1.3 * known['residual']
+    assert np.isfinite(known['momentum'][0]['linear']).all()

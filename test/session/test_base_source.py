@@ -1,4 +1,4 @@
-"""Poses in the place of Odometry: PoseStamped and its like, transforms on /tf; one source in a run."""
+"""Poses in the place of Odometry, one source in a run, and frames whose names have a prefix."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import WRONG_CHILD_FRAME
+from mbaid_ros.outgoing import Frames, estimate_message
+from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.session import Session, explain, intake_warnings
@@ -190,3 +192,42 @@ def test_a_base_located_in_several_frames_is_told() -> None:
     assert told.startswith("the base is located in the frames 'odom', 'map', which are taken for one")
     names = repeat('map')
     assert not intake_warnings(taken(make, {})[0])
+
+
+# -- Frames whose names have a prefix, as one robot of several has them.
+
+PREFIX = 'servicer/'
+
+
+def prefixed(prefix: str, child_prefix: str) -> tuple[Session, list[Estimate]]:
+    """Return a session that has taken four seconds of a robot whose odometry names its frame with a prefix."""
+    session = Session(build(EstimatorConfig, {'frame_prefix': prefix, 'method': 'difference'}), urdf('table1'))
+    for timed in run('table1', 4.0):
+        if timed.topic == 'odom':
+            message = deepcopy(timed.message)
+            message.child_frame_id = child_prefix + message.child_frame_id
+            session.add_odometry(message)
+        else:
+            session.add_joint_state(timed.message)
+    return session, session.process()
+
+
+def test_a_prefix_changes_no_estimate() -> None:
+    _, plain = prefixed('', '')
+    session, found = prefixed(PREFIX, PREFIX)
+    assert not session.dropped[WRONG_CHILD_FRAME]
+    assert len(found) == len(plain) > 0
+    np.testing.assert_array_equal(found[-1].parameters, plain[-1].parameters)
+    np.testing.assert_array_equal(found[-1].momentum, plain[-1].momentum)
+
+
+def test_a_frame_without_it_is_refused_and_the_accepted_one_named() -> None:
+    session, made = prefixed(PREFIX, '')
+    assert not made
+    assert "accepted: 'servicer/base_link'" in explain(session, [WRONG_CHILD_FRAME])[0]
+
+
+def test_messages_have_it() -> None:
+    message = estimate_message(Estimate('difference', 'waiting'), BAG_TYPES, Frames('link7', 'odom', PREFIX))
+    assert message.header.frame_id == 'servicer/link7'
+    assert message.momentum_frame == 'odom'

@@ -173,7 +173,7 @@ def test_correlated_odometry_is_as_uncertain_as_told() -> None:
     assert 0.36 < np.mean(squares) < 1.64
 
 
-@pytest.mark.parametrize('constant', [0.1, 1.0])
+@pytest.mark.parametrize('constant', [0.1, pytest.param(1.0, marks=pytest.mark.long)])
 def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) -> None:
     messages = defects.correlated(ROBOT, 20.0, constant, 1)(arrivals(ROBOT, 20.0, 1))
     last = estimates(ROBOT, messages)[0][-1]

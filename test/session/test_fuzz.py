@@ -195,7 +195,15 @@ relaxed = settings(
 )
 
 
-@pytest.mark.parametrize(('method', 'examples'), [('difference', 60), ('paper_difference', 25), ('trajectory', 10)])
+@pytest.mark.parametrize(
+    ('method', 'examples'),
+    [
+        ('difference', 25),
+        ('paper_difference', 10),
+        ('trajectory', 5),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in (('difference', 200), ('trajectory', 40))),
+    ],
+)
 def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('mbaid_ros.session.methods.START_WINDOWS', 2)
 
@@ -223,7 +231,7 @@ def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypa
     fuzz()
 
 
-@settings(relaxed, max_examples=100)
+@settings(relaxed, max_examples=40)
 @given(plans(HONEST))
 def test_what_the_good_data_say_is_right(plan: list[Step]) -> None:
     result = outcome(spoilt(plan), {'method': 'difference'}, 1_000_000)

@@ -179,6 +179,8 @@ TRUTHS = {
     'infinite': (json.dumps({**TRUTH, 'mass': float('inf')}), 'Infinity is no number of JSON'),
     'a list': ('[]', 'it is no object of JSON'),
     'nothing': ('', 'is not JSON'),
+    'a mass alone': ('{"mass": 1}', "'inertia'"),
+    'no moments': (json.dumps({**TRUTH, 'inertia': {}}), "'ixx'"),
     'a long file': (' ' * 1_100_000, 'more than 1000000 characters'),
 }
 

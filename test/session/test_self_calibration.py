@@ -90,11 +90,17 @@ def error(session: Session, last: Estimate) -> float:
     return float(off @ np.linalg.solve(covariance, off))
 
 
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
-def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
+@cache
+def calibrated(method: str) -> tuple[Session, list[Estimate]]:
+    """Return a session that has calibrated the robot, and its estimates."""
     session = make(method=method)
     assert session.robot.calibrated == ''
-    last = feed(session)[-1]
+    return session, feed(session)
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
+    session, (*_, last) = calibrated(method)
     assert error(session, last) < LIMIT
     found = session.robot.captured(last)
     assert found is not None
@@ -108,7 +114,7 @@ def test_the_captured_body_is_right_within_its_intervals(method: str) -> None:
     assert not any('the known model changes' in warning for warning in last.warnings)
 
 
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+@pytest.mark.parametrize('method', [pytest.param('difference', marks=pytest.mark.long), 'trajectory'])
 def test_zeros_and_mount_are_learnt_before_the_capture_and_go_on(method: str) -> None:
     """Encoders whose zeros are off and odometry that is mounted elsewhere, before the capture and after it."""
     session = make(method=method)
@@ -143,8 +149,7 @@ class Collector:
 
 
 def test_the_numbers_are_those_of_calibrate() -> None:
-    session, collector = make(), Collector()
-    feed(session)
+    session, collector = calibrated('trajectory')[0], Collector()
 
     def collect(*_given: object) -> Estimator:
         return collector
@@ -171,19 +176,13 @@ def test_the_numbers_are_those_of_calibrate() -> None:
     assert written.rotations == pytest.approx(moved.rotations, abs=1e-10)
 
 
-def test_one_message_after_the_other_leads_to_the_same() -> None:
-    at_once, singly = make(), make()
-    expected, found = feed(at_once), []
+def test_one_message_after_the_other_leads_to_the_same_and_reset_forgets_it() -> None:
+    (at_once, expected), session, found = calibrated('trajectory'), make(method='trajectory'), []
     for topic, message, _ in messages():
-        if (singly.add_joint_state if topic == '/joint_states' else singly.add_odometry)(message):
-            found += singly.process()
+        if (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message):
+            found += session.process()
     assert np.array_equal(found[-1].parameters, expected[len(found) - 1].parameters)
-    assert singly.robot.calibrated == at_once.robot.calibrated
-
-
-def test_reset_forgets_it() -> None:
-    session = make()
-    feed(session)
+    assert session.robot.calibrated == at_once.robot.calibrated
     session.reset()
     assert session.robot.calibrated == ''
     assert session.robot.urdf == cad()

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import deepcopy
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -16,12 +20,13 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.orbit_frame import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
 from mbaid_ros.replay.bag_types import BAG_TYPES
 from mbaid_ros.session import Session, intake_warnings
-from mbaid_ros.simulated_run import SimulatedRun
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG
 
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
 NAMES = ['rw1', 'rw2', 'rw3', 'rw4']
-WHEELS = {'wheels.names': NAMES, 'wheels.axes': AXES, 'wheels.spin_inertias': [0.05] * 4}
+WHEELS: dict[str, object] = {'wheels.names': NAMES, 'wheels.axes': AXES, 'wheels.spin_inertias': [0.05] * 4}
+SPEEDS = {name.replace('.', '__'): value for name, value in WHEELS.items()}
 RAMP = {'wheels.accelerations': [5.0, -5.0, 4.0, 5.0], 'wheels.wander': 20.0, 'wheels.speed_noise': 0.05}
 NOISE = {
     **dict(zip(('noise.joint_position', 'noise.joint_velocity'), (1e-4, 1e-3), strict=True)),
@@ -36,12 +41,14 @@ def urdf() -> str:
     return (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
 
 
-def simulated(**wheels: object) -> SimulatedRun:
-    """Return the servicer's run with wheels that store up to 5 N m s each."""
+@cache
+def simulated(seconds: float = SECONDS, **wheels: object) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
+    """Return the servicer's run with wheels that store up to 5 N m s each, and its messages."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     values |= {'duration': SECONDS, 'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, **WHEELS, **RAMP}
     values |= {f'wheels.{name}': value for name, value in wheels.items()}
-    return SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
+    run = SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
+    return run, tuple(run.read(seconds))
 
 
 def session(**parameters: object) -> Session:
@@ -49,18 +56,27 @@ def session(**parameters: object) -> Session:
     return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **given}), urdf())
 
 
-def identify(run: SimulatedRun, into: Session, frame: str = '') -> Estimate:
-    """Return the last estimate; stored momentum is told in another frame where one is given."""
-    for timed in run.read(SECONDS):
+def feed(messages: Sequence[TimedMessage], into: Session, frame: str = '') -> list[Estimate]:
+    """Return the estimates; stored momentum is in another frame where one is given."""
+    take = {
+        'joint_states': into.add_joint_state,
+        'odom': into.add_odometry,
+        'stored_momentum': into.add_stored_momentum,
+    }
+    for timed in messages:
+        message = timed.message
         if frame and timed.topic == 'stored_momentum':
-            timed.message.header.frame_id = frame
-        take = {
-            'joint_states': into.add_joint_state,
-            'odom': into.add_odometry,
-            'stored_momentum': into.add_stored_momentum,
-        }
-        take[timed.topic](timed.message)
-    return into.process()[-1]
+            message = deepcopy(message)
+            message.header.frame_id = frame
+        take[timed.topic](message)
+    return into.process()
+
+
+@cache
+def by_speeds(method: str) -> tuple[Estimate, tuple[str, ...]]:
+    """Return the last estimate of a session that reads the wheels' speeds, and its warnings of messages."""
+    into = session(method=method, **SPEEDS)
+    return feed(simulated()[1], into)[-1], tuple(intake_warnings(into))
 
 
 def nees(estimate: Estimate, run: SimulatedRun) -> float:
@@ -68,69 +84,58 @@ def nees(estimate: Estimate, run: SimulatedRun) -> float:
     return float(error @ np.linalg.solve(estimate.covariance, error))
 
 
+def agrees(estimate: Estimate, run: SimulatedRun) -> bool:
+    return estimate.status in {'estimating', 'converged'} and nees(estimate, run) < LIMIT
+
+
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
 def test_by_their_speeds(method: str) -> None:
-    run, into = simulated(), session(method=method, **{name.replace('.', '__'): v for name, v in WHEELS.items()})
-    last = identify(run, into)
-    assert nees(last, run) < LIMIT
-    assert last.status in {'estimating', 'converged'}
+    (run, _), (last, warnings) = simulated(), by_speeds(method)
+    assert agrees(last, run)
     # What is reported is the total, wheels included.
     off = last.momentum - run.momentum
     assert float(off @ np.linalg.solve(last.momentum_covariance, off)) < chi2.isf(1e-4, 6)
-    assert not intake_warnings(into)
+    assert not warnings
 
 
 def test_by_their_momentum() -> None:
-    run, into = simulated(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
-    last = identify(run, into)
-    assert nees(last, run) < LIMIT
-    assert last.status in {'estimating', 'converged'}
+    (run, messages), into = simulated(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
+    last = feed(messages, into)[-1]
+    assert agrees(last, run)
     assert into.intake.stored_momentum.taken == round(SECONDS * 50) + 1
-    as_speeds = identify(simulated(), session(**{name.replace('.', '__'): value for name, value in WHEELS.items()}))
-    assert np.mean(last.std / as_speeds.std) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(last.std / by_speeds('trajectory')[0].std) == pytest.approx(1.0, abs=0.05)
 
 
 def test_momentum_that_comes_seldom_costs_no_samples() -> None:
-    run, into = simulated(publish='stored_momentum', wander=0.0), session(wheels__momentum_frame='base_link')
-    kept = 0
-    for timed in run.read(SECONDS):
-        if timed.topic == 'stored_momentum':
-            kept += 1
-            if kept % 4 == 1:
-                into.add_stored_momentum(timed.message)
-        else:
-            (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message)
-    last = into.process()[-1]
+    run, messages = simulated(publish='stored_momentum', wander=0.0)
+    into = session(wheels__momentum_frame='base_link')
+    stored = [timed for timed in messages if timed.topic == 'stored_momentum']
+    seldom = {id(timed) for timed in stored[::4]}
+    last = feed([each for each in messages if each.topic != 'stored_momentum' or id(each) in seldom], into)[-1]
     assert nees(last, run) < LIMIT
     assert into.used > 0.98 * SECONDS * 50
 
 
 @pytest.mark.parametrize('publish', ['joint_states', 'stored_momentum', 'none'])
-def test_untold_they_are_no_quiet_error(publish: str) -> None:
-    run, into = simulated(publish=publish), session(method='difference')
-    last = identify(run, into)
+def test_without_their_parameters_they_are_no_quiet_error(publish: str) -> None:
+    into = session(method='difference')
+    last = feed(simulated(publish=publish)[1], into)[-1]
     assert last.status == 'inconsistent'
-    # Who has speeds beside the joints that nobody reads is told where they would be read.
+    # The cause names the parameter where the joint states hold speeds that nothing reads.
     named = any('joint states hold rw1' in cause and 'wheels.names' in cause for cause, _ in last.causes[:2])
     assert named == (publish == 'joint_states')
-    told = any(NOT_ASKED_FOR in warning for warning in intake_warnings(into))
-    assert told == (publish == 'stored_momentum')
+    warned = any(NOT_ASKED_FOR in warning for warning in intake_warnings(into))
+    assert warned == (publish == 'stored_momentum')
 
 
-def test_momentum_in_another_frame_is_refused_with_what_is_accepted() -> None:
-    run, into = simulated(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
-    with pytest.raises(IndexError):
-        identify(run, into, frame='link3')
+def test_momentum_in_another_frame_and_speeds_that_never_come_are_named() -> None:
+    into = session(wheels__momentum_frame='base_link')
+    assert not feed(simulated(2.0, publish='stored_momentum')[1], into, frame='link3')
     warnings = ' '.join(intake_warnings(into))
     assert OTHER_MOMENTUM_FRAME in warnings
     assert "'link3'; accepted: wheels.momentum_frame, 'base_link'" in warnings
-
-
-def test_speeds_that_never_come_are_named() -> None:
-    into = session(**{name.replace('.', '__'): value for name, value in WHEELS.items()})
-    run = simulated(publish='none')
-    with pytest.raises(IndexError):
-        identify(run, into)
+    into = session(**SPEEDS)
+    assert not feed(simulated(2.0, publish='none')[1], into)
     assert any('rw1' in warning for warning in intake_warnings(into))
 
 

@@ -43,7 +43,7 @@ def parse_document(text: str) -> ET.Element:
     if '<!DOCTYPE' in text or '<!ENTITY' in text:
         refuse('the robot description holds a DOCTYPE or ENTITY declaration; plain URDF is accepted')
     try:
-        robot = ET.fromstring(text)
+        robot = tree_of(text)
     except (ET.ParseError, UnicodeEncodeError) as error:
         if '<xacro:' in text:
             refuse(f'the robot description is a xacro ({error}); {_EXPAND}')
@@ -55,6 +55,22 @@ def parse_document(text: str) -> ET.Element:
     if not robot.get('name'):
         refuse('the robot description gives <robot> no name')
     return robot
+
+
+def tree_of(text: str) -> ET.Element:
+    """Return the root of an XML document, its elements and their kin without the namespace that is its default.
+
+    Raises
+    ------
+    ParseError, UnicodeEncodeError
+        It is not XML.
+    """
+    root = ET.fromstring(text)
+    if root.tag.startswith('{'):
+        space = root.tag[: root.tag.index('}') + 1]
+        for element in root.iter():
+            element.tag = element.tag.removeprefix(space)
+    return root
 
 
 def on_one_line(text: str) -> str:

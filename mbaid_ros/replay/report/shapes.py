@@ -13,6 +13,7 @@ import pinocchio
 
 from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, rotate
+from mbaid_ros.core.robot.urdf_document import tree_of
 
 _TURN = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -34,7 +35,7 @@ class Shape:
 
 def shapes(urdf: str) -> list[Shape]:
     """Return the first boxes, cylinders and spheres of a robot description that has been accepted as such."""
-    return list(islice(_shapes(ET.fromstring(urdf)), limits.SHAPES_DRAWN))
+    return list(islice(_shapes(tree_of(urdf)), limits.SHAPES_DRAWN))
 
 
 def _shapes(robot: ET.Element) -> Iterator[Shape]:

@@ -1,4 +1,4 @@
-"""How joints move: positions and rates at any instants."""
+"""Paths of joints: positions and rates at any instants."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.data import CONFIG, model
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from benchmarks.data import model, simulator_config
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulated_robot import make_motion
@@ -19,8 +16,8 @@ from mbaid_ros.simulation.motion import Sinusoids
 # (N,) instants, s -> (N, n) positions, rates: rad, rad/s (m, m/s)
 Path = Callable[[Array], tuple[Array, Array]]
 DEGREE = np.pi / 180.0
-_DWELL, _LEG = 2.0, 18.0  # s: of rest between poses, and of a joint that moves alone
 ROBOT = 'servicer7'
+_DWELL, _LEG = 2.0, 18.0  # s: of rest between poses, and of a joint that moves alone
 _RAMP = 0.5  # s, to full speed and back
 
 
@@ -40,15 +37,13 @@ def following(motion: Sinusoids) -> Path:
 @cache
 def servicer() -> Sinusoids:
     """Return the sinusoids of config/servicer7_simulator.yaml."""
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{ROBOT}_simulator.yaml', 'simulator'))
-    motion = make_motion(config, model(ROBOT))
-    if not isinstance(motion, Sinusoids):
-        raise TypeError(f'{ROBOT} does not move by sinusoids')
+    motion = make_motion(simulator_config(ROBOT), model(ROBOT))
+    assert isinstance(motion, Sinusoids), 'the servicer moves by sinusoids'
     return motion
 
 
 def sinusoids(amplitude: float = 1.0, pace: float = 1.0, only: Sequence[int] = ()) -> Path:
-    """Return servicer7's sinusoids, larger and faster by factors; of some of the joints only where these are named."""
+    """Return servicer7's sinusoids, larger and faster by factors; of some joints only if they are given."""
     motion = servicer()
     moving = np.isin(np.arange(len(motion.start)), only) if only else np.ones(len(motion.start), dtype=bool)
     size = amplitude * motion.amplitude * moving[:, None]
@@ -65,7 +60,7 @@ def drawn(start: Array, seed: int, amplitude: float = 0.4) -> Path:
 
 
 def by_rates(start: Array, knots: Array, rates: Array) -> Path:
-    """Return joints whose rates are linear between knots (K,), rates (K, n), and those of the ends outside."""
+    """Return joints whose rates (K, n) are linear between knots (K,), and constant outside."""
     length = np.diff(knots)[:, None]
     reached = np.concatenate((start[None], start + np.cumsum(0.5 * length * (rates[1:] + rates[:-1]), axis=0)))
     slope = np.concatenate(((rates[1:] - rates[:-1]) / length, np.zeros((1, rates.shape[1]))))
@@ -79,17 +74,10 @@ def by_rates(start: Array, knots: Array, rates: Array) -> Path:
 
 
 def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0) -> Path:
-    """Return trapezoids with stops: one leg after the other, each so many seconds long, at the given (n,) speeds.
-
-    Parameters
-    ----------
-    legs : s from rest to rest, (n,) rad/s at full speed
-    dwell : s of rest after each
-    rest : s before the first
-    """
+    """Return trapezoids: legs of s and (n,) rad/s at full speed, s of rest after each, s before the first."""
     start = servicer().start
     still = np.zeros(len(start))
-    knots, time = [-1.0], rest  # one before the first leg, whether it begins at once or not
+    knots, time = [-1.0], rest  # one before the first leg, even if it begins at once
     rates: list[Array] = [still]
     for length, speed in legs:
         knots += [time, time + _RAMP, time + length - _RAMP, time + length]
@@ -99,7 +87,7 @@ def moves(legs: Sequence[tuple[float, Array]], dwell: float, rest: float = 0.0) 
 
 
 def pick_and_place(seed: int, seconds: float, speed: float = DEGREE, rest: float = 0.0) -> Path:
-    """Return all joints moving together between random poses, the fastest of them at a speed (rad/s), with stops."""
+    """Return all joints moving together between random poses with stops, the fastest of them at a speed (rad/s)."""
     rng = np.random.default_rng([seed, 11])
     legs, time, away = [], rest, np.zeros(len(servicer().start))
     while time < seconds:
@@ -113,7 +101,7 @@ def pick_and_place(seed: int, seconds: float, speed: float = DEGREE, rest: float
 
 
 def one_at_a_time(seconds: float, rest: float = 0.0) -> Path:
-    """Return joints of which only one moves at a time, forth and, the next time round, back."""
+    """Return joints that move one at a time, forth and, the next time round, back."""
     count = len(servicer().start)
     number = int((seconds - rest) / (_LEG + 1.0)) + 1
     legs = [(_LEG, DEGREE * (-1.0) ** (leg // count) * np.eye(count)[leg % count]) for leg in range(number)]
@@ -121,7 +109,7 @@ def one_at_a_time(seconds: float, rest: float = 0.0) -> Path:
 
 
 def after(rest: float, path: Path, ramp: float = 2.0) -> Path:
-    """Return a path that rests first (s) and then comes to full pace over a ramp (s)."""
+    """Return a path after some rest (s), which comes to full pace over a ramp (s)."""
 
     def late(time: Array) -> tuple[Array, Array]:
         since = np.maximum(time - rest, 0.0)
@@ -131,6 +119,17 @@ def after(rest: float, path: Path, ramp: float = 2.0) -> Path:
         return position, rate * (share**2 * (3.0 - 2.0 * share))[:, None]
 
     return late
+
+
+def stuck(joint: int, path: Path) -> Path:
+    """Return a path on which one joint does not move."""
+
+    def held(time: Array) -> tuple[Array, Array]:
+        position, rate = path(time)
+        position[:, joint], rate[:, joint] = position[0, joint], 0.0
+        return position, rate
+
+    return held
 
 
 def together(robot: RobotModel, arm: Path, others: Mapping[str, Path]) -> Path:

@@ -1,16 +1,17 @@
-"""Robot descriptions: servicer7 with something wrong or something more, and robots of other shapes."""
+"""Robot descriptions: servicer7 with errors or more parts, and robots of other shapes."""
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio
 
 from benchmarks.data import model
 from benchmarks.honesty.paths import ROBOT
+from benchmarks.precapture import BARE_LINK7
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.model import load_model
@@ -18,14 +19,19 @@ from mbaid_ros.core.robot.urdf_edit import change_inertial
 
 Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'
+BARE = BARE_LINK7
 DIRECTION = np.array([1.0, -2.0, 2.0]) / 3.0  # of errors of a place or an orientation
-# The arm's own last link, in the table of servicer7.urdf.
-BARE = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
+_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # elements of an inertia
 
 
 def servicer() -> str:
-    """Return servicer7 with the body that it holds as part of its last link."""
+    """Return servicer7 with the target as part of its last link."""
     return model(ROBOT).urdf
+
+
+def bare(urdf: str) -> str:
+    """Return servicer7 without the target."""
+    return change_inertial(urdf, LINK, BARE)
 
 
 def scaled(urdf: str, link: str, factor: float) -> str:
@@ -36,14 +42,20 @@ def scaled(urdf: str, link: str, factor: float) -> str:
 
 
 def off_centre(urdf: str, distance: float) -> str:
-    """Return a robot with its base's centre of mass elsewhere (m)."""
+    """Return a robot with its base's centre of mass displaced (m)."""
     body = physical(load_model(urdf).link(BASE).parameters)
     body[1:4] += distance * DIRECTION
     return change_inertial(urdf, BASE, body)
 
 
+def exchanged(urdf: str, one: str, other: str) -> str:
+    """Return a robot with the inertials of two links exchanged."""
+    bodies = [physical(load_model(urdf).link(link).parameters) for link in (one, other)]
+    return change_inertial(change_inertial(urdf, one, bodies[1]), other, bodies[0])
+
+
 def in_millimetres(urdf: str) -> str:
-    """Return a robot whose every length is given in millimetres; its masses and inertias are right."""
+    """Return a robot with all lengths in millimetres; its masses and inertias are right."""
     root = ET.fromstring(urdf)
     for origin in root.iter('origin'):
         origin.set('xyz', _text(1e3 * _numbers(origin.get('xyz', '0 0 0'))))
@@ -51,41 +63,23 @@ def in_millimetres(urdf: str) -> str:
 
 
 def reversed_axis(urdf: str, joint: str) -> str:
-    """Return a robot with the axis of a joint the other way round."""
-    root, element = _joint(urdf, joint)
-    axis = element.find('axis')
-    if axis is None:
-        raise ValueError(f"joint '{joint}' has no axis")
-    axis.set('xyz', _text(-_numbers(axis.get('xyz', '1 0 0'))))
-    return ET.tostring(root, encoding='unicode')
-
-
-def exchanged(urdf: str, one: str, other: str) -> str:
-    """Return a robot with the inertials of two links in each other's place."""
-    bodies = [physical(load_model(urdf).link(link).parameters) for link in (one, other)]
-    return change_inertial(change_inertial(urdf, one, bodies[1]), other, bodies[0])
+    """Return a robot with the axis of a joint reversed."""
+    return _joint_changed(urdf, joint, 'axis', lambda axis: -axis)
 
 
 def misplaced(urdf: str, joint: str, distance: float) -> str:
-    """Return a robot with a joint elsewhere (m)."""
-    root, element = _joint(urdf, joint)
-    origin = element.find('origin')
-    if origin is None:
-        raise ValueError(f"joint '{joint}' has no origin")
-    origin.set('xyz', _text(_numbers(origin.get('xyz', '0 0 0')) + distance * DIRECTION))
-    return ET.tostring(root, encoding='unicode')
+    """Return a robot with a joint displaced (m)."""
+    return _joint_changed(urdf, joint, 'origin', lambda place: place + distance * DIRECTION)
 
 
 def tilted(urdf: str, joint: str, angle: float) -> str:
     """Return a robot with the axis of a joint tilted (rad)."""
-    root, element = _joint(urdf, joint)
-    axis = element.find('axis')
-    if axis is None:
-        raise ValueError(f"joint '{joint}' has no axis")
-    along = _numbers(axis.get('xyz', '1 0 0'))
-    across = np.cross(along, DIRECTION)
-    axis.set('xyz', _text(exp(angle * across / np.linalg.norm(across)) @ along))
-    return ET.tostring(root, encoding='unicode')
+
+    def tilt(axis: Array) -> Array:
+        across = np.cross(axis, DIRECTION)
+        return np.asarray(exp(angle * across / np.linalg.norm(across)) @ axis)
+
+    return _joint_changed(urdf, joint, 'axis', tilt)
 
 
 def with_parts(urdf: str, parts: Sequence[str]) -> str:
@@ -94,7 +88,7 @@ def with_parts(urdf: str, parts: Sequence[str]) -> str:
 
 
 def locked(urdf: str, *names: str) -> str:
-    """Return a robot as somebody has it who takes for fixed what moves: links of `part`."""
+    """Return a robot whose links of `part` are taken as fixed."""
     for name in names:
         urdf = re.sub(f'name="{name}_joint" type="[a-z]+"', f'name="{name}_joint" type="fixed"', urdf)
     return urdf
@@ -103,28 +97,16 @@ def locked(urdf: str, *names: str) -> str:
 def with_flexible_joint(urdf: str, joint: str) -> str:
     """Return a robot with a joint `flexible_joint` in series behind one of its joints, about the same axis."""
     root, element = _joint(urdf, joint)
-    child, axis = element.find('child'), element.find('axis')
-    if child is None or axis is None:
-        raise ValueError(f"joint '{joint}' has no child or no axis")
+    child = _part(element, 'child')
     far = child.get('link', '')
     child.set('link', 'rotor')
-    along = _numbers(axis.get('xyz', '1 0 0'))
+    along = _numbers(_part(element, 'axis').get('xyz', '1 0 0'))
     parts = [_link('rotor', box(0.01, (0.05,) * 3)), _jointed('flexible_joint', 'revolute', ('rotor', far), along)]
     return with_parts(ET.tostring(root, encoding='unicode'), parts)
 
 
 def part(name: str, parent: str, place: Vector, axis: Vector, body: Array, kind: str) -> str:
-    """Return a link and the joint that carries it.
-
-    Parameters
-    ----------
-    name : of the link; its joint is called <name>_joint
-    parent : link
-    place : (3,) m of the joint in the parent's frame, whose axes it has
-    axis : (3,)
-    body : (10,) physical parameters in the link's frame
-    kind : of the joint
-    """
+    """Return a link and the joint <name>_joint, placed in the parent's frame with its axes; the body in its own."""
     return _link(name, body) + _jointed(f'{name}_joint', kind, (parent, name), axis, place)
 
 
@@ -136,13 +118,9 @@ def box(mass: float, size: Sequence[float], centre: Sequence[float] = (0.0, 0.0,
 
 
 def chain(axes: Sequence[Sequence[float]], slides: Sequence[int] = (), *, folded: bool = False) -> str:
-    """Return a satellite of 400 kg with an arm of equal links that holds a body of 80 kg.
+    """Return a satellite of 400 kg with an arm of equal links, some joints prismatic, that holds a body of 80 kg.
 
-    Parameters
-    ----------
-    axes : of the joints, in frames that are all parallel at zero
-    slides : the prismatic ones among them
-    folded : all joints on one line, so that equal axes are collinear
+    All frames are parallel at zero; folded, all joints are on one line, so that equal axes are collinear.
     """
     base = '<robot name="chain"><link name="base_link"><inertial><origin xyz="0.02 -0.03 0.04"/><mass value="400"/>'
     base += '<inertia ixx="130" ixy="2" ixz="-3" iyy="110" iyz="1.5" izz="120"/></inertial></link></robot>'
@@ -159,22 +137,18 @@ def chain(axes: Sequence[Sequence[float]], slides: Sequence[int] = (), *, folded
 
 
 def held_apart(place: Sequence[float]) -> str:
-    """Return servicer7 whose hand holds the body by a joint that nobody knows of, and has its own bare last link."""
+    """Return servicer7 whose hand holds the target by an undeclared joint."""
     held = load_model(servicer()).link(LINK).parameters - standard(BARE)
     moved = physical(held) - np.concatenate(([0.0], place, np.zeros(6)))
-    return with_parts(
-        change_inertial(servicer(), LINK, BARE), [part('held', LINK, place, (1, 0, 0), moved, 'revolute')]
-    )
+    return with_parts(bare(servicer()), [part('held', LINK, place, (1, 0, 0), moved, 'revolute')])
 
 
 def slipped(place: Sequence[float], angle: float) -> Array:
-    """Return the (10,) physical parameters of hand and body after the body has turned in the grasp (rad)."""
-    robot = load_model(held_apart(place))
-    body = physical(robot.link('held').parameters)
-    rotation = exp(angle * np.array([1.0, 0.0, 0.0]))
-    inertia = pinocchio.Inertia(body[0], body[1:4], _matrix(body[4:]))
-    moved = inertia.se3Action(pinocchio.SE3(rotation, np.array(place)))
-    own = pinocchio.Inertia(BARE[0], BARE[1:4], _matrix(BARE[4:])) + moved
+    """Return the (10,) physical parameters of hand and target after the target has turned in the grasp (rad)."""
+    body = physical(load_model(held_apart(place)).link('held').parameters)
+    turned = pinocchio.SE3(exp(angle * np.array([1.0, 0.0, 0.0])), np.array(place))
+    hand, held = (pinocchio.Inertia(each[0], each[1:4], each[4:][_MATRIX]) for each in (BARE, body))
+    own = hand + held.se3Action(turned)
     return np.concatenate(([own.mass], own.lever, own.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]))
 
 
@@ -194,16 +168,24 @@ def _jointed(name: str, kind: str, links: tuple[str, str], axis: Vector, place: 
     )
 
 
-def _matrix(elements: Array) -> Array:
-    return elements[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
-
-
 def _joint(urdf: str, name: str) -> tuple[ET.Element, ET.Element]:
     root = ET.fromstring(urdf)
-    found = root.find(f"joint[@name='{name}']")
+    return root, _part(root, f"joint[@name='{name}']")
+
+
+def _part(element: ET.Element, name: str) -> ET.Element:
+    found = element.find(name)
     if found is None:
-        raise ValueError(f"no joint '{name}'")
-    return root, found
+        raise ValueError(f'no {name} in {element.tag}')
+    return found
+
+
+def _joint_changed(urdf: str, joint: str, name: str, change: Callable[[Array], Array]) -> str:
+    """Return a robot with another axis or origin of a joint."""
+    root, element = _joint(urdf, joint)
+    changed = _part(element, name)
+    changed.set('xyz', _text(change(_numbers(changed.get('xyz', '1 0 0' if name == 'axis' else '0 0 0')))))
+    return ET.tostring(root, encoding='unicode')
 
 
 def _numbers(text: str) -> Array:

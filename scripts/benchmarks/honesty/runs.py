@@ -1,25 +1,22 @@
-"""One run of a condition through a session in memory, and what many of them come to."""
+"""Runs of a condition through a session in memory, and the verdict on them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from benchmarks.data import LEVELS
-from benchmarks.honesty.catalogue import CATALOGUE
-from benchmarks.honesty.condition import Condition
-from benchmarks.honesty.floating import World, float_freely
+from benchmarks.data import NOISE, START, history
+from benchmarks.frame import Runs, declared
+from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
-from benchmarks.honesty.springs import swing
-from benchmarks.speed_bag import START
-from benchmarks.store import Runs
+from benchmarks.honesty.worlds import World, float_freely, swing
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
@@ -31,67 +28,34 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.campaigns.monte_carlo import nees
+from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE, nees
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
 PUBLISHED = ('estimating', 'converged')
 REFUSED = 'refused'
-_MESSAGES_AT_ONCE = 2_000  # as in `replay`
-_WORDS = 150  # characters kept of what is named
-_NOISE = LEVELS['mid']
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a run said.
-
-    Attributes
-    ----------
-    status : at its end; `refused` where it took neither robot nor parameters
-    error, std : (10,) at its end; NaN where not published
-    jointly : how far off all parameters at its end are together in the metric of their covariance: the standard
-        deviations that a single one would be off by, to be as unlikely; NaN where not published
-    named : the first cause or warning that it named
-    causes : all causes that it named, the likeliest first, a line each
-    first : s, of the first estimate with a number; infinite where there is none
-    worst : largest error of any parameter over its standard deviation in any estimate published during the run, but for
-        those that say that they are first ones
-    worst_at : s, when that was
-    young : the same of those
-    windows, alarms : number of estimates, and of those that are inconsistent
-    """
-
-    status: str
-    error: Array
-    std: Array
-    jointly: float
-    named: str
-    causes: str
-    first: float
-    worst: float
-    worst_at: float
-    young: float
-    windows: int
-    alarms: int
+FAR = 5.0  # standard deviations: an error beyond is wrong
+_FEWEST_COVERED = 0.6  # of the parameters, over the seeds
+_WORDS = 150  # characters of a cause
+_TRUE_CAUSES = {condition.name: condition.cause for condition in CATALOGUE.values() if condition.cause}
 
 
 @dataclass(frozen=True)
 class Outcome(Runs):
-    """What the runs of a condition said: as in Told, with a leading axis."""
+    """One run, or many with a leading axis. Errors are largest ones over their deviations, over all estimates."""
 
-    status: Array
-    error: Array
-    std: Array
-    jointly: Array
-    named: Array
-    causes: Array
-    first: Array
-    worst: Array
-    worst_at: Array
-    young: Array
-    windows: Array
-    alarms: Array
+    status: Any  # at the end; `refused` if robot or parameters are not accepted
+    error: Array  # (10,) at the end; NaN where not published
+    std: Array  # (10,)
+    jointly: Any  # joint error of all parameters at the end, as deviations of a single one that is as unlikely
+    named: Any  # first cause or warning
+    causes: Any  # all causes, the likeliest first, a line each
+    first: Any  # s, of the first estimate with a number; infinite for none
+    worst: Any  # error of any estimate during the run, except first ones
+    worst_at: Any  # s, its time
+    young: Any  # error of estimates with the warning that they are first ones
+    windows: Any  # number of estimates
+    alarms: Any  # of inconsistent ones
 
 
 @lru_cache(maxsize=4)
@@ -100,55 +64,35 @@ def _moved(name: str, seed: int) -> tuple[World, Truth]:
     return world, swing(world) if world.springs else float_freely(world)
 
 
-def run(work: tuple[str, str, int]) -> Told:
-    """Return what a method says of one run: name of a condition, method, seed."""
+def run(work: tuple[str, str, int]) -> Outcome:
+    """Return the outcome of one run: name of a condition, method, seed."""
     name, method, seed = work
     condition = CATALOGUE[name]
     world, truth = _moved(name, seed if condition.varies else 0)
     robot = load_model(world.urdf)
     target = robot.link(condition.target or load_model(condition.believed(world.urdf)).last_link)
     sought = physical(target.parameters) if world.sought is None else world.sought
-    noise = replace(_NOISE, **{name: factor * getattr(_NOISE, name) for name, factor in condition.declared.items()})
-    readings = condition.defect(_read(world, condition, truth, robot, seed), np.random.default_rng([seed, 3]))
-    values: dict[str, object] = {'method': method, 'target_link': condition.target}
-    values |= {f'noise.{name}': value for name, value in vars(noise).items()}
+    noise = replace(NOISE, **{name: factor * getattr(NOISE, name) for name, factor in condition.declared.items()})
+    seen = np.array([name not in world.unread for name in robot.joint_names])
+    joints = {name: getattr(truth, name)[:, seen] for name in ('joint_position', 'joint_velocity', 'joint_effort')}
+    clean = read(condition.view(replace(truth, **joints)), NOISE, seed)
+    readings = condition.defect(clean, np.random.default_rng([seed, 3]))
+    read_robot = replace(robot, joint_names=tuple(np.array(robot.joint_names)[seen].tolist()))
+    values = {'method': method, 'target_link': condition.target, **declared(noise)}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _told(
-            history(session, messages(session, readings, _read_joints(world, robot), noise)), sought, world.since
-        )
+        return _outcome(history(session, messages(session, readings, read_robot, noise)), sought, world.since)
     except MbaidError as error:
         return _silent(REFUSED, str(error)[:_WORDS])
-
-
-def _read(world: World, condition: Condition, truth: Truth, robot: RobotModel, seed: int) -> Readings:
-    """Return what the sensors read, without the joints that have none."""
-    seen = np.array([name not in world.unread for name in robot.joint_names])
-    read_alone = {name: getattr(truth, name)[:, seen] for name in ('joint_position', 'joint_velocity', 'joint_effort')}
-    return read(condition.view(replace(truth, **read_alone)), _NOISE, seed)
-
-
-def _read_joints(world: World, robot: RobotModel) -> RobotModel:
-    return replace(robot, joint_names=tuple(name for name in robot.joint_names if name not in world.unread))
-
-
-def history(session: Session, messages: Iterator[tuple[Callable[[Any], Any], Any]]) -> list[Estimate]:
-    """Return all estimates of a session that is given messages."""
-    found: list[Estimate] = []
-    for number, (take, message) in enumerate(messages, start=1):
-        take(message)
-        if number % _MESSAGES_AT_ONCE == 0:
-            found += session.process()
-    return found + session.process()
 
 
 def messages(
     session: Session, readings: Readings, robot: RobotModel, noise: SensorNoise
 ) -> Iterator[tuple[Callable[[Any], Any], Any]]:
-    """Yield the messages of a run in the order of their stamps, each with what takes it."""
+    """Yield the messages of a run in the order of their stamps, each with the method that takes it."""
     made = SensorMessages(BAG_TYPES, robot, 'odom')
-    declared = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
-    joints, base = readings.joints, replace(readings.base, **declared)
+    covariances = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
+    joints, base = readings.joints, replace(readings.base, **covariances)
     stamps = [np.round(part.time * 1e9).astype(np.int64) for part in (base, joints)]
     kind = np.repeat([0, 1], [len(part) for part in stamps])
     row = np.concatenate([np.arange(len(part)) for part in stamps])
@@ -161,7 +105,7 @@ def messages(
             yield session.add_odometry, made.odometry(base, index, at)
 
 
-def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
+def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:
     if not history:
         return _silent('waiting', '')
     last = history[-1]
@@ -173,13 +117,14 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     young = np.array([YOUNG in each.warnings for each in history])
     later = np.where(young, 0.0, deviation)
     time = np.array([each.time for each in history])
-    return Told(
+    causes, events = [cause for cause, _ in last.causes], [event.cause for event in last.events]
+    return Outcome(
         status=last.status,
         error=error[-1],
         std=std[-1],
         jointly=jointly(last, sought),
-        named=_named(last),
-        causes='\n'.join(cause for cause, _ in last.causes) or '\n'.join(event.cause for event in last.events),
+        named=next(iter([*causes, *events, *last.warnings]), '')[:_WORDS],
+        causes='\n'.join(causes or events),
         first=float(np.min(time[np.any(given, axis=1)], initial=np.inf)),
         worst=float(np.max(later)),
         worst_at=float(time[np.argmax(later)]),
@@ -189,26 +134,71 @@ def _told(history: list[Estimate], sought: Array, since: float = 0.0) -> Told:
     )
 
 
-def _silent(status: str, named: str) -> Told:
+def _silent(status: str, named: str) -> Outcome:
     nothing = np.full(10, np.nan)
-    return Told(status, nothing, nothing, np.nan, named, '', np.inf, 0.0, np.nan, 0.0, 0, 0)
+    return Outcome(status, nothing, nothing, np.nan, named, '', np.inf, 0.0, np.nan, 0.0, 0, 0)
 
 
 def jointly(last: Estimate, sought: Array) -> float:
-    """Return how far all parameters of an estimate are off together, in standard deviations of a single one."""
+    """Return the joint error of all parameters, as standard deviations of a single one that is as unlikely."""
     freedom = int(np.sum(np.isfinite(last.std) & np.isfinite(last.parameters)))
     if not freedom:
         return np.nan
     chance = chdtrc(freedom, freedom * nees(last, sought))
-    return float(-ndtri(0.5 * max(chance, np.finfo(float).tiny)))  # as far as there are numbers for it: 37
+    return float(-ndtri(0.5 * max(chance, np.finfo(float).tiny)))  # at most 37
 
 
-def _named(last: Estimate) -> str:
-    """Return the first cause that an estimate names, or else its first warning."""
-    told = [*(cause for cause, _ in last.causes), *(event.cause for event in last.events), *last.warnings]
-    return told[0][:_WORDS] if told else ''
+def rank(condition: str, causes: Sequence[str]) -> int:
+    """Return the place of the true cause of a condition among named ones, from 1 on; 0 if it is not there."""
+    truth = re.compile(_TRUE_CAUSES[condition])
+    return next((place for place, cause in enumerate(causes, start=1) if truth.search(cause)), 0)
 
 
-def run_file(store: Path, name: str, method: str) -> Path:
-    """Return the file that keeps the runs of a condition."""
-    return store / f'{method}-{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
+@dataclass(frozen=True)
+class Verdict:
+    """The runs of a condition together; NaN without any that ends well."""
+
+    statuses: Counter[str]  # at the end
+    covered: float  # share of the 95 % intervals that hold the truth, of the runs that end well
+    largest: float  # error of any of their parameters, standard deviations
+    jointly: float  # the same of all parameters of a run together
+    ever: float  # of any estimate during a run, except first ones
+    ever_at: float  # s
+    young: float  # of first ones
+    windows: int  # estimates of all runs
+    alarms: int  # inconsistent ones
+    named: str  # cause or warning that most runs name first
+    silently_wrong: bool  # a good status, and wrong
+    places: tuple[
+        int, ...
+    ]  # of the true cause in each run, 0 if missing; none for runs that are right and name nothing
+
+
+def judged(outcome: Outcome, condition: str = '') -> Verdict:
+    """Return the verdict on the runs of a condition."""
+    good = np.isin(outcome.status, PUBLISHED)[:, None]
+    given = good & np.isfinite(outcome.error) & (outcome.std > 0.0)
+    deviation = np.abs(outcome.error[given] / outcome.std[given])
+    covered = float(np.mean(deviation < QUANTILE)) if len(deviation) else np.nan
+    largest = float(np.max(deviation)) if len(deviation) else np.nan
+    together = outcome.jointly[good[:, 0] & np.isfinite(outcome.jointly)]
+    joint = float(np.max(together)) if len(together) else np.nan
+    pairs = zip(outcome.status, outcome.causes, strict=True) if condition in _TRUE_CAUSES else ()
+    return Verdict(
+        statuses=Counter(outcome.status.tolist()),
+        covered=covered,
+        largest=largest,
+        jointly=joint,
+        ever=float(np.max(outcome.worst)),
+        ever_at=float(outcome.worst_at[np.argmax(outcome.worst)]),
+        young=float(np.max(outcome.young)),
+        windows=int(np.sum(outcome.windows)),
+        alarms=int(np.sum(outcome.alarms)),
+        named=Counter(outcome.named.tolist()).most_common(1)[0][0],
+        silently_wrong=bool(np.fmax(largest, joint) > FAR or covered < _FEWEST_COVERED),
+        places=tuple(
+            rank(condition, causes.split('\n'))
+            for status, causes in pairs
+            if causes or status not in (*PUBLISHED, REFUSED)
+        ),
+    )

@@ -1,4 +1,9 @@
-"""One run of a robot that is not its URDF, and what many of them come to."""
+"""Runs of robots that are not their URDF, and the attainable accuracy.
+
+The attainable accuracy is the filter's posterior, linearised at the truth. All windows of the exact motion pass through
+the information filter at the true robot, momentum and body. Priors and noise then leave the covariance of the best
+estimate to first order. The mean for data without noise has the error that the robot itself makes.
+"""
 
 from __future__ import annotations
 
@@ -7,61 +12,70 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.data import DURATION, MAXIMUM_GAP, RATE, Case, kernel, motion, observed
-from benchmarks.model_errors.bound import Attainable, attainable
-from benchmarks.model_errors.variant import LEVEL, Variant, settings
-from benchmarks.store import Runs
+from benchmarks.data import (
+    DURATION,
+    MAXIMUM_GAP,
+    NOISE,
+    RATE,
+    Case,
+    exact_samples,
+    kernel,
+    momentum_of,
+    motion,
+    observed,
+    target,
+)
+from benchmarks.frame import Runs
+from benchmarks.model_errors.variant import Variant, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.filter.averaging import KnotAveraging
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import (
+    BODY,
+    MOMENTUM,
+    Layout,
+    layout_of,
+)
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import LinearisationCache
+from mbaid_ros.core.filter.window import Window, stacked
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.inertia import physical_jacobian
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.replay.campaigns.monte_carlo import nees
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.unknowns.base import OdometryMount
+from mbaid_ros.core.unknowns.bodies import KnownBodies
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.core.unknowns.joints import JointPlacements
+from mbaid_ros.replay.campaigns.monte_carlo import mean, nees
 from mbaid_ros.session import make_estimator
+from mbaid_ros.session.posterior import declared_errors
+from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes
 
-
-@dataclass(frozen=True)
-class Said:
-    """What a run of a minute said at its end.
-
-    Attributes
-    ----------
-    status : of the estimate
-    error, std : (10,) of the parameters; NaN where not published
-    bound, robots_own : (10,) as `Attainable` has them, std and error; NaN where there is none to be compared with
-    error_norm : squared error in the metric of the reported covariance, a parameter
-    nis : mean normalised innovation squared
-    words : its warnings but those of the error budget
-    """
-
-    status: str
-    error: Array
-    std: Array
-    bound: Array
-    robots_own: Array
-    error_norm: float
-    nis: float
-    words: str
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Outcome(Runs):
-    """What the runs of a variant said: as in Said, with a leading axis."""
+    """Ends of runs of a minute."""
 
     status: Array
-    error: Array
-    std: Array
-    bound: Array
-    robots_own: Array
-    error_norm: Array
-    nis: Array
-    words: Array
+    error: Array  # (..., 10) NaN where not published
+    std: Array  # (..., 10)
+    bound: Array  # (..., 10) attainable standard deviations
+    robots_own: Array  # (..., 10) errors of the best estimate without noise
+    error_norm: Array  # NEES, a parameter
+    nis: Array  # mean normalised innovation squared
 
     @property
     def z(self) -> Array:
@@ -70,27 +84,18 @@ class Outcome(Runs):
 
     @property
     def coverage(self) -> Array:
-        """Share of the 95 % intervals that hold the truth, of each parameter, (10,); NaN where none is published."""
-        return _mean(np.where(np.isfinite(self.z), np.abs(self.z) < BAND, np.nan))
+        """Share of the 95 % intervals that hold the truth, of each parameter, (10,)."""
+        return mean(np.where(np.isfinite(self.z), np.abs(self.z) < BAND, np.nan))
 
-    @property
-    def over_bound(self) -> Array:
-        """RMSE over the root mean square of the bounds of the same runs, (10,)."""
-        return self._over_bound(self.error)
-
-    @property
-    def drawn_over_bound(self) -> Array:
-        """The same of what the robots make by themselves to first order, (10,)."""
-        return self._over_bound(self.robots_own)
-
-    def _over_bound(self, error: Array) -> Array:
+    def over_bound(self, error: Array) -> Array:
+        """Return RMSE over the root mean square of the bounds of the same runs, (10,)."""
         there = np.isfinite(error) & np.isfinite(self.bound)
-        squares = [_mean(np.where(there, values**2, np.nan)) for values in (error, self.bound)]
+        squares = [mean(np.where(there, values**2, np.nan)) for values in (error, self.bound)]
         return np.asarray(np.sqrt(squares[0] / squares[1]))
 
     @property
     def nees(self) -> tuple[float, float, float]:
-        """Mean squared error in the metric of the covariance, a parameter, and the band that holds 95 % of such."""
+        """Mean squared error in the metric of the covariance, a parameter, and the 95 % band of such means."""
         there = np.isfinite(self.error_norm)
         freedom = float(np.sum(np.isfinite(self.z[there])))
         if not freedom:
@@ -101,36 +106,22 @@ class Outcome(Runs):
 
     @property
     def largest(self) -> tuple[float, str, int]:
-        """Largest |error| in standard deviations, whose parameter it is of, and the seed."""
+        """Largest |error| in standard deviations, its parameter, and its seed."""
         size = np.where(np.isfinite(self.z), np.abs(self.z), -1.0)
         seed, place = np.unravel_index(int(np.argmax(size)), size.shape)
         return float(size[seed, place]), PARAMETERS[int(place)], int(seed)
 
 
-def run(work: tuple[Variant, int, bool]) -> Said:
-    """Draw a robot, move it, and identify what it holds.
-
-    Parameters
-    ----------
-    work : a variant, the seed of robot and noise, and whether its bound is wanted
-    """
-    variant, seed, bounded = work
+def run(work: tuple[Variant, int]) -> Outcome:
+    """Draw a robot, move it, and identify its target: variant, seed."""
+    variant, seed = work
     errors = variant.errors(seed)
     moved = motion(variant.robot, RATE, errors)
-    estimate = _estimates(variant, seed, errors, moved)[-1]
-    truth = physical(kernel(variant.robot).target.parameters)
-    best = attainable(variant.robot, moved, errors, variant.sizes) if bounded else Attainable(*np.full((2, 10), np.nan))
-    words = '; '.join(estimate.warnings)
-    return Said(
-        estimate.status,
-        estimate.parameters - truth,
-        estimate.std,
-        best.std,
-        best.error,
-        nees(estimate, truth),
-        estimate.residual**2,
-        words,
-    )
+    last = _estimates(variant, seed, errors, moved)[-1]
+    best = attainable(variant.robot, moved, errors, variant.sizes)
+    truth = target(variant.robot)
+    norms = nees(last, truth), last.residual**2
+    return Outcome(np.array(last.status), last.parameters - truth, last.std, *best, *map(np.asarray, norms))
 
 
 def estimates(variant: Variant, seed: int) -> list[Estimate]:
@@ -141,31 +132,69 @@ def estimates(variant: Variant, seed: int) -> list[Estimate]:
 
 def _estimates(variant: Variant, seed: int, errors: ModelErrors, truth: Truth) -> list[Estimate]:
     truth = truth[: int(np.searchsorted(truth.time, DURATION + 1e-9))]
-    streams = observed(truth, Case(variant.robot, LEVEL), seed, errors)
-    return identifier(variant.robot, variant.told).push(*streams)
+    config = build(EstimatorConfig, settings(variant.believed))
+    identifier = Identifier(make_estimator(config, kernel(variant.robot)), config.window, MAXIMUM_GAP)
+    return identifier.push(*observed(truth, Case(variant.robot, 'mid'), seed, errors))
 
 
-def identifier(robot: str, told: ErrorSizes) -> Identifier:
-    """Return the default method, told how robots are drawn; default parameters otherwise."""
-    config = build(EstimatorConfig, settings(told))
-    return Identifier(make_estimator(config, kernel(robot)), config.window, MAXIMUM_GAP)
+def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes) -> Array:
+    """Return (2, 10) attainable deviations, and errors without noise; NaN for what a planar motion leaves open."""
+    config = build(EstimatorConfig, settings(sizes))
+    own = kernel(robot)
+    own = own.with_uncertainty(declared_errors(own, config.known_links))
+    uncertainty = declared_uncertainty(config, own.model)
+    windows, origin, detector = _windows(robot, truth, errors, config.window)
+    layout = layout_of(own, uncertainty, detector)
+    own_variables = variables(layout, detector, uncertainty)
+    state = np.zeros(layout.size)
+    momentum = momentum_of(robot, truth, errors)
+    momentum[3:] -= cross(origin, momentum[:3])
+    state[MOMENTUM], state[BODY] = momentum, own.target.parameters
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
+    belief = _followed(layout, own_variables, windows, state)
+    moments = MeanAndCovariance.of(belief, own_variables)
+    jacobian = physical_jacobian(own.target.parameters)
+    deviation = np.sqrt(np.sum((jacobian @ moments.factor[BODY]) ** 2, axis=1))
+    error = jacobian @ (moments.mean - state)[BODY]
+    plane = detector.plane(own.target)
+    if plane is not None:
+        beside = np.any(np.abs(plane.basis @ plane.basis.T - np.eye(10)) > _ROUNDING, axis=1)
+        deviation[beside] = error[beside] = np.nan
+    return np.stack((deviation, error))
 
 
-def budget(variant: Variant, seed: int) -> ErrorBudget:
-    """Return the error budget at the end of a run.
+def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tuple[list[Window], Array, PlaneDetector]:
+    """Return the windows of a motion measured without noise, the first position of its base, and its plane."""
+    cutter, own = Windows(length), kernel(robot)
+    samples = exact_samples(truth, NOISE, errors)
+    samples = samples[: round(samples.time[-1] / length) * round(length / (samples.time[1] - samples.time[0]))]
+    parts: list[Samples] = [*cutter.push(samples), *cutter.flush()]
+    detector = PlaneDetector(own.model)
+    for part in parts:
+        detector.update(part)
+    gathering = KnotAveraging(own.model.joints, NOISE, length)
+    taken = gathering.take(parts)
+    both = [*(each.ready for each in taken), taken[-1].still_open]
+    return [window for window in both if window is not None], gathering.origin, detector
 
-    Raises
-    ------
-    ValueError
-        The run has come to none.
-    """
-    found = estimates(variant, seed)[-1].budget
-    if found is None:
-        raise ValueError(f'no error budget of {variant.robot} with seed {seed}')
-    return found
+
+def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> SquareRootInformation:
+    """Return the posterior after windows, all linearised at a state."""
+    steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
+    belief = SquareRootInformation.prior(own)
+    for place, (_, step) in enumerate(steps):
+        belief = update(belief if place == 0 else advance(belief, steps[place - 1][1], own, UNDISTURBED), step)
+    return belief
 
 
-def _mean(values: Array) -> Array:
-    """Return the means of columns without their NaN; NaN where there is nothing else."""
-    count = np.sum(np.isfinite(values), axis=0)
-    return np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
+def _true(unknown: Unknown, errors: ModelErrors) -> Array:
+    """Return the true (k,) values of an unknown."""
+    if isinstance(unknown, KnownBodies):
+        return errors.bodies[list(unknown.bodies)].ravel()
+    if isinstance(unknown, JointPlacements):
+        tilts = (errors.tilts[:, None] @ unknown.across)[:, 0]
+        return np.column_stack((errors.zeros, errors.origins, tilts)).ravel()
+    if isinstance(unknown, OdometryMount):
+        return errors.mount
+    return np.zeros(len(unknown.factor))

@@ -20,13 +20,12 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import HIGH, MID, drifting, identify, kernel, observe, true_body, windows
+from observed import HIGH, MID, drifting, identify, kernel, observe, windows
 from servicing import GENERAL, LINKS, NOTHING, PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 
 def calibrated(model: RobotModel, truth: Truth, seed: int, priors: tuple[LinkPrior, ...] = PRIORS) -> Calibration:
-    """Return the calibration of all links of a robot, from a motion as sensors of mid quality see it."""
     return calibrate(all_unknown(model), [windows(observe(truth, MID, seed))], CalibrationSettings(MID, priors))
 
 
@@ -135,21 +134,6 @@ def test_one_unknown_link_is_the_single_link_method(spatial: Truth) -> None:
     assert np.all(np.abs(link.parameters - alone.parameters) < 0.3 * alone.std)
     assert link.std == pytest.approx(alone.std, rel=0.1)
     assert np.all(np.abs(found.momentum[0] - alone.momentum) < 0.3 * np.sqrt(np.diag(alone.momentum_covariance)))
-
-
-def test_base_mass_and_target_at_once(spatial_minute: Truth) -> None:
-    model = robot('servicer7')
-    unknown = MomentumKernel(model, 'base_link', 'link7')
-    # Of the base all but the mass is known.
-    priors = (LinkPrior(mass=0.0, com=1e-5, inertia=1e-5), NOTHING)
-    for seed in range(3):
-        data = [windows(observe(spatial_minute, MID, seed))]
-        base, target = calibrate(unknown, data, CalibrationSettings(MID, priors)).links
-        assert abs(base.parameters[0] - 560.0) < 3.0 * base.std[0] < 10.0
-        error = target.parameters - true_body(kernel('servicer7'))
-        assert np.all(np.abs(error) < 4.0 * target.std)
-        assert normalised(error, target.covariance) < 40.0  # ten chi-squares: 1 in 50 000
-        assert target.std[0] < 1.0
 
 
 def test_in_a_plane_what_lies_out_of_it_stays_at_cad(planar: Truth) -> None:

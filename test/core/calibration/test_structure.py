@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter, exchanges, formula, structure
-from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.motion import random_sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth
-from observed import MID, drifting, observe, windows
 from random_robots import random_state, random_urdf
 from simulated import robot
 
@@ -41,69 +36,6 @@ def theory(model: RobotModel, *, planar: bool) -> int:
 def test_the_rank_is_that_of_the_theory(name: str) -> None:
     model = robot(name)
     assert structure(mechanism(model, NORMAL[name])).rank == theory(model, planar=name == 'table1')
-
-
-def turning(name: str, spin: float) -> Truth:
-    """Return 15 s of a robot that moves all its joints, started at rest or turning about z (rad/s)."""
-    model = robot(name)
-    motion = random_sinusoids(np.full(model.joints, 0.3), 5, 2, 0.8, 6.0, 15.0)
-    rates = motion.reference(0.0)[1]
-    # At rest means without momentum: what the joints' start alone would give is taken off the base.
-    still = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.concatenate((np.zeros(6), rates)))
-    total, inertia = _momentum_and_inertia(model, still)
-    velocity = np.concatenate((np.linalg.solve(inertia, -total), rates)) + spin * np.eye(6 + model.joints)[5]
-    start = State(still.base_position, still.base_orientation, motion.start, velocity)
-    return Simulation(model, motion, start, 0.05).advance(np.arange(150) / 10.0)
-
-
-def _momentum_and_inertia(model: RobotModel, state: State) -> tuple[Array, Array]:
-    """Return the (6,) momentum at zero base twist and the (6, 6) momentum of unit base twists."""
-    kernel = all_unknown(model)
-    theta = np.concatenate([link.parameters for link in kernel.unknown])
-
-    def momentum(twist: Array, rates: Array) -> Array:
-        states = kernel.states_of(np.eye(3)[None], state.joint_position[None], rates[None], twist[None])
-        return np.asarray(np.concatenate([states.regressor_of(each) for each in kernel.unknown], axis=2)[0] @ theta)
-
-    rates = state.velocity[6:]
-    return momentum(np.zeros(6), rates), np.array([momentum(twist, 0.0 * rates) for twist in np.eye(6)]).T
-
-
-def ranks(name: str, truth: Truth) -> tuple[int, int, Array]:
-    """Return the rank of the rows with the momentum known and unknown, and the singular value behind the latter."""
-    model = robot(name)
-    kernel = all_unknown(model)
-    blocks = window_rows(kernel, windows(observe(truth, MID), 0.2), MID, truth.base_position[0])
-    scale = structure(mechanism(model)).scale
-    equations = np.eye(6) if NORMAL[name] is None else np.eye(6)[[0, 1, 5]]
-    bodies = (equations @ blocks.rows[..., : len(scale)]).reshape(-1, len(scale)) * scale
-    momentum = (equations @ blocks.rows[..., len(scale) :]).reshape(len(bodies), 6) * scale[0]
-    found = []
-    for matrix in (bodies, np.column_stack((bodies, momentum))):
-        values = np.linalg.svd(matrix, compute_uv=False)
-        # The integrator holds momentum to 1e-10; what motions tell is above 1e-6 in typical sizes.
-        found.append(int(np.sum(values > 1e-8 * values[0])))
-    return found[0], found[1], blocks.rows
-
-
-@pytest.mark.parametrize('name', ['table1', 'servicer7'])
-def test_the_rank_of_motions_with_known_unknown_and_zero_momentum(name: str) -> None:
-    model = robot(name)
-    planar = name == 'table1'
-    of_momentum = 3 if planar else 6
-    full = theory(model, planar=planar)
-    # The momentum drifts and turns, so that none of it is zero.
-    known, unknown, _ = ranks(name, drifting(turning(name, 0.05), np.array([0.05, -0.03, 0.0 if planar else 0.02])))
-    assert known == full
-    # All of theta and h_0 but the common factor.
-    assert unknown == full - 1 + of_momentum
-    zero, zero_unknown, rows = ranks(name, turning(name, 0.0))
-    assert zero == full - 1
-    assert zero_unknown == full - 1 + of_momentum
-    # That one direction is theta itself.
-    theta = np.concatenate([link.parameters for link in model.links])
-    bodies = rows[..., : len(theta)]
-    assert np.abs(bodies @ theta).max() < 1e-8 * (np.abs(bodies) @ np.abs(theta)).max()
 
 
 @pytest.mark.parametrize('name', NORMAL)

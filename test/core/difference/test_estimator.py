@@ -1,20 +1,26 @@
-"""The weighted difference form on exact data: every parameter and the momentum, whatever the momentum is."""
+"""The weighted difference form: exact on exact data, within its covariance on noisy data."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import HIGH, LOW, MID, drifting, identify, kernel, true_body
+from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows
 from random_robots import random_urdf
 from simulated import state
 
@@ -35,15 +41,14 @@ def test_a_minute_of_exact_data_gives_every_parameter(spatial_minute: Truth) -> 
     assert last.momentum == pytest.approx(total_momentum(unknown.model, spatial_minute[:1])[0], abs=1e-7)
 
 
-@pytest.mark.parametrize('speed', [0.01, 0.1])
-def test_a_drift_of_the_whole_system_makes_no_difference(spatial: Truth, drift: Array, speed: float) -> None:
+def test_a_drift_of_the_whole_system_makes_no_difference(spatial: Truth, drift: Array) -> None:
     unknown = kernel('servicer7')
-    truth = drifting(spatial, speed * drift)
+    truth = drifting(spatial, 0.1 * drift)
     last = identify(unknown, truth, MID)[-1]
     # After 20 s the worst parameter amplifies the integrator's errors a hundredfold.
     assert errors(last.parameters, true_body(unknown)).max() < 1e-7
     total = total_momentum(unknown.model, truth[:1])[0]
-    assert np.linalg.norm(total[:3]) > 700.0 * speed
+    assert np.linalg.norm(total[:3]) > 70.0
     assert last.momentum == pytest.approx(total, abs=1e-6)
 
 
@@ -57,22 +62,6 @@ def test_far_from_the_origin_of_the_odometry(spatial: Truth, drift: Array) -> No
     assert far.std == pytest.approx(near.std, rel=1e-4)
     total = total_momentum(unknown.model, truth[:1])[0]
     assert far.momentum == pytest.approx(total, rel=1e-8)
-
-
-@pytest.mark.parametrize('noise', [LOW, MID, HIGH], ids=['low', 'mid', 'high'])
-def test_the_papers_case_gives_what_a_plane_can_tell(planar: Truth, noise: SensorNoise) -> None:
-    unknown = kernel('table1')
-    last = identify(unknown, planar[::5], noise)[-1]
-    expected = [0, 1, 2, 9]
-    assert np.flatnonzero(last.identifiable).tolist() == expected
-    if noise is HIGH:
-        # Ten samples a second say so little that windows leave with noise taken off, of which these have none.
-        assert np.all(np.abs(last.parameters - true_body(unknown))[expected] < last.std[expected])
-    else:
-        assert errors(last.parameters, true_body(unknown))[expected].max() < 1e-6
-        assert last.momentum[5] == pytest.approx(4597.634, abs=1e-3)
-    assert np.isnan(np.delete(last.parameters, expected)).all()
-    assert last.warnings[0].startswith('planar motion')
 
 
 def test_the_target_may_be_any_link(spatial: Truth) -> None:
@@ -108,17 +97,124 @@ def test_the_unknowns_have_the_size_of_the_robot() -> None:
     assert (unknown_scale(bare) > 0.0).all()
 
 
-def test_a_robot_at_rest_tells_nothing(spatial: Truth) -> None:
-    unknown = kernel('servicer7')
-    still = replace(spatial[np.zeros(100, dtype=int)], time=np.arange(100) * 0.05)
-    still = replace(
-        still,
-        joint_velocity=np.zeros_like(still.joint_velocity),
-        base_linear_velocity=np.zeros((100, 3)),
-        base_angular_velocity=np.zeros((100, 3)),
+# The covariance is of first order in the noise: measured over 60 runs, errors are 1.11 times as large as it says.
+OPTIMISM = 1.25
+SEEDS = {  # of each noise, with a motion in space and in a plane
+    ('servicer7', 'low'): range(3), ('servicer7', 'mid'): range(10, 17), ('servicer7', 'high'): range(20, 23),
+    ('table1', 'low'): range(2), ('table1', 'mid'): range(4), ('table1', 'high'): range(2),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Noisy runs of a robot: what is identifiable, the motions, and the estimates of each."""
+
+    robot: MomentumKernel
+    known: list[int]
+    motions: list[Truth]
+    estimates: list[list[Estimate]]
+
+
+@pytest.fixture(scope='module', params=SEEDS, ids='-'.join)
+def runs(request: pytest.FixtureRequest, spatial: Truth, planar: Truth, drift: Array) -> Runs:
+    """Return noisy runs; in space every second one drifts with 0.1 m/s, far from the odometry's origin."""
+    name, noise = request.param
+    unknown, seeds = kernel(name), SEEDS[request.param]
+    if name == 'servicer7':
+        known, motions = list(range(10)), [spatial, drifting(spatial, 0.1 * drift, np.array([400.0, -300.0, 200.0]))]
+    else:  # for poor encoders the whole minute, else 20 s
+        known, motions = [0, 1, 2, 9], [planar if noise == 'high' else planar[:1000]] * 2
+    moved = [motions[place % 2] for place in range(len(seeds))]
+    sensors = {'low': LOW, 'mid': MID, 'high': HIGH}[noise]
+    return Runs(
+        unknown, known, moved, [identify(unknown, *each) for each in zip(moved, repeat(sensors), seeds, strict=False)]
     )
-    for seed in (None, 0):
-        estimates = identify(unknown, still, MID, seed)
-        assert {x.status for x in estimates} == {'not_identifiable'}
-        assert all(np.isnan(x.parameters).all() for x in estimates)
-        assert all(np.isfinite(x.momentum).all() for x in estimates)
+
+
+def assert_chi_square(values: list[float], freedom: int, least: float = 1e-3) -> None:
+    """Assert that normalised squared errors are what chance makes of them, once in a thousand times on either side."""
+    total = freedom * len(values)
+    assert chi2.ppf(least, total) < sum(values) < OPTIMISM * chi2.ppf(1.0 - 1e-3, total)
+
+
+def test_errors_are_as_large_as_the_covariance_says(runs: Runs) -> None:
+    true, squares, momenta = true_body(runs.robot), [], []
+    moving = [0, 1, 5] if len(runs.known) == 4 else list(range(6))
+    for truth, estimates in zip(runs.motions, runs.estimates, strict=True):
+        last = estimates[-1]
+        assert np.flatnonzero(last.identifiable).tolist() == runs.known
+        assert last.status in {'estimating', 'converged'}
+        # In space 240 equations less 16 unknowns: a standard deviation of 5 %.
+        assert last.residual == pytest.approx(1.0, abs=0.2)
+        assert np.all(np.abs(last.parameters - true)[runs.known] < 4.5 * last.std[runs.known])
+        squares.append(nees(last, true))
+        error = (last.momentum - total_momentum(runs.robot.model, truth[:1])[0])[moving]
+        momenta.append(float(error @ np.linalg.solve(last.momentum_covariance[np.ix_(moving, moving)], error)))
+    assert_chi_square(squares, len(runs.known))
+    # The momentum of a planar motion is better known than is reported: half its standard deviation.
+    assert_chi_square(momenta, len(moving), 1e-3 if len(runs.known) == 10 else 0.0)
+
+
+def test_early_estimates_are_possible_and_honest_too(runs: Runs) -> None:
+    wide = []
+    for estimate in (each for estimates in runs.estimates for each in estimates if each.identifiable.any()):
+        assert set(np.flatnonzero(estimate.identifiable)) <= set(runs.known)
+        # A centre of mass or a moment is never published without the mass it rests on.
+        assert estimate.identifiable[0]
+        assert estimate.parameters[0] > 0.0
+        assert is_physical(standard(estimate.parameters)) or not estimate.identifiable.all()
+        assert not estimate.parameters[9] <= 0.0
+        error = np.abs(estimate.parameters - true_body(runs.robot)) > 6.0 * estimate.std
+        wide.append(error[estimate.identifiable])
+    # Deviations of weakly determined parameters are far from Gaussian: still next to none beyond six.
+    assert np.mean(np.concatenate(wide)) < 0.01
+
+
+def test_good_encoders_converge_within_twenty_seconds(spatial: Truth) -> None:
+    estimates = identify(kernel('servicer7'), spatial, LOW, 0)
+    assert estimates[-1].status == 'converged'
+    assert (estimates[-1].std / np.maximum(np.abs(estimates[-1].parameters), 1.0))[:4].max() < 0.01
+    stds = np.array([x.std[0] for x in estimates if x.identifiable[0]])
+    # What is known of the mass gets more, save for what the estimate itself moves.
+    assert (stds[1:] < 1.2 * stds[:-1]).all()
+
+
+def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth) -> None:
+    unknown = kernel('servicer7')
+    truth = spatial_minute[spatial_minute.time < 30.0 - 1e-9]
+    everything = identify(unknown, truth, MID, 5, difference__kept_windows=100)[-1]
+    fewer = identify(unknown, truth, MID, 5, difference__kept_windows=10)[-1]
+    # Measured: below 0.1 standard deviations.
+    assert (np.abs(fewer.parameters - everything.parameters) < 0.2 * everything.std).all()
+    assert fewer.std == pytest.approx(everything.std, rel=0.02)
+
+
+def test_a_known_momentum_helps(spatial: Truth) -> None:
+    """A servicer that matched velocities before the capture knows that the linear momentum is near zero."""
+    unknown = kernel('servicer7')
+    without = identify(unknown, spatial, MID, 6)[-1]
+    given = identify(unknown, spatial, MID, 6, momentum__linear_prior_std=0.01)[-1]
+    assert (given.std <= without.std * 1.01).all()
+    assert given.std[0] < 0.9 * without.std[0]
+    assert np.sqrt(np.diag(given.momentum_covariance))[:3].max() <= 0.01
+    assert nees(given, true_body(unknown)) < OPTIMISM * chi2.ppf(1.0 - 1e-3, 10)
+
+
+def identified(name: str, truth: Truth, noise: SensorNoise, seed: int, **parameters: object) -> Estimate:
+    return estimator(kernel(name), noise, **parameters).update(windows(observe(truth, noise, seed)), 0)[-1]
+
+
+def test_little_data_do_not_determine_a_body(spatial: Truth) -> None:
+    assert not identified('servicer7', spatial[:40], HIGH, 0).identifiable.all()
+
+
+def test_known_bodies_in_doubt_widen_the_estimate_and_the_worst_is_told(spatial: Truth) -> None:
+    wider, exact = (
+        identified('servicer7', spatial, MID, 0, known_links__relative_std=known_std) for known_std in (0.01, 0.0)
+    )
+    assert np.all(np.diag(wider.covariance) > np.diag(exact.covariance))
+    (told,) = (line for line in wider.warnings if 'of the variance is due' in line)
+    whole, own = (int(share) for share in re.findall(r'(\d+) %', told))
+    assert 50 < own <= whole <= 100
+    assert told.endswith('to link:base_link alone')
+    assert not any('of the variance is due' in line for line in exact.warnings)

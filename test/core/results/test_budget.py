@@ -1,11 +1,18 @@
-"""The error budget: what is said of shares of variances."""
+"""The error budget, ratios of inertia, nonlinearity, and numbers rounded to what they are worth."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
+from derivatives import central_difference
+from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, described, short
+from mbaid_ros.core.results.parameters import rounded
+from mbaid_ros.core.results.physical_consistency import inertia_ratios
+from mbaid_ros.core.results.reporting import Curvature
 
 CAUSES = (SENSOR_NOISE, 'link:base_link', 'zero:joint6')
 STD = np.array([0.5, 1e-3, 2e-3, 1e-3, *[0.1] * 6])
@@ -98,3 +105,105 @@ def test_what_an_estimate_rests_on_comes_by_the_parameter_it_matters_most_for() 
     link = 'link base_link (90 % of mass, 30 % of centre of mass, 30 % of inertia)'
     assert found == f'{link}, zero of joint6 (85 % of centre of mass)'
     assert budget().resting() == ''
+
+
+BODY = np.array([0.28, 1e-3, -2e-3, 3e-3, 2.2e-4, 1e-5, -2e-5, 3.1e-4, 1.5e-5, 4e-4])
+
+
+def test_standard_deviations_are_those_of_the_derivatives() -> None:
+    rng = np.random.default_rng(0)
+    root = 1e-6 * rng.normal(size=(10, 10))
+    covariance = root @ root.T
+    found = inertia_ratios(BODY, covariance)
+
+    def elements(body: Array) -> Array:
+        return np.asarray(body[4:] / np.trace(unvec(body[4:])))
+
+    def principal(body: Array) -> Array:
+        return np.asarray(np.linalg.eigvalsh(unvec(elements(body))))
+
+    for values, stds, function in (
+        (found.elements, found.std, elements),
+        (found.principal, found.principal_std, principal),
+    ):
+        slope = central_difference(function, BODY, np.maximum(1e-4 * np.abs(BODY), 1e-9))
+        assert values == pytest.approx(function(BODY))
+        assert stds == pytest.approx(np.sqrt(np.diag(slope @ covariance @ slope.T)), rel=1e-4)
+
+
+def test_a_common_factor_is_none_of_them() -> None:
+    direction = np.concatenate((np.zeros(4), BODY[4:]))
+    known, open_ = np.diag((1e-4 * BODY) ** 2), 0.04 * np.outer(direction, direction)
+    found = inertia_ratios(BODY, known + open_)
+    assert found.scale_std == pytest.approx(0.2, rel=1e-3)
+    assert found.std == pytest.approx(inertia_ratios(BODY, known).std)
+    assert found.clearer
+    assert not inertia_ratios(BODY, known).clearer
+
+
+def test_moments_that_are_alike_have_ratios() -> None:
+    ball = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    found = inertia_ratios(ball, 1e-6 * np.eye(10))
+    assert found.principal == pytest.approx(np.full(3, 1.0 / 3.0))
+    assert np.isfinite(found.principal_std).all()
+
+
+MASS, IXX = 0, 4
+
+
+def curvature(shift: float, place: int) -> Curvature:
+    shifts = np.zeros((3, 10))
+    shifts[1, place] = shift
+    return Curvature(shifts, np.diag(np.arange(1.0, 11.0) ** 2))
+
+
+def test_a_parameter_that_follows_the_point_is_not_straight() -> None:
+    bent = curvature(-3.0, IXX)  # of a standard deviation of 5
+    assert bent.anywhere
+    assert np.flatnonzero(~bent.straight(np.eye(10))).tolist() == [IXX]
+
+
+def test_a_small_part_of_a_standard_deviation_is_as_good_as_none() -> None:
+    assert not curvature(1.0, IXX).anywhere
+
+
+def test_numbers_that_mix_parameters_are_judged_by_their_own_deviation() -> None:
+    mixed = np.eye(10)
+    mixed[IXX, MASS] = 100.0  # I_xx about a distant point: its deviation is the mass's
+    assert curvature(-3.0, IXX).straight(mixed).all()
+
+
+def test_what_is_known_exactly_and_does_not_move_is_straight() -> None:
+    assert Curvature(np.zeros((3, 10)), np.zeros((10, 10))).straight(np.eye(10)).all()
+
+
+@pytest.mark.parametrize(
+    ('value', 'std', 'shown'),
+    [
+        (162.0, 0.03, ('162.000', '0.059')),
+        (934.4470123, 0.117, ('934.45', '0.23')),
+        (2.3, 8e-5, ('2.300000', '0.000157')),
+        (0.099, 0.0996, ('0.10', '0.20')),
+        (12345.678, 1234.0, ('12300', '2400')),
+        (-1e-9, 0.01, ('0.000', '0.020')),
+        (1e-6, 1.2e-9, ('1.0000e-06', '2.4e-09')),
+        (-3.2e9, 4.5e7, ('-3.200e+09', '8.8e+07')),
+        (1e-12, 1e-9, ('0', '2.0e-09')),
+        (1.0, 0.0, ('1', '0')),
+        (162.0, math.nan, ('162', '-')),
+        (math.nan, 1.0, ('-', '-')),
+        (math.inf, 1.0, ('-', '-')),
+    ],
+)
+def test_two_digits_of_the_standard_deviation_decide(value: float, std: float, shown: tuple[str, str]) -> None:
+    assert rounded(value, std, '-') == shown
+
+
+@pytest.mark.parametrize('exponent', range(-12, 13))
+def test_what_is_left_off_is_less_than_a_tenth_of_the_standard_deviation(exponent: int) -> None:
+    for std in (1.0e0, 1.04, 3.7, 9.94, 9.96):
+        size = std * 10.0**exponent
+        for value in (123.456 * size, -0.7071 * size, 1e7 * size):
+            shown, band = map(float, rounded(value, size))
+            assert abs(shown - value) <= 0.0501 * size + 1e-15 * abs(value)
+            assert band == pytest.approx(1.96 * size, rel=0.03)

@@ -1,4 +1,4 @@
-"""From a solution to what is published: which parameters, how sure, and the status by its rules."""
+"""From a solution to what is published: which parameters, how sure, the status, and what is withdrawn."""
 
 from __future__ import annotations
 
@@ -7,9 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checked import same, some
+from made_runs import BODY as MADE_BODY
+from made_runs import STD, estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.results.publication import (
+    Debris,
+    DebrisPublication,
+    Frame,
+    InertiaPublication,
+    IntervalConsistency,
+    is_complete,
+    is_usable,
+)
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution, inverses
 from mbaid_ros.core.robot.inertia import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.planar import Plane
@@ -188,11 +200,7 @@ def test_what_is_reported_does_not_depend_on_what_is_reported_with_it() -> None:
     assert together[1].consistency_correction > 0.0
     for one, instant, beside in zip(made, instants, together, strict=True):
         alone = REPORTING.estimates('difference', [one], [instant])[0]
-        for name, value in vars(alone).items():
-            if isinstance(value, tuple | str):
-                assert value == vars(beside)[name]
-            else:
-                assert np.array_equal(value, vars(beside)[name], equal_nan=np.asarray(value).dtype == float)
+        assert same(alone, beside)
 
 
 def test_the_inverse_tells_directions_without_information() -> None:
@@ -208,3 +216,79 @@ def test_the_inverse_tells_directions_without_information() -> None:
     matrix = factor @ factor.T
     assert inverses(matrix[None], matrix[None])[0] == pytest.approx(np.linalg.inv(matrix), rel=1e-9)
     assert physical(standard(BODY)) == pytest.approx(BODY)
+
+
+NEGATIVE = estimate(parameters=np.concatenate(([-3.0], MADE_BODY[1:])))
+NOTHING = Estimate(method='trajectory', status='not_identifiable')
+CONTRADICTED = estimate(status='inconsistent')
+
+
+@pytest.mark.parametrize('useless', [NEGATIVE, NOTHING, CONTRADICTED], ids=['negative', 'nothing', 'contradicted'])
+def test_the_loss_of_usable_numbers_is_told_once(useless: Estimate) -> None:
+    course = InertiaPublication()
+    assert course.follow(useless) is None
+    for usable in (estimate(), planar()):
+        assert is_usable(usable)
+        assert course.follow(usable) is usable
+        lost = some(course.follow(useless))
+        assert np.all(np.isnan(lost.parameters))
+        assert (lost.status, lost.stamp) == (useless.status, useless.stamp)
+        assert course.follow(useless) is None
+
+
+def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:
+    assert is_complete(estimate())
+    assert not is_complete(planar())
+    assert not is_complete(CONTRADICTED)
+
+
+def test_the_loss_of_the_captured_body_is_told_once() -> None:
+    course = DebrisPublication()
+    assert course.follow(None) is None
+    body = Debris(Frame('grasp', np.eye(3), np.zeros(3)), MADE_BODY, np.diag(STD**2))
+    assert course.follow(body) is body
+    lost = some(course.follow(None))
+    assert lost.frame is body.frame
+    assert np.all(np.isnan(lost.parameters))
+    assert np.all(np.isnan(lost.covariance))
+    assert course.follow(None) is None
+
+
+def moved(time: float, by: float) -> Estimate:
+    """Return an estimate whose mass is so many of its standard deviations further on."""
+    made = estimate()
+    parameters = made.parameters.copy()
+    parameters[0] += by * made.std[0]
+    return replace(made, time=time, parameters=parameters)
+
+
+@pytest.mark.parametrize(('by', 'status'), [(4.5, 'as it was'), (5.5, 'inconsistent'), (-5.5, 'inconsistent')])
+def test_an_estimate_that_leaves_its_interval_by_far_is_inconsistent(by: float, status: str) -> None:
+    steadiness = IntervalConsistency()
+    first = steadiness.judged(moved(20.0, 0.0), early=False)
+    assert first.status == estimate().status
+    then = steadiness.judged(moved(25.0, by), early=False)
+    assert then.status == (status if status == 'inconsistent' else first.status)
+    assert any('mass has moved by 5.5' in text for text in then.warnings) == (status == 'inconsistent')
+
+
+def test_it_is_so_for_some_seconds() -> None:
+    steadiness = IntervalConsistency()
+    steadiness.judged(moved(20.0, 0.0), early=False)
+    found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
+    assert found == ['inconsistent', 'inconsistent', estimate().status]
+
+
+def test_first_estimates_and_those_of_another_target_are_not_compared() -> None:
+    steadiness = IntervalConsistency()
+    steadiness.judged(moved(3.0, 0.0), early=True)
+    assert steadiness.judged(moved(5.0, 8.0), early=False).status == estimate().status
+    changed = Event(5.5, 'target_changed', np.zeros(3), np.zeros(3), 'another body')
+    other = replace(moved(6.0, 0.0), events=(changed,))
+    assert steadiness.judged(other, early=False).status == estimate().status
+
+
+def test_what_was_inconsistent_anyway_is_no_measure() -> None:
+    steadiness = IntervalConsistency()
+    steadiness.judged(replace(moved(20.0, 0.0), status='inconsistent'), early=False)
+    assert steadiness.judged(moved(21.0, 8.0), early=False).status == estimate().status

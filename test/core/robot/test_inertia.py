@@ -1,13 +1,26 @@
-"""The ten parameters of a body in their two forms, against clouds of point masses."""
+"""The parameters of bodies in their forms, their principal axes, and the errors of known bodies."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from derivatives import central_difference
-from mbaid_ros.core.geometry import Array, skew, unvec, vec
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian, pseudo_inertia, standard
+from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
+from mbaid_ros.core.robot.inertia import (
+    box_sizes,
+    ellipsoid_radii,
+    physical,
+    physical_jacobian,
+    principal,
+    pseudo_inertia,
+    standard,
+)
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 
 SEEDS = range(5)
 
@@ -75,3 +88,134 @@ def test_the_pseudo_inertia_is_positive_exactly_within_the_triangle_inequality()
     # The inertia alone is positive definite still, but no body has it.
     assert np.linalg.eigvalsh(unvec(np.array([1.0, 0.0, 0.0, 2.0, 0.0, 3.1])))[0] > 0.0
     assert smallest((1.0, 2.0, 3.1)) < 0.0
+
+
+def parameters(moments: list[float], turn: list[float]) -> Array:
+    rotation = exp(np.array(turn))
+    return np.concatenate(([5.0], [0.1, 0.2, 0.3], vec(rotation @ np.diag(moments) @ rotation.T)))
+
+
+def test_the_axes_diagonalise_the_inertia_and_are_a_rotation() -> None:
+    found = principal(parameters([3.0, 1.0, 2.5], [0.3, -0.4, 0.9]))
+    assert found.moments == pytest.approx([1.0, 2.5, 3.0], rel=1e-13)
+    assert np.linalg.det(found.axes) == pytest.approx(1.0, rel=1e-14)
+    tensor = found.axes @ np.diag(found.moments) @ found.axes.T
+    assert vec(tensor) == pytest.approx(parameters([3.0, 1.0, 2.5], [0.3, -0.4, 0.9])[4:], abs=1e-14)
+
+
+def test_a_small_change_does_not_flip_the_axes() -> None:
+    first = principal(parameters([3.0, 1.0, 2.5], [0.3, -0.4, 0.9]))
+    second = principal(parameters([3.0, 1.0, 2.5], [0.3, -0.4, 0.9001]))
+    assert first.axes == pytest.approx(second.axes, abs=1e-3)
+
+
+def test_the_uniform_bodies_have_the_moments() -> None:
+    mass, moments = 5.0, np.array([1.0, 2.5, 3.0])
+    a, b, c = ellipsoid_radii(mass, moments)
+    assert mass / 5.0 * np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]) == pytest.approx(moments, rel=1e-14)
+    a, b, c = box_sizes(mass, moments)
+    assert mass / 12.0 * np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]) == pytest.approx(moments, rel=1e-14)
+
+
+def test_a_flat_body_has_no_thickness() -> None:
+    assert ellipsoid_radii(1.0, np.array([1.0, 1.0, 2.1]))[2] == 0.0
+    assert box_sizes(1.0, np.array([1.0, 1.0, 2.1]))[2] == 0.0
+
+
+LINK = '<link name="{}"><inertial><mass value="{}"/><origin xyz="0.1 0 0.2"/>{}</inertial></link>'
+INERTIA = '<inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="2"/>'
+JOINT = (
+    '<joint name="to_{0}" type="{1}"><parent link="{2}"/><child link="{0}"/><axis xyz="0 0 1"/>'
+    '<origin xyz="0.5 -0.2 0.3" rpy="0.3 0.5 -0.7"/></joint>'
+)
+# Tank and base are one body; so are hand and tool.
+URDF = ''.join(
+    (
+        '<robot name="small">',
+        *(LINK.format(name, mass, INERTIA) for name, mass in (('base', 90), ('tank', 20), ('arm', 9), ('hand', 4))),
+        LINK.format('tool', 3, INERTIA),
+        JOINT.format('tank', 'fixed', 'base'),
+        JOINT.format('arm', 'revolute', 'base').replace('</joint>', '<limit effort="1" velocity="1"/></joint>'),
+        JOINT.format('hand', 'continuous', 'arm'),
+        JOINT.format('tool', 'fixed', 'hand'),
+        '</robot>',
+    )
+)
+NAMES = ('base', 'tank', 'arm', 'hand', 'tool')
+
+
+def covariance() -> Array:
+    """Return one of all links, correlated and of widely different sizes."""
+    rng = np.random.default_rng(3)
+    factor = rng.normal(size=(50, 50)) * 10.0 ** rng.uniform(-4.0, 1.0, 50)[:, None]
+    return factor @ factor.T
+
+
+def test_errors_of_links_are_those_of_the_bodies_that_carry_them() -> None:
+    model = load_model(URDF)
+    links = [model.link(name) for name in NAMES]
+    change = 0.1 * np.random.default_rng(4).normal(size=(5, 10))
+    errors = calibrated(links, np.outer(change, change), ['tool'])
+    assert errors.bodies == (0, 1, 2)
+    assert errors.count == 1
+    off = dict(zip(NAMES, change, strict=True))
+    other = replace(model, links=tuple(replace(x, parameters=x.parameters + off[x.name]) for x in model.links))
+    moved = (MomentumKernel(other, 'tool').known - MomentumKernel(model, 'tool').known).ravel()
+    # A factor of rank one is the change itself, up to its sign.
+    assert errors.factor[:, 0] * np.sign(errors.factor[0, 0] * moved[0]) == pytest.approx(moved, abs=1e-9)
+
+
+def test_a_factor_holds_the_covariance_whatever_the_sizes() -> None:
+    model = load_model(URDF)
+    wanted = covariance()[20:40, 20:40]
+    links = [model.link(name) for name in ('arm', 'hand')]
+    size = np.sqrt(np.diag(wanted))
+    found = calibrated(links, wanted).covariance
+    assert found / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)
+
+
+def test_declared_errors_are_of_each_body_as_a_whole_and_of_each_parameter_by_itself() -> None:
+    robot = MomentumKernel(load_model(URDF), 'tool')
+    exact = BodyDeviations(0.0, 0.0, 0.0)
+    errors = declared(robot.known, 0.01, {1: exact})
+    assert errors.bodies == (0, 2)
+    assert errors.count == 20
+    sizes = np.array([body_sizes(robot.known[body]) for body in errors.bodies])
+    whole = np.zeros((20, 2))
+    whole[:10, 0], whole[10:, 1] = robot.known[0], robot.known[2]
+    wanted = 0.01**2 * (np.diag(sizes.ravel() ** 2) + whole @ whole.T)
+    unit = 0.01 * sizes.ravel()
+    assert errors.covariance / np.outer(unit, unit) == pytest.approx(wanted / np.outer(unit, unit), abs=1e-12)
+    assert declared(robot.known, 0.0).count == 0
+
+
+def test_a_base_that_is_off_as_a_whole_is_as_likely_as_it_is_declared() -> None:
+    base = MomentumKernel(load_model(URDF), 'tool').known[0]
+    factor = relative_factor(base, 0.01)
+    away = np.linalg.solve(factor, 0.01 * base)
+    assert 0.9 < np.linalg.norm(away) < 1.0
+
+
+def test_a_point_at_its_joint_is_off_in_mass_alone() -> None:
+    factor = relative_factor(np.array([3.0, *(0.0,) * 9]), 0.01)
+    assert factor @ factor.T == pytest.approx(np.diag([2.0 * 0.03**2, *(0.0,) * 9]))
+
+
+def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it() -> None:
+    body = MomentumKernel(load_model(URDF), 'tool').known[1]
+    factor = BodyDeviations(0.02, 0.0, 0.0).factor(body)
+    assert factor == pytest.approx(0.02 * body[:, None], rel=1e-12)
+    apart = BodyDeviations(0.02, 0.003, 0.05).factor(body)
+    heavier = physical(body) * np.concatenate(([1.02], np.ones(3), np.full(6, 1.02)))
+    assert physical(body + apart[:, 0]) == pytest.approx(heavier, abs=1e-12)
+
+
+def test_a_single_body_may_be_known_in_mass_com_and_inertia_each_by_itself() -> None:
+    robot = MomentumKernel(load_model(URDF), 'tool')
+    body = robot.known[1]
+    covariance = declared(robot.known, 0.0, {1: BodyDeviations(0.02, 0.003, 0.0)}).covariance
+    of_physical = physical_jacobian(body) @ covariance @ physical_jacobian(body).T
+    heavier = 0.02 * np.concatenate((body[:1], np.zeros(3), physical(body)[4:]))
+    wanted = np.diag([0.0, *(0.003**2,) * 3, *(0.0,) * 6]) + np.outer(heavier, heavier)
+    size = np.concatenate(([body[0]], np.ones(3), np.full(6, body[0])))
+    assert of_physical / np.outer(size, size) == pytest.approx(wanted / np.outer(size, size), abs=1e-12)

@@ -1,4 +1,4 @@
-"""The robot as arrays, against pinocchio's own model of the same description."""
+"""The robot as arrays, against pinocchio's own model, and joints that follow others."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.mimic import Mimic, transmission
 from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, robot
@@ -64,27 +65,6 @@ def test_without_a_link_its_own_parameters_are_missing(seed: int) -> None:
         expected = np.zeros_like(missing)
         expected[link.body] = express(link.parameters, link.rotation, link.position)
         assert missing == pytest.approx(expected, abs=ROUNDING * float(np.abs(model.body_parameters()).max()))
-
-
-def test_parameters_expressed_in_another_frame_and_back() -> None:
-    rng = np.random.default_rng(0)
-    parameters = random_tree(0).links[0].parameters
-    rotation, position = geometry.exp(rng.normal(size=3)), rng.normal(size=3)
-    inertia = pinocchio.Inertia(
-        parameters[0],
-        parameters[1:4] / parameters[0],
-        geometry.unvec(standard_of_com(parameters)),
-    )
-    expected = standard_of(pinocchio.SE3(rotation, position).act(inertia))
-    moved = express(parameters, rotation, position)
-    assert moved == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert express(moved, rotation.T, -rotation.T @ position) == pytest.approx(parameters, rel=1e-12, abs=1e-11)
-
-
-def standard_of_com(parameters: Array) -> Array:
-    """Return the inertia about the centre of mass of (m, h, I_o)."""
-    lever = geometry.skew(parameters[1:4] / parameters[0])
-    return np.asarray(parameters[4:] + parameters[0] * geometry.vec(lever @ lever))
 
 
 def test_an_unknown_link_is_refused_with_those_there_are() -> None:
@@ -156,3 +136,49 @@ def test_what_the_parser_complains_of_is_in_the_error_alone(
     assert capfd.readouterr() == ('', '')
     os.write(2, b'still there')
     assert capfd.readouterr().err == 'still there'
+
+
+JOINTS = ('a', 'left', 'right', 'b', 'tip')
+MIMICS = {'left': Mimic('right', -1.0, 0.1), 'tip': Mimic('left', 2.0, 0.5)}
+
+
+def test_followers_are_where_their_driver_puts_them() -> None:
+    moved = transmission(JOINTS, MIMICS)
+    assert [JOINTS[place] for place in moved.independent] == ['a', 'right', 'b']
+    a, right, b = positions = np.array([0.3, -0.7, 1.1])
+    left = -right + 0.1
+    assert moved.positions(positions) == pytest.approx([a, left, right, b, 2.0 * left + 0.5], abs=1e-15)
+    step = 1e-3
+    change = (moved.positions(positions + step) - moved.positions(positions)) / step
+    assert moved.rates(np.ones(3)) == pytest.approx(change, abs=1e-9)
+    assert not moved.direct
+
+
+def test_joints_that_follow_none_stay_the_very_same() -> None:
+    values = np.array([0.1, 0.2])
+    assert transmission(('a', 'b'), {}).positions(values) is values
+
+
+@pytest.mark.parametrize(
+    ('mimics', 'named'),
+    [
+        ({'left': Mimic('nobody', 1.0, 0.0)}, "'left' mimics 'nobody', which is no joint that moves"),
+        ({'left': Mimic('right', 1.0, 0.0), 'right': Mimic('left', 1.0, 0.0)}, 'mimics joints that mimic it'),
+    ],
+)
+def test_what_moves_nothing_is_refused(mimics: dict[str, Mimic], named: str) -> None:
+    with pytest.raises(ModelError, match=named):
+        transmission(JOINTS, mimics)
+
+
+def test_positions_by_name_need_the_drivers_only() -> None:
+    urdf = random_urdf(np.random.default_rng(3), joints=4, chain=True)
+    free = load_model(urdf)
+    first, last = free.joint_names[0], free.joint_names[-1]
+    place = urdf.index('</joint>', urdf.index(f'<joint name="{last}"'))
+    model = load_model(f'{urdf[:place]}<mimic joint="{first}" multiplier="0.5"/>{urdf[place:]}')
+    known = {name: 0.2 * index for index, name in enumerate(model.independent_joints, start=1)}
+    found = model.positions_from({**known, last: 9.0})  # what a follower says of itself does not count
+    assert found[-1] == 0.5 * known[first]
+    del known[first]
+    assert np.isnan(model.positions_from(known)[[0, -1]]).all()

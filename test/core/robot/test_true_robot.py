@@ -1,14 +1,23 @@
-"""The document of a robot that is not its URDF says what its arrays say."""
+"""Robots that are not their URDF: drawn at random, written as a description, and read back."""
 
 from __future__ import annotations
+
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+import observed
+from checked import same, some
+from mbaid_ros.core.errors import ModelError
+from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, displaced, with_bodies
+from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, declared, displaced, with_bodies
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
-from simulated import drawn
+from simulated import drawn, robot
 
 ALL = {'links_relative_std': 0.02, 'origin_std': 0.01, 'axis_std': 0.02, 'zero_std': 0.01, 'mount_position_std': 0.01}
 
@@ -66,10 +75,105 @@ def test_the_heaviest_link_of_a_body_takes_the_change() -> None:
     text = CORNER.replace('  <link name="base">', f'{bracket}<link name="base">')
     text = text.replace('</robot>', f'{fixed}<origin xyz="1 2 3" rpy="1 1 1"/></joint></robot>')
     model = load_model(text)
-    link = changing_link(model, 0)
-    assert link is not None
+    link = some(changing_link(model, 0))
     assert link.name == 'base'
     assert changing_link(model, 2, ('hand',)) is None
     errors, true = drawn(model, links_relative_std=0.1)
     assert np.array_equal(true.link('bracket').parameters, model.link('bracket').parameters)
     assert true.body_parameters() - model.body_parameters() == pytest.approx(errors.bodies, abs=1e-12)
+
+
+SIZES = ErrorSizes(0.01, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3)
+BLOCK = {
+    'links_relative_std': 'bodies', 'zero_std': 'zeros', 'origin_std': 'origins', 'axis_std': 'tilts',
+    'mount_position_std': 'mount', 'mount_orientation_std': 'mount',
+}  # fmt: skip
+
+
+def test_a_seed_gives_one_robot() -> None:
+    model = robot('servicer7')
+    errors, true = drawn(model, 5, **vars(SIZES))
+    again, too = drawn(model, 5, **vars(SIZES))
+    assert same(errors, again)
+    assert true.urdf == too.urdf
+    assert not same(errors, drawn(model, 6, **vars(SIZES))[0])
+
+
+def test_a_robot_shares_no_number_with_the_noise_of_its_seed() -> None:
+    zeros = drawn(robot('ets7'), 3, zero_std=1.0)[0].zeros
+    truth = observed.configured_motion('ets7', 0.1, 10.0, 0.02)
+    noise = Sensors(SensorNoise(*(1.0,) * 6), 3)
+    joints, base = noise.joints(truth), noise.base(truth)
+    given = [joints.position - truth.joint_position, joints.velocity - truth.joint_velocity]
+    given += [base.position - truth.base_position, base.linear_velocity - truth.base_linear_velocity]
+    assert not np.any(np.abs(np.concatenate([part.ravel() for part in given])[:, None] - zeros) < 1e-9)
+
+
+@pytest.mark.parametrize('name', BLOCK)
+def test_a_size_changes_what_it_scales_and_nothing_else(name: str) -> None:
+    model = robot('servicer7')
+    whole = drawn(model, 1, **vars(SIZES))[0]
+    alone = drawn(model, 1, **{name: vars(SIZES)[name]})[0]
+    half = drawn(model, 1, **vars(replace(SIZES, **{name: 0.5 * vars(SIZES)[name]})))[0]
+    for block in (field.name for field in fields(ModelErrors)):
+        full, only, less = (getattr(errors, block) for errors in (whole, alone, half))
+        if block == BLOCK[name]:
+            part = {'mount_position_std': np.s_[3:], 'mount_orientation_std': np.s_[:3]}.get(name, np.s_[:])
+            assert np.array_equal(only[part], full[part])
+            assert less[part] == pytest.approx(0.5 * full[part], rel=1e-12)
+            assert only[part].any()
+        else:
+            assert not only.any()
+            assert np.array_equal(less, full)
+
+
+def test_the_spread_is_that_of_the_sizes() -> None:
+    model, count = robot('servicer7'), 400
+    draws = [draw(model, 'link7', SIZES, generator(seed)) for seed in range(count)]
+    prior = declared(model.body_parameters(without='link7'), SIZES.links_relative_std)
+    units = np.linalg.solve(prior.factor, np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]).T).T
+    blocks = {'bodies': (units, 1.0)}
+    for name in ('zero_std', 'origin_std', 'mount_position_std', 'mount_orientation_std'):
+        part = {'mount_position_std': np.s_[3:], 'mount_orientation_std': np.s_[:3]}.get(name, np.s_[:])
+        blocks[name] = (np.array([getattr(e, BLOCK[name])[part].ravel() for e in draws]), vars(SIZES)[name])
+    for name, (values, std) in blocks.items():
+        assert values.std() == pytest.approx(std, rel=4.0 / np.sqrt(2.0 * values.size)), name
+        assert abs(values.mean()) < 4.0 * std / np.sqrt(values.size), name
+    tilts = np.array([errors.tilts for errors in draws])
+    assert np.abs(np.sum(tilts * model.axes, axis=-1)).max() < 1e-17
+    # Two directions of three.
+    assert np.sum(tilts**2, axis=-1).mean() == pytest.approx(2.0 * SIZES.axis_std**2, rel=0.1)
+
+
+def test_the_target_is_exact_whatever_else_its_body_holds() -> None:
+    for seed in range(10):
+        model = load_model(random_urdf(np.random.default_rng(seed)))
+        known = model.body_parameters(without=model.last_link)
+        errors, true = drawn(model, seed, links_relative_std=0.05)
+        assert np.array_equal(true.link(model.last_link).parameters, model.link(model.last_link).parameters)
+        assert np.array_equal(errors.bodies.any(axis=1), known[:, 0] > 0.0)
+
+
+def test_bodies_that_cannot_exist_are_drawn_again() -> None:
+    model = robot('servicer7')
+    for seed in range(5):
+        _, true = drawn(model, seed, links_relative_std=0.4)
+        assert are_physical(true.body_parameters()).all()
+        assert all(is_physical(link.parameters) for link in true.links if link.parameters[0] > 0.0)
+    # Such a spread does ask for it: of plain draws most are no bodies.
+    known = model.body_parameters(without='link7')
+    prior = declared(known, 0.4).factor
+    plain = prior @ np.random.default_rng(0).standard_normal((len(prior), 50))
+    assert np.mean(are_physical((plain.T.reshape(50, -1, 10) + known[:7]).reshape(-1, 10))) < 0.7
+
+
+def test_a_body_that_hardly_exists_is_told() -> None:
+    flat = (
+        '<robot name="flat"><link name="sheet"><inertial><mass value="5"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="0" iyz="0" izz="1"/></inertial></link>'
+        '<link name="arm"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+        '</inertial></link><joint name="hinge" type="continuous"><parent link="sheet"/><child link="arm"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
+    )
+    with pytest.raises(ModelError, match="of link 'sheet' none is a body that can exist; accepted: a smaller"):
+        drawn(load_model(flat.replace('iyy="0"', 'iyy="-1"')), links_relative_std=0.01)

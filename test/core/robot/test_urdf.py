@@ -232,3 +232,12 @@ def test_a_mimic_on_a_fixed_joint_means_nothing() -> None:
 def test_a_line_break_in_a_name_is_a_space_as_xml_says(written: str) -> None:
     text = (CONFIG / 'table1.urdf').read_text(encoding='utf-8').replace('"joint3"', f'"{written}"')
     assert load_model(text).joint_names == ('joint1', 'joint2', 'joi nt', 'joint4')
+
+
+def test_a_default_namespace_changes_nothing() -> None:
+    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    named = text.replace('<robot ', '<robot xmlns="http://www.ros.org" ', 1)
+    plain, spaced = load_model(text), load_model(named)
+    assert spaced.joint_names == plain.joint_names
+    for one, other in zip(spaced.links, plain.links, strict=True):
+        assert np.array_equal(one.parameters, other.parameters)

@@ -17,21 +17,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
 
+from benchmarks.data import history
 from benchmarks.honesty.readings import Readings
-from benchmarks.honesty.runs import history, messages
+from benchmarks.honesty.runs import messages
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array, rotate, rotate_back, rotation_from_quaternion, unvec
+from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel, express
-from mbaid_ros.core.robot.momentum import momentum
-from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.dynamics import State
@@ -165,28 +163,6 @@ def slopes(values: Array, step: float) -> Array:
         else:
             found[place - 7] = weights @ values[-7:]
     return found
-
-
-def test_momentum_changes_as_tide_and_gravity_gradient_say() -> None:
-    run, model = in_basilisk(1.0), robot('ets7')
-    truth, kinematics, bodies = run.truth, Kinematics(model), model.body_parameters()
-    rotation = rotation_from_quaternion(truth.base_orientation)
-    placed = kinematics.configure(rotation, truth.joint_position)
-    twist = np.concatenate(
-        (rotate(rotation, truth.base_linear_velocity), rotate(rotation, truth.base_angular_velocity)), axis=1
-    )
-    moving = momentum(
-        express(bodies, placed.rotation, placed.position), kinematics.body_twists(placed, truth.joint_velocity, twist)
-    )
-    linear, angular = np.split(np.sum(moving, axis=1), 2, axis=1)
-    angular += np.cross(truth.base_position, linear)
-    rates = of_bodies(momentum_rates(orbit_of(run), truth.time, placed, truth.base_position), bodies)
-    brought = cumulative_simpson(rates[:, 3:], dx=STEP, axis=0, initial=0.0)
-    changed = np.abs(angular - angular[0]).max()
-    off = np.abs(angular - angular[0] - brought).max()
-    print(f'an orbit: angular momentum to {off / changed:.1e} of {changed:.3g} N m s')  # noqa: T201
-    assert changed > 1.0
-    assert off < 1e-8 * changed
 
 
 @pytest.mark.parametrize('nearer', NEARER)

@@ -1,23 +1,29 @@
-"""Sensor noise: its statistics, its seeds, and the schedule of the readings."""
+"""Simulated sensors, captures and thrust: noise as declared, momentum as it must be."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from mbaid_ros.core.geometry import log, rotate_back, rotation_from_quaternion
+from benchmarks.precapture import free_model
+from captured import LINK, alone, servicer_motion
+from checked import same
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.geometry import Array, log, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.simulation.motion import Passive
-from mbaid_ros.simulation.sensors import (
-    BaseReadings,
-    JointReadings,
-    SensedSimulation,
-    Sensors,
-)
-from mbaid_ros.simulation.simulation import Simulation, Truth
-from simulated import table1
+from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Motion, Passive
+from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
+from observed import LOW, observe
+from simulated import robot, state, table1
 
 NOISE = SensorNoise(1e-4, 2e-3, 3e-3, 4e-4, 5e-3, 6e-4)
 NONE = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -105,3 +111,121 @@ def test_sensors_of_different_rates_see_one_motion() -> None:
     assert np.array_equal(joints.position, both.position[::4])
     velocity = rotate_back(rotation_from_quaternion(base.orientation), base.linear_velocity)
     assert np.array_equal(velocity, rotate_back(rotation_from_quaternion(alone.orientation), alone.linear_velocity))
+
+
+TIME = 3.33  # s, between two steps
+STEP = 0.05
+TARGET = Target(TIME, LINK, physical(alone()), np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
+INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.arange(TIME + 0.1, 8.0, 0.1)))
+
+
+def capturing() -> CaptureSimulation:
+    motion = servicer_motion()
+    start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
+    return CaptureSimulation(free_model(), motion, start, STEP, TARGET)
+
+
+@pytest.fixture(scope='module', name='truth')
+def captured() -> Truth:
+    return capturing().advance(INSTANTS)
+
+
+def test_the_momentum_of_both_is_that_of_the_whole(truth: Truth) -> None:
+    simulation = capturing()
+    before = total_momentum(free_model(), truth[INSTANTS < TIME])
+    after = total_momentum(simulation.joined, truth[INSTANTS >= TIME])
+    assert before == pytest.approx(np.tile(before[0], (len(before), 1)), abs=1e-7)
+    assert after == pytest.approx(np.tile(before[0] + simulation.brought, (len(after), 1)), abs=1e-7)
+    assert simulation.momentum == pytest.approx(after[0], abs=1e-9)
+
+
+def test_what_is_brought_is_the_target_s_own(truth: Truth) -> None:
+    """The target's bodies as particles would have it: by the motion of its link, if it had been held."""
+    at = truth[np.flatnonzero(INSTANTS == TIME)]
+    model = free_model()
+    kernel = MomentumKernel(model, LINK)
+    rotation = rotation_from_quaternion(at.base_orientation)
+    states = kernel.states_of(rotation, at.joint_position, 0.0 * at.joint_velocity, np.zeros((1, 6)))
+    centre = states.position[0] + states.rotation[0] @ TARGET.body[1:4]
+    # A base that turns with the target's spin, and whose origin moves so that the target's centre has its velocity.
+    twist = np.concatenate((TARGET.velocity - np.cross(TARGET.spin, centre), TARGET.spin))
+    held = kernel.states_of(rotation, at.joint_position, 0.0 * at.joint_velocity, twist[None])
+    expected = (held.regressor @ alone())[0]
+    expected[3:] += np.cross(at.base_position[0], expected[:3])
+    assert capturing().brought == pytest.approx(expected, abs=1e-9)
+
+
+def test_poses_and_joint_rates_go_on_and_the_base_s_twist_jumps(truth: Truth) -> None:
+    before, after = (truth[np.flatnonzero(time == INSTANTS)] for time in (TIME - 1e-6, TIME))
+    for name in ('base_position', 'base_orientation', 'joint_position', 'joint_velocity'):
+        assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)
+    jump = after.base_linear_velocity - before.base_linear_velocity
+    assert float(np.linalg.norm(jump)) > 1e-3
+
+
+def test_after_it_both_move_as_one(truth: Truth) -> None:
+    after = truth[INSTANTS >= TIME]
+    joined = capturing().joined
+    assert physical(joined.link(LINK).parameters) == pytest.approx(physical(robot('servicer7').link(LINK).parameters))
+    velocity = np.concatenate((after.base_linear_velocity, after.base_angular_velocity, after.joint_velocity), axis=1)
+    start = state(after.joint_position[0], after.joint_velocity[0])
+    values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
+    values['velocity'] = velocity[0]
+    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values), 0.02)
+    expected = again.advance(after.time - TIME)
+    assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
+    assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
+
+
+def test_batches_make_no_difference(truth: Truth) -> None:
+    simulation = capturing()
+    parts = [simulation.advance(part) for part in np.array_split(INSTANTS, 7)]
+    assert same(Truth.concatenate(parts), truth)
+    assert len(simulation.advance(np.zeros(0))) == 0
+    with pytest.raises(DataError, match='past instant'):
+        simulation.advance(np.array([1.0]))
+
+
+WRENCH = np.array([6.0, -6.0, 5.0, 3.0, 2.7, -3.0])
+ODOM = 'odom'
+BEGIN, END = 1.013, 1.527  # s, between steps
+TIMES = np.arange(0.0, 3.0, 0.01)
+
+
+def start() -> State:
+    motion = servicer_motion()
+    turning = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
+    return replace(turning, base_position=np.array([2.0, -1.0, 3.0]))
+
+
+def thrusting(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
+    pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
+    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), 0.05, pulse)
+
+
+@pytest.mark.parametrize('frame', ['base_link', 'link4', ODOM])
+@pytest.mark.parametrize('passive', [False, True])
+def test_the_momentum_changes_by_the_impulse(frame: str, passive: bool) -> None:
+    truth = thrusting(frame, Passive() if passive else None).advance(TIMES)
+    momentum = total_momentum(robot('servicer7'), truth)
+    # The estimator's own account of the same thrust, at a hundred samples a second.
+    known = Thrust(robot('servicer7'), 10**9)
+    known.odometry_frame = ODOM
+    known.command(frame, round(BEGIN * 1e9), WRENCH, None)
+    known.command(frame, round(END * 1e9), np.zeros(6), None)
+    expected = known.applied(observe(truth, LOW), 0).impulse
+    assert np.linalg.norm(expected[-1, :3]) == pytest.approx((END - BEGIN) * np.linalg.norm(WRENCH[:3]), rel=1e-3)
+    # Between two samples it takes the mean of both poses.
+    assert momentum - momentum[0] == pytest.approx(expected, abs=3e-4)
+
+
+def test_batches_of_a_thrust_make_no_difference() -> None:
+    whole, simulation = thrusting().advance(TIMES), thrusting()
+    parts = [simulation.advance(part) for part in np.array_split(TIMES, 9)]
+    assert len(simulation.advance(np.zeros(0))) == 0
+    assert same(Truth.concatenate(parts), whole)
+
+
+def test_no_force_is_no_thrust() -> None:
+    free = Simulation(robot('servicer7'), servicer_motion(), start(), 0.05).advance(TIMES)
+    assert thrusting(wrench=np.zeros(6)).advance(TIMES).base_position == pytest.approx(free.base_position, abs=1e-9)

@@ -1,0 +1,53 @@
+"""Write docs/starts.md: motions that are hard to start with, and whether an estimate is ever wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.frame import Frame, number, percent, provenance, statuses, table
+from benchmarks.honesty.conditions import STARTS
+from benchmarks.honesty.runs import FAR, PUBLISHED, Outcome, run
+
+
+def main() -> None:
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'starts.md', seeds=100, method='trajectory')
+    method = frame.arguments.method
+    names = [condition.name for condition in frame.chosen(STARTS, lambda condition: condition.name)]
+    work = {name: (f'{method}-{name}', [(name, method, seed) for seed in frame.seeds]) for name in names}
+    rows = []
+    for name, outcome in frame.outcomes(Outcome, run, work):
+        rows.append(_row(name, outcome))
+        print(' | '.join(rows[-1]), flush=True)
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+
+
+def _row(name: str, outcome: Outcome) -> list[str]:
+    ended = np.isin(outcome.status, PUBLISHED) & np.any(np.isfinite(outcome.error), axis=1)
+    given = ended[:, None] & np.isfinite(outcome.error) & (outcome.std > 0.0)
+    last = np.abs(np.divide(outcome.error, outcome.std, out=np.zeros(outcome.error.shape), where=given))
+    worst = np.maximum(outcome.worst, outcome.young)
+    wrong = np.flatnonzero(worst > FAR)
+    started = outcome.first[np.isfinite(outcome.first)]
+    median, latest = (np.median(started), np.max(started)) if len(started) else (np.nan, np.nan)
+    return [
+        name.removeprefix('start: '),
+        str(len(outcome)),
+        percent(float(np.mean(ended))),
+        statuses(outcome.status),
+        f'{number(float(median), 1)}, {number(float(latest), 1)}',
+        number(float(np.max(worst)), 1),
+        str(len(wrong)),
+        str(int(np.sum(np.max(last, axis=1) > FAR))),
+        ', '.join(str(seed) for seed in wrong[:5]) or '-',
+    ]
+
+
+_HEADER = (
+    *('motion', 'runs', 'estimate by the end', 'last status', 'first, s: median, latest', 'largest error ever'),
+    *('beyond 5 ever', 'at the end', 'seeds beyond 5'),
+)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,128 @@
+"""Runs of the methods over cases and seeds, and their statistics beside the bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed, target
+from benchmarks.frame import Frame, Runs
+from benchmarks.methods import METHODS, Identification
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.sensors.levels import CHANNELS
+from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees, nees_band, rmse
+
+Times = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Outcome(Runs):
+    """Estimates of one method at T times."""
+
+    parameters: Array  # (..., T, 10); NaN where not determined
+    std: Array  # (..., T, 10); NaN where not reported
+    error_norm: Array  # (..., T) NEES, a parameter
+    converged: Array  # (..., T) whether that is the status
+    alarms: Array  # (..., T) estimates until then with the status `inconsistent`
+    estimates: Array  # (..., T) estimates until then
+    noise: Array  # (..., T, 6) estimated over true, by sensor channel
+
+    def at(self, time: int) -> Outcome:
+        """Return the estimates at one of the times, whose axis is the second one."""
+        return Outcome.of(lambda name: getattr(self, name)[:, time])
+
+
+def run(work: tuple[Case, str, int, Times]) -> Outcome:
+    """Return the last estimates before some times: case, method, seed, times."""
+    case, method, seed, times = work
+    truth = moved(motion(case.robot), case)
+    truth = truth[: int(np.searchsorted(truth.time, max(times) + 1e-9))]
+    task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
+    history = task.estimates(method, *observed(truth, case, seed))
+    places = np.searchsorted([estimate.time for estimate in history], np.array(times) - 1e-9) - 1
+    chosen = [history[place] for place in places]
+    alarms = np.cumsum([estimate.status == 'inconsistent' for estimate in history])
+    levels, nothing = np.array([getattr(case.noise, channel) for channel in CHANNELS]), np.full(len(CHANNELS), np.nan)
+    return Outcome(
+        parameters=np.array([estimate.parameters for estimate in chosen]),
+        std=np.array([estimate.std for estimate in chosen]),
+        error_norm=np.array([nees(estimate, target(case.robot)) for estimate in chosen]),
+        converged=np.array([estimate.status == 'converged' for estimate in chosen], dtype=float),
+        alarms=alarms[places].astype(float),
+        estimates=1.0 + places,
+        noise=np.array([(nothing if each.noise is None else each.noise.found) / levels for each in chosen]),
+    )
+
+
+def monte_carlo(frame: Frame, plan: dict[Case, tuple[Times, int]]) -> dict[Case, dict[str, Outcome]]:
+    """Return the outcomes by case and method; the plan has times and number of seeds of each case."""
+    for case in plan:
+        motion(case.robot)  # simulated here once; the workers inherit it
+    work = {
+        (case, method): (
+            f'{case.name}-{method}',
+            [(case, method, seed, times) for seed in range(METHODS[method].runs(seeds, plain=case.plain))],
+        )
+        for case, (times, seeds) in plan.items()
+        for method in METHODS
+        if METHODS[method].takes(case)
+    }
+    results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
+    for (case, method), outcome in frame.outcomes(Outcome, run, work):
+        results[case][method] = outcome
+    return results
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of one method in one case at one time."""
+
+    rmse: Array  # (10,) NaN for what the motion leaves open
+    ratio: Array  # (10,) the same over the bound
+    determined: float  # smallest share of the runs in which a parameter was published
+    coverage: Array  # (10,) share of the 95 % intervals that hold the truth; NaN where none are reported
+    nees: float  # mean, a parameter
+    nees_band: tuple[float, float]  # of 95 % of such means if the covariance is right
+    converged: float  # share of the runs
+    alarms: int  # estimates of all runs until then with the status `inconsistent`
+    estimates: int
+    noise: Array  # (runs, 6)
+
+    @property
+    def median(self) -> float:
+        """Median over the parameters of RMSE over bound."""
+        return float(np.nanmedian(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
+
+    @property
+    def worst(self) -> float:
+        """Largest RMSE over bound."""
+        return float(np.nanmax(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
+
+    @property
+    def reports_std(self) -> bool:
+        """Whether the method reports its uncertainty."""
+        return bool(np.any(np.isfinite(self.coverage)))
+
+
+def summarise(outcome: Outcome, truth: Array, bounds: Array) -> list[Summary]:
+    """Return the statistics at each time; truth (10,), bounds (T, 10)."""
+    return [_summary(outcome.at(time), truth, bound) for time, bound in enumerate(bounds)]
+
+
+def _summary(found: Outcome, truth: Array, bound: Array) -> Summary:
+    error, free = found.parameters - truth, np.isfinite(bound)
+    size = np.where(free, rmse(error), np.nan)
+    runs = int(np.sum(np.isfinite(found.error_norm)))
+    return Summary(
+        rmse=size,
+        ratio=size / bound,
+        determined=float(np.min(np.mean(np.isfinite(error[:, free]), axis=0))),
+        coverage=np.where(free, coverage(error, found.std), np.nan),
+        nees=float(mean(found.error_norm)),
+        nees_band=nees_band(runs * int(np.sum(free))),
+        converged=float(np.mean(found.converged)),
+        alarms=int(np.sum(found.alarms)),
+        estimates=int(np.sum(found.estimates)),
+        noise=found.noise,
+    )

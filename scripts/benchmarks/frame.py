@@ -1,0 +1,218 @@
+"""What every benchmark shares: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import os
+import platform
+import re
+import shlex
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass, fields
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from tqdm import tqdm
+
+from mbaid_ros.core.array_record import ArrayRecord
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import SensorNoise
+
+_SAVED_EVERY = 10  # runs
+_NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
+
+Outcome = TypeVar('Outcome', bound='Runs')
+Work = TypeVar('Work')
+Row = TypeVar('Row')
+
+
+@dataclass(frozen=True)
+class Runs(ArrayRecord):
+    """Results of runs: each field of a subclass is an array with the runs as its leading axis."""
+
+    @classmethod
+    def of(cls: type[Outcome], array: Callable[[str], Array]) -> Outcome:
+        """Return runs from a function that returns the array of each field."""
+        arrays: dict[str, Any] = {item.name: array(item.name) for item in fields(cls)}
+        return cls(**arrays)
+
+    @classmethod
+    def stack(cls: type[Outcome], runs: Sequence[object]) -> Outcome:
+        """Return several runs, each of which has the fields without the leading axis."""
+        return cls.of(lambda name: np.array([getattr(run, name) for run in runs]))
+
+
+def completed(
+    kind: type[Outcome],
+    file: Path | None,
+    work: Sequence[Work],
+    run: Callable[[Work], object],
+    pool: Executor,
+    bar: Any,
+) -> Outcome:
+    """Return the results of all work: the first ones from an .npz file if it holds any, the others made and added.
+
+    `run` returns an object with the fields of `kind` for one piece of work; `bar` is of tqdm.
+    """
+    parts = []
+    if file is not None and file.is_file():
+        with np.load(file) as arrays:
+            parts.append(kind.of(arrays.__getitem__))
+    done = min(len(parts[0]), len(work)) if parts else 0
+    bar.update(done)
+    missing = pool.map(run, work[done:])
+    while made := list(islice(missing, _SAVED_EVERY)):
+        bar.update(len(made))
+        parts.append(kind.stack(made))
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            np.savez(file, **vars(kind.concatenate(parts)))
+    return kind.concatenate(parts)[: len(work)]
+
+
+class Frame:
+    """The command line, the parallel runs and the page of one benchmark.
+
+    Parameters
+    ----------
+    documentation : of the script, whose first line is its help
+    page : name of the file in docs/ whose tables it writes
+    seeds : default number of runs of each row; None for a benchmark without seeds
+    options : defaults of further arguments, by name
+    """
+
+    def __init__(self, documentation: str | None, page: str, seeds: int | None = None, **options: float | str) -> None:
+        self._parser = argparse.ArgumentParser(description=(documentation or '').partition('\n')[0])
+        add = self._parser.add_argument
+        if seeds is not None:
+            add('--seeds', type=int, metavar='N', default=seeds, help='runs of each row (default: %(default)s)')
+            add('--rows', metavar='PATTERN', default='', help='only rows that match this regular expression')
+            add('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
+            add('--store', type=Path, metavar='FOLDER', help='save finished runs there, and continue from them')
+        for name, value in options.items():
+            add(f'--{name}', type=type(value), default=value, help='default: %(default)s')
+        add('--output', type=Path, metavar='FOLDER', help=f'write the tables of {page} there')
+        self.arguments = self._parser.parse_args()
+        self._page = page
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of each row."""
+        return range(self.arguments.seeds)
+
+    def chosen(self, rows: Iterable[Row], name: Callable[[Row], str]) -> list[Row]:
+        """Return the rows whose names match --rows."""
+        found = [row for row in rows if re.search(self.arguments.rows, name(row))]
+        if not found:
+            self._parser.error(f"--rows is '{self.arguments.rows}', and no row matches it")
+        return found
+
+    def outcomes(
+        self, kind: type[Outcome], run: Callable[[Any], object], work: Mapping[Row, tuple[str, Sequence[Any]]]
+    ) -> Iterator[tuple[Row, Outcome]]:
+        """Yield the results of each row as soon as they are complete; `work` has its file name and runs' arguments."""
+        total = sum(len(each) for _, each in work.values())
+        store: Path | None = self.arguments.store
+        with (
+            tqdm(total=total, unit=' runs', disable=None, leave=False) as bar,
+            ProcessPoolExecutor(self.arguments.processes) as pool,
+        ):
+            for row, (name, each) in work.items():
+                file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
+                yield row, completed(kind, file, each, run, pool, bar)
+
+    def write(self, **texts: str) -> None:
+        """Replace the texts between the marks that the page has for their names, if --output is given."""
+        if self.arguments.output is not None:
+            for name, text in texts.items():
+                replace_marked(self.arguments.output / self._page, name, text)
+
+
+def replace_marked(page: Path, name: str, text: str) -> None:
+    """Replace the text between the marks of a page for a name, which also has the name of this script.
+
+    Raises
+    ------
+    ValueError
+        The page has no such marks.
+    """
+    writer = f'scripts/{Path(sys.argv[0]).name}'
+    head, tail = f'<!-- {name}: written by {writer} -->\n', f'\n<!-- end of {name} -->'
+    before, there, rest = page.read_text(encoding='utf-8').partition(head)
+    _, closed, after = rest.partition(tail)
+    if not there or not closed:
+        raise ValueError(f"{page} has no marks for '{name}' by {writer}")
+    page.write_text(before + head + text + tail + after, encoding='utf-8')
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = False) -> str:
+    """Return a Markdown table; the first column to the left, the others to the right unless they hold words."""
+    lines = [header, ['---', *['---' if words else '---:'] * (len(header) - 1)], *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines)
+
+
+def number(value: float, digits: int = 2) -> str:
+    """Return a number for a table: a dash for NaN, no decimals from 100 on."""
+    if not np.isfinite(value):
+        return '-'
+    if abs(value) >= 1e4:
+        return f'{value:.0e}'.replace('e+0', 'e')
+    return f'{value:.0f}' if abs(value) >= 100.0 else f'{value:.{digits}f}'
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent, a dash for NaN."""
+    return f'{100.0 * share:.0f} %' if np.isfinite(share) else '-'
+
+
+def statuses(found: Iterable[Any]) -> str:
+    """Return how often each status occurs."""
+    return ', '.join(f'{count} {str(name).replace("_", " ")}' for name, count in Counter(found).most_common())
+
+
+def declared(noise: SensorNoise) -> dict[str, object]:
+    """Return the parameters that declare a noise."""
+    return {f'noise.{name}': value for name, value in vars(noise).items()}
+
+
+def provenance(note: str = '') -> str:
+    """Return the line with the command, machine and date of the numbers."""
+    left, kept = iter(sys.argv[1:]), []
+    for argument in left:
+        name, _, value = argument.partition('=')
+        if name not in _NOT_STATED:
+            kept.append(shlex.quote(argument))
+        elif not value:
+            next(left, None)
+    command = ' '.join((f'scripts/{Path(sys.argv[0]).name}', *kept))
+    today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
+    return '; '.join(part for part in (f'Written by `{command}`', note, machine(), today) if part) + '.'
+
+
+def machine() -> str:
+    """Return processor, Python and NumPy."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    processor = names[0] if names else platform.machine()
+    return f'{processor}, one core a run, Python {platform.python_version()}, NumPy {np.__version__}'
+
+
+def resident(pid: int | str = 'self') -> float:
+    """Return the resident memory of a process, MB."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def processor_time(pid: int | str = 'self') -> float:
+    """Return the processor time of a running process, s."""
+    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')

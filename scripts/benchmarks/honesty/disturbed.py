@@ -1,0 +1,168 @@
+"""Conditions with external forces or undeclared moving parts; and the catalogue of all conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from benchmarks.honesty import readings, robots
+from benchmarks.honesty.conditions import (
+    FLEXIBLE,
+    SENSORS,
+    STARTS,
+    UNDISTURBED,
+    UNREAD,
+    WRONG_MODELS,
+    Condition,
+    benches,
+    servicer,
+)
+from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
+from benchmarks.honesty.robots import BASE, box
+from benchmarks.honesty.worlds import Spring, World, Wrench
+from mbaid_ros.core.geometry import Array, skew, unvec
+from mbaid_ros.core.robot.model import load_model
+
+_FORCE, _TORQUE = np.array([2.0, -2.0, 1.0]) / 3.0, np.array([1.0, 2.0, -2.0]) / 3.0
+_MEAN_MOTION = 1.13e-3  # rad/s, at 400 km
+_AXES = ((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))  # of four wheels
+_GRASP = (0.0, 0.0, 0.3)  # m
+
+
+def _on_base(size: Callable[[float], float], force: float, torque: float) -> Wrench:
+    """Return a force and torque on the base's origin, in odometry axes, times a function of time."""
+
+    def wrench(time: float, _rotation: Array, position: Array, _whole: Array) -> Array:
+        push = size(time) * force * _FORCE
+        return np.concatenate((push, np.cross(position, push) + size(time) * torque * _TORQUE))
+
+    return wrench
+
+
+def _pulse(time: float) -> float:
+    return 1.0 if 30.0 <= time < 30.1 else 0.0
+
+
+def _pulses(time: float) -> float:
+    return float(np.sign(np.sin(1.7 * (time // 4.0)))) if time % 4.0 < 0.1 else 0.0
+
+
+def _gravity_gradient(_time: float, rotation: Array, _position: Array, whole: Array) -> Array:
+    """Return the torque 3 n^2 u x (I u) about the centre of mass, u towards the Earth along -z."""
+    centre = whole[1:4] / whole[0]
+    inertia = unvec(whole[4:]) + whole[0] * skew(centre) @ skew(centre)
+    down = -rotation[2]
+    return np.concatenate((np.zeros(3), rotation @ (3.0 * _MEAN_MOTION**2 * np.cross(down, inertia @ down))))
+
+
+def _grasp(angle: float, _seed: int) -> World:
+    """Return a target that turns in the hand at 30 s, within half a second."""
+    urdf = robots.held_apart(_GRASP)
+    knots = np.array([0.0, 30.0, 30.25, 30.5])
+    turning = by_rates(np.zeros(1), knots, angle / 0.25 * np.array([[0.0], [0.0], [1.0], [0.0]]))
+    path = together(load_model(urdf), sinusoids(), {'held_joint': turning})
+    return World(urdf, path, unread=('held_joint',), sought=robots.slipped(_GRASP, angle), since=30.5)
+
+
+def _lost(_seed: int) -> World:
+    """Return a hand that releases its target at 30 s."""
+    empty = robots.bare(robots.servicer())
+    return World(robots.servicer(), sinusoids(), sought=robots.BARE, since=30.5, lost=(30.0, empty))
+
+
+def _wheels(_seed: int) -> World:
+    """Return four wheels that spin up to 20 rad/s within the run."""
+    parts = [
+        robots.part(f'wheel{index}', BASE, (-0.2, 0.0, 0.1), axis, _wheel(np.array(axis) / np.sqrt(3.0)), 'continuous')
+        for index, axis in enumerate(_AXES)
+    ]
+    urdf = robots.with_parts(robots.servicer(), parts)
+    others = {f'wheel{index}_joint': _spinning_up(20.0 * (index + 1) / 4.0) for index in range(len(_AXES))}
+    return World(urdf, together(load_model(urdf), sinusoids(), others), unread=tuple(others))
+
+
+def _wheel(axis: Array) -> Array:
+    body = box(5.0, (0.25, 0.25, 0.25))
+    inertia = 0.03 * np.eye(3) + 0.02 * np.outer(axis, axis)
+    body[4:] = inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    return body
+
+
+def _spinning_up(speed: float) -> Path:
+    return by_rates(np.zeros(1), np.array([0.0, 10.0, 50.0]), np.array([[0.0], [0.0], [speed]]))
+
+
+def _on_springs(urdf: str, springs: dict[str, Spring]) -> World:
+    return World(urdf, sinusoids(), unread=tuple(springs), springs=springs)
+
+
+def _panel(_seed: int) -> World:
+    """Return a panel of 20 kg and 2.2 m on a hinge of 0.3 Hz that oscillates from the start."""
+    panel = box(20.0, (0.9, 2.2, 0.03), (0.0, 1.1, 0.0))
+    parts = [robots.part('panel', BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')]
+    return _on_springs(robots.with_parts(robots.servicer(), parts), {'panel_joint': Spring(0.3, 0.005, 0.01)})
+
+
+def _slosh(_seed: int) -> World:
+    """Return 60 kg of fuel as a pendulum of 0.3 m and 0.1 Hz in two directions."""
+    yoke, fuel = box(0.1, (0.1, 0.1, 0.1)), box(60.0, (0.2, 0.2, 0.2), (0.0, 0.0, -0.3))
+    parts = [
+        robots.part('yoke', BASE, (-0.1, 0.0, 0.2), (1, 0, 0), yoke, 'revolute'),
+        robots.part('fuel', 'yoke', (0.0, 0.0, 0.0), (0, 1, 0), fuel, 'revolute'),
+    ]
+    springs = {'yoke_joint': Spring(0.1, 0.02, 0.1), 'fuel_joint': Spring(0.1, 0.02, -0.05)}
+    return _on_springs(robots.with_parts(robots.servicer(), parts), springs)
+
+
+def _flexible(frequency: float, damping: float, _seed: int) -> World:
+    """Return joint4 with a spring behind its encoder."""
+    urdf = robots.with_flexible_joint(robots.servicer(), 'joint4')
+    return _on_springs(urdf, {'flexible_joint': Spring(frequency, damping, 0.002)})
+
+
+def _pushed(name: str, wrench: Wrench, cause: str = '') -> Condition:
+    return Condition('world', name, lambda _: World(robots.servicer(), sinusoids(), wrench=wrench), cause=cause)
+
+
+def _moved(name: str, world: Callable[[int], World], cause: str, *locked: str) -> Condition:
+    """Return a world of which the estimator knows the usual description, or one whose links of some names are fixed."""
+
+    def believed(urdf: str) -> str:
+        return robots.locked(urdf, *locked) if locked else robots.servicer()
+
+    return Condition('world', name, world, believed, cause=cause)
+
+
+_FORCED, _DRIFTS = r'\bforce\b|thrust', r'\bforce\b|thrust|momentum drifts'
+_PULSE = _on_base(_pulse, 10.0, 5.0)
+DISTURBED = (
+    _pushed('a constant force of 10 mN, 10 mN m', _on_base(lambda _: 1.0, 0.01, 0.01), _FORCED),
+    _pushed(
+        'a slow sinusoidal force of 10 mN, 10 mN m',
+        _on_base(lambda time: float(np.sin(2.0 * np.pi * time / 40.0)), 0.01, 0.01),
+        _DRIFTS,
+    ),
+    _pushed('a thrust pulse of 1 N s, 0.5 N m s', _PULSE, 'thrust'),
+    _pushed('a pulse of 0.1 N s every 4 s', _on_base(_pulses, 1.0, 0.5), _DRIFTS),
+    _pushed('gravity gradient at 400 km', _gravity_gradient),
+    _moved('the body slips in the grasp by 5 deg', partial(_grasp, np.deg2rad(5.0)), 'grasp'),
+    _moved('the body slips in the grasp by 30 deg', partial(_grasp, np.deg2rad(30.0)), 'grasp'),
+    Condition('world', 'the hand loses the body', _lost, cause='another body|lost'),
+    _moved('wheels that nobody reads spin up', _wheels, UNREAD, 'wheel0', 'wheel1', 'wheel2', 'wheel3'),
+    _moved('a flexible panel of 0.3 Hz', _panel, r'\bHz\b', 'panel'),
+    _moved('fuel that sloshes at 0.1 Hz', _slosh, r'\bHz\b|fuel', 'yoke', 'fuel'),
+    _moved('a flexible joint of 2 Hz', partial(_flexible, 2.0, 0.01), FLEXIBLE),
+    _moved('a flexible joint of 1 Hz', partial(_flexible, 1.0, 0.3), FLEXIBLE),
+    Condition(
+        'world',
+        'odometry in an orbit-fixed frame',
+        servicer,
+        view=partial(readings.in_orbit_frame, _MEAN_MOTION),
+        cause='orbit-fixed frame',
+    ),
+)
+
+CONDITIONS: tuple[Condition, ...] = (*UNDISTURBED, *WRONG_MODELS, *SENSORS, *DISTURBED, *benches(_PULSE))
+CATALOGUE = {condition.name: condition for condition in (*CONDITIONS, *STARTS)}

@@ -1,0 +1,242 @@
+"""Robots whose base floats by conservation of momentum while joints follow a path, or swing on springs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio
+
+from benchmarks.data import RATE
+from benchmarks.honesty.paths import Path
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import express, load_model, parse
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.simulation.simulation import Truth
+
+# (time, s; base rotation (3, 3); base position (3,), m; (10,) standard parameters of the robot about the base's origin
+# in its axes) -> (6,) rate of change of (P, L), odometry frame, L about its origin.
+Wrench = Callable[[float, Array, Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring and damper on a joint without a motor."""
+
+    frequency: float  # Hz, of the joint by itself on the floating robot, its other joints locked
+    damping: float  # over critical damping
+    deflection: float  # rad or m, at time 0
+
+
+@dataclass(frozen=True)
+class World:
+    """The true robot and its motion."""
+
+    urdf: str
+    path: Path  # of all joints in the model's order, except those on springs
+    seconds: float = 60.0
+    rate: float = RATE  # Hz
+    spin: tuple[float, float, float] = (0.01, -0.015, 0.02)  # rad/s of the base at time 0; no linear momentum
+    wrench: Wrench | None = None  # external
+    unread: tuple[str, ...] = ()  # joints without a sensor
+    springs: Mapping[str, Spring] = field(default_factory=dict)  # by joint
+    sought: Array | None = None  # (10,) true physical parameters; None: of the target link in the URDF
+    since: float = 0.0  # s, from when on these hold
+    lost: tuple[float, str] | None = None  # s, and the robot after it has lost a part
+
+
+def float_freely(world: World) -> Truth:
+    """Return the motion of a world without springs."""
+    steps = round(world.seconds * world.rate) + 1
+    joints, rates = world.path(np.arange(2 * steps - 1) / (2.0 * world.rate))
+    flow = _Flow.of(world, world.urdf, joints, rates)
+    matrix = np.linalg.inv(flow.inverse[0])
+    total = matrix @ _start_twist(matrix, flow.moving[0], world.spin) + flow.moving[0]
+    start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), total))
+    states = _integrated(flow.rate, start, steps, world.rate)
+    twists = np.array([flow.twist(2 * number, state)[1] for number, state in enumerate(states)])
+    if world.lost is not None:
+        time, urdf = world.lost
+        first = round(time * world.rate)
+        after = _Flow.of(world, urdf, joints[2 * first :], rates[2 * first :])
+        begin = after.moving_as(flow, 2 * first, states[first])
+        states[first:] = _integrated(after.rate, begin, steps - first, world.rate)
+        twists[first:] = [after.twist(2 * number, state)[1] for number, state in enumerate(states[first:])]
+    return _truth(world, states, twists, joints[::2], rates[::2])
+
+
+def swing(world: World) -> Truth:
+    """Return the motion of a world with springs, by the dynamics of all joints."""
+    steps = round(world.seconds * world.rate) + 1
+    flow = _SpringFlow.of(world, *world.path(np.arange(2 * steps - 1) / (2.0 * world.rate)))
+    deflection = np.array([spring.deflection for spring in world.springs.values()])
+    state = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), deflection, np.zeros(6), np.zeros(len(deflection))))
+    mass, first = flow.mass(0, state), 7 + len(deflection)
+    state[first : first + 6] = _start_twist(mass[:6, :6], mass[:6, 6:] @ flow.joints(0, state)[1], world.spin)
+    states = _integrated(flow.rate, state, steps, world.rate)
+    joints = [flow.joints(2 * number, each) for number, each in enumerate(states)]
+    return _truth(world, states, states[:, first : first + 6], *(np.array(part) for part in zip(*joints, strict=True)))
+
+
+def _start_twist(matrix: Array, moving: Array, spin: tuple[float, float, float]) -> Array:
+    """Return the base's (6,) twist with a spin and no linear momentum, by locked inertia and momentum of the joints."""
+    linear = -(matrix[:3, 3:] @ np.array(spin) + moving[:3]) / matrix[0, 0]
+    return np.concatenate((linear, spin))
+
+
+def _truth(world: World, states: Array, twists: Array, joints: Array, rates: Array) -> Truth:
+    """Return states that begin with (quaternion, position), and twists, as a motion."""
+    return Truth(
+        time=np.arange(len(states)) / world.rate,
+        joint_position=joints,
+        joint_velocity=rates,
+        joint_effort=np.zeros_like(joints),
+        base_position=states[:, 4:7],
+        base_orientation=states[:, :4],
+        base_linear_velocity=twists[:, :3],
+        base_angular_velocity=twists[:, 3:],
+    )
+
+
+def _integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pace: float) -> Array:
+    """Return N states (N, m), which begin with a quaternion, by Runge-Kutta of order 4.
+
+    `rate` is of a state at a node, of which there are two a step; `pace` is steps a second.
+    """
+    step = 1.0 / pace
+    states = np.empty((steps, len(state)))
+    for number in range(steps):
+        states[number], node = state, 2 * number
+        if number == steps - 1:
+            break
+        first = rate(node, state)
+        second = rate(node + 1, state + 0.5 * step * first)
+        third = rate(node + 1, state + 0.5 * step * second)
+        fourth = rate(node + 2, state + step * third)
+        state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        state[:4] /= np.linalg.norm(state[:4])
+    return states
+
+
+def _pose_rate(state: Array, rotation: Array, twist: Array) -> Array:
+    """Return the rate of (quaternion, position), (7,), by the base's twist in its axes."""
+    (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
+    turning = [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
+    return np.concatenate((turning, rotation @ twist[:3]))
+
+
+def _rotation(state: Array) -> Array:
+    """Return the rotation matrix of a state, whose quaternion is of about unit length."""
+    x, y, z, w = state[:4].tolist()
+    scale = 2.0 / (x * x + y * y + z * z + w * w)
+    return np.array(
+        [
+            [1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)],
+            [scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)],
+            [scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """Rate of (quaternion, position, momentum), (13,); nodes are half a step apart."""
+
+    inverse: Array  # (K, 6, 6) of the locked robot's spatial inertia
+    moving: Array  # (K, 6) momentum by the joints' rates alone
+    whole: Array  # (K, 10)
+    world: World
+
+    @staticmethod
+    def of(world: World, urdf: str, joints: Array, rates: Array) -> _Flow:
+        model = load_model(urdf)
+        kinematics = Kinematics(model)
+        configuration = kinematics.configure(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints)
+        bodies = express(model.body_parameters(), configuration.rotation, configuration.position)
+        whole = np.sum(bodies, axis=1)
+        twists = kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))
+        return _Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
+
+    def moving_as(self, other: _Flow, node: int, state: Array) -> Array:
+        """Return the state of this robot, at its first node, with the motion of another one at a node of its own."""
+        rotation, twist = other.twist(node, state)
+        own = np.linalg.solve(self.inverse[0], twist) + self.moving[0]
+        linear = rotation @ own[:3]
+        return np.concatenate((state[:7], linear, rotation @ own[3:] + np.cross(state[4:7], linear)))
+
+    def twist(self, node: int, state: Array) -> tuple[Array, Array]:
+        """Return the base's rotation and its (6,) twist in base axes."""
+        rotation = _rotation(state)
+        (x, y, z), (a, b, c) = state[4:7].tolist(), state[7:10].tolist()
+        angular = state[10:] - np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+        own = np.concatenate((state[7:10] @ rotation, angular @ rotation))
+        return rotation, self.inverse[node] @ (own - self.moving[node])
+
+    def rate(self, node: int, state: Array) -> Array:
+        rotation, twist = self.twist(node, state)
+        result = np.zeros(13)
+        result[:7] = _pose_rate(state, rotation, twist)
+        if self.world.wrench is not None:
+            time = node / (2.0 * self.world.rate)
+            result[7:] = self.world.wrench(time, rotation, state[4:7], self.whole[node])
+        return result
+
+
+@dataclass(frozen=True)
+class _SpringFlow:
+    """Rate of (quaternion, position, deflections, base twist, their rates); nodes are half a step apart."""
+
+    pinocchio: pinocchio.Model
+    data: pinocchio.Data
+    swinging: Flags  # (n,) joints on springs
+    position: Array  # (K, d) of the driven joints
+    velocity: Array
+    acceleration: Array
+    stiffness: Array  # (k,)
+    damping: Array
+
+    @staticmethod
+    def of(world: World, position: Array, rate: Array) -> _SpringFlow:
+        model = parse(world.urdf)
+        swinging = np.array([name in world.springs for name in load_model(world.urdf).joint_names])
+        acceleration = np.gradient(rate, 0.5 / world.rate, axis=0)
+        none = np.zeros(len(world.springs))
+        flow = _SpringFlow(model, model.createData(), swinging, position, rate, acceleration, none, none)
+        start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), none, np.zeros(6), none))
+        free = np.concatenate((np.ones(6, dtype=bool), swinging))
+        # The inertia of a spring's joint, base and other springs being free: the inverse of its part of the inverse.
+        moved = 1.0 / np.diag(np.linalg.inv(flow.mass(0, start)[np.ix_(free, free)]))[6:]
+        turn = 2.0 * np.pi * np.array([spring.frequency for spring in world.springs.values()])
+        ratio = np.array([spring.damping for spring in world.springs.values()])
+        stiffness, damping = moved * turn**2, 2.0 * ratio * moved * turn
+        return _SpringFlow(model, flow.data, swinging, position, rate, acceleration, stiffness, damping)
+
+    def joints(self, node: int, state: Array) -> tuple[Array, Array]:
+        """Return positions and rates (n,) of all joints."""
+        count = len(self.stiffness)
+        position, velocity = np.empty(len(self.swinging)), np.empty(len(self.swinging))
+        position[~self.swinging], velocity[~self.swinging] = self.position[node], self.velocity[node]
+        position[self.swinging], velocity[self.swinging] = state[7 : 7 + count], state[13 + count :]
+        return position, velocity
+
+    def mass(self, node: int, state: Array) -> Array:
+        """Return the (6 + n, 6 + n) joint-space inertia."""
+        configuration = np.concatenate((state[4:7], state[:4], self.joints(node, state)[0]))
+        upper = np.triu(pinocchio.crba(self.pinocchio, self.data, configuration))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    def rate(self, node: int, state: Array) -> Array:
+        count, free = len(self.stiffness), np.concatenate((np.ones(6, dtype=bool), self.swinging))
+        position, velocity = self.joints(node, state)
+        twist = state[7 + count : 13 + count]
+        configuration = np.concatenate((state[4:7], state[:4], position))
+        known = np.zeros(len(free))
+        known[~free] = self.acceleration[node]
+        # Forces on base and springs by the driven joints' accelerations.
+        both = np.concatenate((twist, velocity))
+        force = -pinocchio.rnea(self.pinocchio, self.data, configuration, both, known)[free]
+        force[6:] -= self.stiffness * state[7 : 7 + count] + self.damping * state[13 + count :]
+        gained = np.linalg.solve(self.mass(node, state)[np.ix_(free, free)], force)
+        return np.concatenate((_pose_rate(state, _rotation(state), twist), state[13 + count :], gained))

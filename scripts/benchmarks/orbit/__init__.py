@@ -1,1 +1,0 @@
-"""Runs in orbit, and with wheels inside."""

@@ -1,0 +1,171 @@
+"""What tells causes apart: likelihood gains, the noise of samples, lines in a spectrum, and their ranking."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+from scipy.stats import multivariate_normal
+
+from checked import some
+from mbaid_ros.core.diagnosis.ranking import CHANNELS, Roughness, lines, ranked, roughness
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.variance_components import PriorComparison
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from measured import base_stream, joint_stream
+
+JOINT, ANGLE, LENGTH = 1e-4, 2e-4, 1e-3  # rad, rad, m
+QUIET = Roughness(np.ones(len(CHANNELS)), 0.0)
+
+
+def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
+    assert PriorComparison.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
+
+
+def samples(joint: float, orientation: float, position: float, seed: int) -> Samples:
+    """Return a window in which everything moves, with noise so many times as large as declared."""
+    rng = np.random.default_rng(seed)
+    stamps = 1_700_000_000_000_000_000 + np.round(1e7 * np.arange(60)).astype(np.int64)
+    found = some(Synchroniser(1.0).push(joint_stream(stamps), base_stream(stamps)))
+    count, time = len(found), found.time[:, None]
+    turned = exp(0.05 * time * np.ones(3) + orientation * ANGLE * rng.normal(size=(count, 3)))
+    covariance = np.diag(np.repeat([LENGTH**2, ANGLE**2], 3))
+    return replace(
+        found,
+        joint_position=np.sin(time) + joint * JOINT * rng.normal(size=found.joint_position.shape),
+        base_position=0.3 * np.cos(time) + position * LENGTH * rng.normal(size=(count, 3)),
+        base_rotation=turned,
+        pose_covariance=np.broadcast_to(covariance, (count, 6, 6)),
+    )
+
+
+def test_samples_tell_how_noisy_they_are_whatever_moves() -> None:
+    found = roughness([samples(10.0, 3.0, 1.0, seed) for seed in range(8)], JOINT)
+    told = dict(zip(CHANNELS, found.factor, strict=True))
+    assert told['joint_position'] == pytest.approx(10.0, rel=0.15)
+    assert told['base_orientation'] == pytest.approx(3.0, rel=0.15)
+    assert told['base_position'] == pytest.approx(1.0, rel=0.15)
+    assert found.outliers < 0.002
+
+
+def test_outliers_are_counted_and_make_no_noise() -> None:
+    windows = [samples(1.0, 1.0, 1.0, seed) for seed in range(8)]
+    for window in windows:
+        window.base_position[30] += 0.2
+    found = roughness(windows, JOINT)
+    assert found.factor[CHANNELS.index('base_position')] == pytest.approx(1.0, rel=0.2)
+    assert found.outliers == pytest.approx(1.0 / 60.0, rel=0.2)
+
+
+def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
+    rng = np.random.default_rng(1)
+    time = 0.5 * np.arange(80)
+    values = rng.normal(size=(80, 6))
+    assert lines(values, 0.5) == []
+    values += 0.02 * (time - 20.0)[:, None] ** 2
+    values[:, 2] += 1.5 * np.sin(2.0 * np.pi * 0.31 * time)
+    assert lines(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
+
+
+def ranks(rough: Roughness, correlated: tuple[float, float] = (0.0, 0.0)) -> list[str]:
+    """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
+    large = Innovations.none(6)
+    for _ in range(50):
+        large = large.after(np.full(12, 3.0), np.arange(12))
+    inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
+    return [cause.text for cause in ranked(inquired, large, 2400.0, rough, correlated)]
+
+
+def test_a_thing_stands_before_what_explains_anything_unless_it_explains_much_less() -> None:
+    assert ranks(QUIET) == ['the thing', 'anything', 'a small thing']
+
+
+def test_noise_values_are_named_where_the_samples_are_as_noisy_as_that() -> None:
+    loud = replace(QUIET, factor=np.array([3.0, 3.0, 1.0, 1.0, 3.0]))
+    assert any('noise.base_position 3.0 times' in cause for cause in ranks(loud))
+    assert not any('noise' in cause for cause in ranks(QUIET))
+
+
+def test_correlated_noise_and_outliers_that_the_samples_show_lead() -> None:
+    assert 'set noise.base_correlation_time to 0.3' in ranks(QUIET, (0.3, 40.0))[0]
+    assert 'outliers' in ranks(replace(QUIET, outliers=0.01))[0]
+
+
+NUMBERS, MEASURED = 4, 6
+BEFORE = 0.05  # chance that they are declared too certain
+
+
+def posterior(rows: Array, data: Array) -> tuple[Array, Array]:
+    """Return mean and covariance of numbers of unit variance after data = rows numbers + noise of unit variance."""
+    covariance = np.linalg.inv(np.eye(rows.shape[1]) + rows.T @ rows)
+    return covariance @ rows.T @ data, covariance
+
+
+def drawn(seed: int, size: float, seen: float) -> tuple[Array, Array]:
+    """Return the posterior of numbers that are so many times as large as declared."""
+    random = np.random.default_rng(seed)
+    rows = seen * random.normal(size=(MEASURED, NUMBERS))
+    return posterior(rows, rows @ (size * random.normal(size=NUMBERS)) + random.normal(size=MEASURED))
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rows, data = random.normal(size=(MEASURED, NUMBERS)), 5.0 * random.normal(size=MEASURED)
+
+    def likelihood(factor: float) -> float:
+        covariance = np.eye(MEASURED) + factor**2 * rows @ rows.T
+        return float(multivariate_normal(np.zeros(MEASURED), covariance).logpdf(data))
+
+    expected = {factor: likelihood(factor) - likelihood(1.0) for factor in (3.0, 10.0)}
+    most, factor = PriorComparison.of(*posterior(rows, data)).gain(10.0)
+    assert factor == max(expected, key=lambda each: expected[each])
+    assert most == pytest.approx(expected[float(factor)], rel=1e-9)
+
+
+def test_what_is_as_large_as_declared_stays() -> None:
+    sizes = [PriorComparison.of(*drawn(seed, 1.0, 10.0)).likely_sizes(BEFORE, BEFORE)[0] for seed in range(500)]
+    assert np.median(sizes) < 1.05
+    assert np.mean(np.array(sizes) > 1.5) < 0.03
+
+
+@pytest.mark.parametrize('size', [3.0, 6.0])
+def test_what_is_larger_is_found_to_be(size: float) -> None:
+    found = np.array(
+        [PriorComparison.of(*drawn(seed, size, 10.0)).likely_sizes(BEFORE, BEFORE)[:2] for seed in range(200)]
+    )
+    assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
+    assert np.median(found[:, 1]) > 0.9
+
+
+def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
+    mean, covariance = drawn(0, 3.0, 1e-6)
+    assert PriorComparison.of(mean, covariance).likely_sizes(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_sizes(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize('seen', [0.5, 10.0])
+def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it(seen: float) -> None:
+    """Also where data see little of the numbers: what is left at the prior is no evidence for it."""
+    square, _, degrees = np.transpose([PriorComparison.of(*drawn(seed, 1.0, seen)).distances for seed in range(500)])
+    assert np.mean(square > chdtri(degrees, 0.05)) == pytest.approx(0.05, abs=0.03)
+    assert np.mean(square) == pytest.approx(np.mean(degrees), rel=0.1)
+    _, twice, degrees = np.transpose([PriorComparison.of(*drawn(seed, 2.0, seen)).distances for seed in range(500)])
+    assert np.mean(twice) == pytest.approx(np.mean(degrees), rel=0.1)
+
+
+def test_what_no_data_see_is_at_no_distance() -> None:
+    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
+
+
+def test_groups_side_by_side_are_as_each_by_itself() -> None:
+    drawings = [drawn(seed, 3.0, 2.0) for seed in range(5)]
+    together = PriorComparison.of(*map(np.array, zip(*drawings, strict=True)))
+    for place, each in enumerate(PriorComparison.of(*drawing) for drawing in drawings):
+        assert [part[place] for part in together.likely_sizes(BEFORE, BEFORE)] == [*each.likely_sizes(BEFORE, BEFORE)]
+        assert [part[place] for part in together.distances] == [*each.distances]
+        assert [part[place] for part in together.gain(30.0)] == [*each.gain(30.0)]

@@ -1,0 +1,154 @@
+"""Joints whose reading jumps, stands still, or is as if its far side swung."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_windows import SPACING, joint_window
+from mbaid_ros.core.diagnosis.encoders import size, slipped_readings, stopped_readings, swinging
+from mbaid_ros.core.filter.knots import AFTER, BEFORE
+from mbaid_ros.core.filter.state import Layout
+from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, kernel, observe
+from windowed import JOINT as JOINT_NOISE
+from windowed import window_model, window_of
+
+COUNT = 10  # knots of a window
+JOINTS = ('shoulder', 'elbow', 'wrist')
+NUMBER = 24  # windows
+
+
+def positions(seed: int, step: float, time: float, joint: int = 1) -> Array:
+    """Return joints that swing, with noise of 0.05 mrad, and that one of them reads off from a time (s) on."""
+    rng = np.random.default_rng(seed)
+    times = SPACING * (np.arange(BEFORE + NUMBER * COUNT + AFTER) - BEFORE)[:, None]
+    swings = 0.3 * np.sin(rng.uniform(0.3, 1.0, 3) * times + rng.uniform(0.0, 6.0, 3))
+    swings[:, joint] += step * (times[:, 0] >= time)
+    return swings + 5e-5 * rng.normal(size=swings.shape)
+
+
+def windows(values: Array) -> list[Window]:
+    """Return windows of joints at positions."""
+    length = BEFORE + COUNT + AFTER
+    starts = [place * COUNT for place in range(NUMBER)]
+    return [joint_window(values[start : start + length], start * SPACING) for start in starts]
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('step', [-3e-3, 1e-2, 0.5])
+@pytest.mark.parametrize('time', [5.0, 6.2, 7.49])
+def test_a_jump_is_told_by_joint_size_and_time_and_taken_off(seed: int, step: float, time: float) -> None:
+    first, *_ = slipped_readings(windows(positions(seed, step, time)), JOINTS)
+    assert first.text.startswith('the reading of elbow jumps by ')
+    assert float(first.text.split()[6]) == pytest.approx(1e3 * step, rel=0.02, abs=0.5)
+    assert float(first.text.split('at ')[1].split()[0]) == pytest.approx(time, abs=0.15)
+    right = {each.start: each.knots.joint_position for each in windows(positions(seed, 0.0, time))}
+    assert NUMBER - 3 == len(first.windows) == len(first.as_read)
+    assert [each.fresh for each in first.windows].count(True) == 1
+    for mended, read in zip(first.windows, first.as_read, strict=True):
+        np.testing.assert_allclose(mended.knots.joint_position, right[mended.start], atol=5e-4)
+        off = read.knots.joint_position[:, 1] - right[read.start][:, 1]
+        np.testing.assert_allclose(off, step if read.start > time else 0.0, atol=1e-12)
+
+
+def test_nothing_jumps_in_a_smooth_motion_nor_at_rest() -> None:
+    for seed in range(4):
+        assert slipped_readings(windows(positions(seed, 0.0, 5.0)), JOINTS) == []
+    assert slipped_readings(windows(np.ones((BEFORE + NUMBER * COUNT + AFTER, 3))), JOINTS) == []
+
+
+def test_knots_that_are_empty_are_no_jump() -> None:
+    first, *others = windows(positions(1, 0.0, 5.0))
+    lost = first.knots.joint_position.copy()
+    lost[5:8] = np.nan
+    assert slipped_readings([replace(first, knots=replace(first.knots, joint_position=lost)), *others], JOINTS) == []
+
+
+KNOTS = BEFORE + 20 + AFTER
+
+
+def standing(still: Flags) -> list[Window]:
+    """Return standing in which joints stand still or not, (W, 3)."""
+    moving = np.random.default_rng(4).normal(size=(len(still), KNOTS, 3))
+    positions = np.where(still[:, None], moving[:, :1], moving)
+    return [joint_window(each, float(start)) for start, each in enumerate(positions)]
+
+
+def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_out() -> None:
+    still = np.zeros((9, 3), dtype=bool)
+    still[3:5, 1] = True
+    (found,) = stopped_readings(standing(still), JOINTS)
+    assert found.text.startswith('the reading of elbow stands still from 3.0 to 5.0 s')
+    assert [each.start for each in found.windows] == [0.0, 1.0, 6.0, 7.0, 8.0]
+    assert [each.fresh for each in found.windows] == [False, False, True, False, False]
+
+
+def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_told() -> None:
+    still = np.zeros((12, 3), dtype=bool)
+    still[::2, 2], still[4, 0] = True, True
+    found = stopped_readings(standing(still), JOINTS)
+    assert [each.text.split()[3] for each in found] == ['wrist', 'shoulder']
+    assert found[0].text.count(' to ') == 3
+    assert 'and more' in found[0].text
+
+
+@pytest.mark.parametrize('still', [np.zeros((5, 3), dtype=bool), np.ones((5, 3), dtype=bool)])
+def test_nothing_is_found_where_all_move_or_all_rest(still: Flags) -> None:
+    assert stopped_readings(standing(still), JOINTS) == []
+
+
+def test_a_reading_that_is_missing_does_not_stand_still() -> None:
+    (first, *others) = standing(np.zeros((5, 3), dtype=bool))
+    positions = first.knots.joint_position.copy()
+    positions[:, 0] = np.nan
+    lost = replace(first, knots=replace(first.knots, joint_position=positions))
+    assert stopped_readings([lost, *others], JOINTS) == []
+
+
+STEP, JOINT, TIMES = 0.05, 3, 30.0
+
+
+@pytest.fixture(scope='module')
+def robot() -> MomentumKernel:
+    return kernel('servicer7')
+
+
+@pytest.fixture(scope='module')
+def window(servicer: Truth) -> Window:
+    return window_of(observe(servicer, MID), STEP)
+
+
+def covariances(robot: MomentumKernel, window: Window) -> tuple[Array, Array]:
+    """Return those of the means of a window's pose and twist, at rest and with the body that is described."""
+    layout = Layout.of(robot, ())
+    point = layout.point(np.concatenate((np.zeros(12), robot.target.parameters)))
+    model = window_model(layout, window, point)
+    return model.pose_covariance, model.twist_covariance
+
+
+def test_a_joint_that_swings_moves_the_base_in_one_direction(robot: MomentumKernel, window: Window) -> None:
+    (loose,) = swinging([window], JOINT, TIMES, robot.model.joints)
+    for before, after in zip(covariances(robot, window), covariances(robot, loose), strict=True):
+        sizes = np.linalg.eigvalsh(after - before)
+        assert sizes[-1] > 0.0
+        assert np.abs(sizes[:-1]).max() < 1e-9 * sizes[-1]
+
+
+def test_joints_that_are_all_alike_are_as_noisy_as_with_one_number(robot: MomentumKernel, window: Window) -> None:
+    noise = replace(window.noise, joint_position=np.full(robot.model.joints, window.noise.joint_position))
+    for one, each in zip(covariances(robot, window), covariances(robot, replace(window, noise=noise)), strict=True):
+        assert np.array_equal(one, each)
+
+
+def test_the_size_is_that_of_a_windows_mean(window: Window, robot: MomentumKernel) -> None:
+    (loose,) = swinging([window], JOINT, TIMES, robot.model.joints)
+    assert loose.noise.joint_position == pytest.approx(
+        JOINT_NOISE * np.where(np.arange(robot.model.joints) == JOINT, TIMES, 1.0)
+    )
+    assert size([window], TIMES) == pytest.approx(TIMES * JOINT_NOISE / np.sqrt(window.noise.samples))

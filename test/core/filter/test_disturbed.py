@@ -1,0 +1,236 @@
+"""What disturbs a run of the filter: found, named and allowed for, or warned of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.stats import chi2
+
+from benchmarks.honesty.runs import PUBLISHED, Outcome, run
+from captured import capture
+from checked import some
+from floating import DEFAULT, errors, float_freely, follow, make, normalised, pushing, true_momentum
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import PULSE as PULSE_NAMED
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
+from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
+from shortened import shorten
+
+SECONDS = 20.0
+FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
+PULSE = np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3])  # N s, N m s
+PULSED = 12.2  # s
+LATE = 0.005  # s
+# Ten parameters, one run in a thousand.
+LIMIT = float(chi2.isf(1e-3, 10))
+
+
+@pytest.fixture(scope='module')
+def robot() -> MomentumKernel:
+    return kernel('servicer7')
+
+
+@pytest.fixture(scope='module')
+def momentum(robot: MomentumKernel, servicer: Truth) -> Array:
+    return true_momentum(robot, observe(servicer[:1], MID))[0]
+
+
+@pytest.mark.parametrize('known', [0.05, pytest.param(0.0, marks=pytest.mark.long)])
+def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float) -> None:
+    """Also where the linear momentum was known at first: the pulse is as large as any."""
+    truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
+    following = make(robot, MID, adapt=True, uncertainty=replace(DEFAULT, linear_momentum=known))
+    last = following.update(windows(observe(truth, MID, 4)), 0)[-1]
+    (event,) = last.events
+    assert event.kind == 'step'
+    assert PULSED - 0.5 <= event.time <= PULSED + 0.5
+    # A twentieth of a kilogram-metre a second: three standard deviations of a momentum known from a few seconds.
+    assert event.linear == pytest.approx(PULSE[:3], abs=0.15)
+    assert event.angular == pytest.approx(PULSE[3:], abs=0.15)
+    assert normalised(last, robot) < LIMIT
+    assert last.status in {'estimating', 'converged'}
+
+
+@pytest.mark.parametrize('axes', ['inertial', pytest.param('body', marks=pytest.mark.long)])
+def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
+    following = make(robot, MID, adapt=True)
+    last = following.update(windows(observe(truth, MID, 5)), 0)[-1]
+    assert any(
+        f'constant force or torque acts, in {"base" if axes == "body" else axes} axes' in x for x in last.warnings
+    )
+    assert normalised(last, robot) < LIMIT
+    assert [event.kind for event in last.events] == ['ramp']
+    run = some(following._runs.run)
+    moments = run.moments()
+    error = moments.force - FORCE_TORQUE
+    covariance = moments.force_factor @ moments.force_factor.T
+    assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 6)
+    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), moments.force)
+    # Without the hypothesis the force is taken for inertia.
+    assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
+
+
+@pytest.mark.parametrize('axes', ['inertial', pytest.param('body', marks=pytest.mark.long)])
+def test_a_pulse_is_told_without_what_a_constant_force_brings(
+    robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str
+) -> None:
+    force = 4.0 * FORCE_TORQUE
+    truth = float_freely(robot, joints, momentum, 30.0, push=pushing(force, axes), pulse=(PULSED, PULSE))
+    last = estimator(robot, MID, method='trajectory', disturbance__constant=axes).update(
+        windows(observe(truth, MID, 4)), 0
+    )[-1]
+    events = {event.kind: event for event in last.events}
+    assert set(events) == {'ramp', 'step'}
+    # The force alone brings .9 N s in the 18 s that follow.
+    assert events['step'].linear == pytest.approx(PULSE[:3], abs=0.15)
+    assert events['step'].angular == pytest.approx(PULSE[3:], abs=0.3)
+
+
+@pytest.mark.long
+def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_robot(
+    robot: MomentumKernel, joints: Sinusoids, momentum: Array
+) -> None:
+    """No run without the force is followed then, so that what it gains over one cannot be told."""
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, 'body'))
+    told = {'disturbance__constant': 'body', 'known_links__relative_std': 1e-4, 'known_joints__zero_std': 1e-4}
+    run = estimator(robot, MID, method='trajectory', **told)
+    last = run.update(windows(observe(truth, MID, 5)), 0)[-1]
+    assert last.status in {'estimating', 'converged'}
+    assert normalised(last, robot) < LIMIT
+
+
+@pytest.mark.long
+def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth) -> None:
+    walk = np.cumsum(1e-4 * np.random.default_rng(7).normal(size=(len(servicer), 3)), axis=0)
+    samples = observe(servicer, MID, 6)
+    samples = replace(samples, base_position=samples.base_position + walk)
+    last = follow(robot, samples, MID, adapt=True)[-1]
+    assert any('odometry position drifts' in warning for warning in last.warnings)
+    assert normalised(last, robot) < LIMIT
+    assert not last.events
+
+
+@pytest.mark.parametrize('seed', [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
+def test_an_odometry_position_that_drifts_beside_poor_encoders(
+    robot: MomentumKernel, servicer: Truth, seed: int
+) -> None:
+    """Rows are full of noise then: the start must not take what drifts for that."""
+    walk = np.cumsum(1e-4 * np.random.default_rng(seed).normal(size=(len(servicer), 3)), axis=0)
+    samples = observe(servicer, HIGH, seed)
+    samples = replace(samples, base_position=samples.base_position + walk)[: int(np.searchsorted(samples.time, 13.0))]
+    told = [each for each in follow(robot, samples, HIGH, adapt=True) if each.std[0] > 0.0]
+    assert len(told) > 8
+    assert any('odometry position drifts' in warning for warning in told[-1].warnings)
+    assert normalised(told[-1], robot) < LIMIT
+
+
+def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Truth) -> None:
+    last = follow(robot, observe(servicer[:1200], MID, 8), MID, adapt=True)[-1]
+    assert not last.warnings
+    assert not last.events
+
+
+def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
+    curve = CubicSpline(servicer.time, servicer.joint_position)
+    late = replace(servicer, joint_position=curve(servicer.time - LATE))
+    last = follow(robot, observe(late, MID, 7), MID)[-1]
+    assert abs(last.time_offset - LATE) < 3.0 * last.time_offset_std
+    assert last.time_offset_std < 2e-4
+    assert normalised(last, robot) < LIMIT
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
+def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
+    """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
+    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
+    following = make(robot, MID, adapt=True)
+    last = following.update(windows(observe(truth, MID)), 0)[-1]
+    assert last.events[0].kind == 'ramp'
+    assert np.all(np.abs(errors(last, robot)) < 0.02 * last.std)
+
+
+@pytest.mark.long
+def test_a_force_that_only_linearisation_speaks_for_is_not_believed(plane: Truth) -> None:
+    # Encoders so poor that for this draw a force that fits worse, at a body of a third of the mass, has the larger
+    # likelihood: what is linearised there leaves less room for errors.
+    planar = kernel('table1')
+    last = follow(planar, observe(plane, HIGH, 16_834_525_784_445_026_308), HIGH, adapt=True)[-1]
+    assert not last.events
+    assert last.parameters[0] == pytest.approx(physical(planar.target.parameters)[0], abs=5.0 * last.std[0])
+
+
+CAUGHT, END = 20.0, 40.0  # s
+VELOCITY, SPIN = np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015])  # m/s, rad/s
+
+
+@cache
+def history() -> list[Estimate]:
+    truth = capture(CAUGHT, END - CAUGHT, VELOCITY, SPIN).truth
+    return estimator(kernel('servicer7'), MID, method='trajectory').update(windows(observe(truth, MID, 1)), 0)
+
+
+def test_a_second_body_in_the_grasp_is_told_and_identified() -> None:
+    last = history()[-1]
+    (event,) = last.events
+    assert event.kind == 'target_changed'
+    assert event.time == pytest.approx(CAUGHT, abs=0.5)
+    assert 'another body' in event.cause
+    assert last.status in PUBLISHED
+    assert np.all(np.abs(last.parameters - true_body(kernel('servicer7'))) < 4.0 * last.std)
+
+
+def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> None:
+    since = [estimate for estimate in history() if estimate.time > CAUGHT + 0.5 and estimate.status in PUBLISHED]
+    assert since
+    for estimate in since:
+        assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
+
+
+@pytest.mark.long
+def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'a thrust pulse of 1 N s, 0.5 N m s'
+    shorten(monkeypatch, name, 40.0)
+    told = run((name, 'trajectory', 0))
+    assert told.status in PUBLISHED
+    assert told.named == PULSE_NAMED
+    assert max(told.worst, told.young) < 5.0
+
+
+def gone_on(name: str, seed: int, cause: str) -> Outcome:
+    """Return what a run says that has told of a change and goes on with the target of afterwards."""
+    told = run((name, 'trajectory', seed))
+    assert told.status in PUBLISHED
+    assert cause in told.causes
+    given = told.std > 0.0
+    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
+    return told
+
+
+@pytest.mark.long
+def test_after_a_slip_the_run_goes_on() -> None:
+    gone_on('the body slips in the grasp by 5 deg', 0, 'moved in the grasp at 30.0 s')
+
+
+@pytest.mark.long
+def test_a_wide_slip_is_told_from_the_first_inquiry_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'the body slips in the grasp by 30 deg'
+    shorten(monkeypatch, name, 48.0)
+    gone_on(name, 1, 'moved in the grasp at 30.0 s')
+
+
+@pytest.mark.long
+def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = 'the hand loses the body'
+    shorten(monkeypatch, name, 48.0)
+    told = gone_on(name, 0, 'another body is in the grasp since 30.0 s, caught or lost')
+    assert told.error[0] < 5.0  # kg, of a body that was 155 kg heavier

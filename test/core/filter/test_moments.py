@@ -1,0 +1,245 @@
+"""The filter's mean and covariance: contributions of each prior, prior scale factors, errors in variables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drawn_windows import prepare
+from drawn_windows import variables as drawn_variables
+from drawn_windows import window as drawn_window
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from observed import kernel
+
+MEASURED = 12
+
+
+class Case:
+    """The seven-joint servicer, some of whose unknowns windows full of random rows tell of."""
+
+    def __init__(self, windows: int = 5, unseen: slice = slice(0)) -> None:
+        robot = kernel('servicer7')
+        uncertainty = Uncertainty(zeros=(1e-3,) * 7, axes=(2e-3,) * 7, mount_position=2e-3, time_offset=5e-3)
+        self.layout = Layout.of(robot, catalogue(robot, uncertainty))
+        self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
+        rng = np.random.default_rng(5)
+        self.windows = [self._window(rng, unseen) for _ in range(windows)]
+        belief = SquareRootInformation.prior(self.space)
+        for white in self.windows:
+            belief = advance(update(belief, white), white, self.space, UNDISTURBED)
+        self.moments = MeanAndCovariance.of(belief, self.space)
+
+    def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
+        size = self.layout.size
+        rows, way = rng.normal(size=(MEASURED, size)), 0.1 * rng.normal(size=(6, size))
+        way[:, :6] += np.eye(6)
+        rows[:, unseen] = way[:, unseen] = 0.0
+        shared = rng.normal(size=size)
+        shared[unseen] = 0.0
+        none, head = np.zeros((6, 6)), np.eye(12)
+        head[:6] = way[:, :12]
+        return WhitenedWindow(
+            *(rng.normal(size=MEASURED), rows, 0.0, way, rng.normal(size=6), np.zeros((6, 0)), np.linalg.inv(head)),
+            *(shared, np.zeros((10, 11)), none, np.zeros((6, size)), none, none, np.zeros((6, 0))),
+            length=0.5,
+            places=np.arange(MEASURED),
+        )
+
+    def sources(self) -> Array:
+        """Return what white noise and prior each contribute to the covariance of the state, (1 + v, s, s).
+
+        The estimate's error as a linear function of the noise of all values, and of the prior's independent numbers.
+        """
+        size = self.layout.size
+        whole: Array = np.eye(size)
+        rows = []
+        for white in self.windows:
+            rows.append(white.rows @ whole)
+            step = np.eye(size)
+            step[:6] = white.transition
+            whole = step @ whole
+        matrix, root = np.concatenate(rows), self.space.gather @ self.space.factor
+        covariance = np.linalg.inv(matrix.T @ matrix + np.linalg.inv(root @ root.T))
+        to_state = self.space.spread @ whole
+        noise = to_state @ covariance @ matrix.T
+        prior = to_state @ (covariance @ matrix.T @ matrix - np.eye(size)) @ root
+        return np.stack([noise @ noise.T, *(np.outer(column, column) for column in prior.T)])
+
+
+def test_the_shares_are_what_each_prior_contributes() -> None:
+    case = Case()
+    moments, layout = case.moments, case.layout
+    # Of numbers of momentum and body that are no coordinates of the state.
+    rows = np.arange(6, BODY.stop)
+    jacobian = np.random.default_rng(1).normal(size=(4, len(rows)))
+    parts = moments.contributions(jacobian @ moments.factor[rows], layout)
+    shares = dict(zip(layout.causes, (parts.T**2 @ layout.belongs).T, strict=True))
+    names = layout.kernel.model.joint_names
+    assert set(shares) == {*(f'{part}:{name}' for name in names for part in ('zero', 'axis')), 'mount', 'time offset'}
+
+    def of(covariance: Array) -> Array:
+        return np.einsum('mi,ij,mj->m', jacobian, covariance[np.ix_(rows, rows)], jacobian)
+
+    noise, *priors = (of(each) for each in case.sources())
+    for cause, share in shares.items():
+        own = [
+            place.start + index
+            for unknown, place in zip(layout.unknowns, layout.places, strict=True)
+            for index, each in enumerate(unknown.causes)
+            if each == cause
+        ]
+        assert share == pytest.approx(sum(priors[index] for index in own), rel=1e-6)
+    # What is left of the whole is sensor noise, and the priors of pose, momentum and body.
+    whole = of(moments.factor @ moments.factor.T)
+    rest = noise + sum(priors[: BODY.stop])
+    assert sum(shares.values()) + rest == pytest.approx(whole, rel=1e-8)
+
+
+def test_what_no_window_has_seen_keeps_its_prior_exactly() -> None:
+    unseen = slice(BODY.stop + 4, BODY.stop + 9)
+    moments = Case(windows=200, unseen=unseen).moments
+    assert np.array_equal(moments.variance[unseen], np.ones(5))
+    assert np.array_equal(moments.mean[unseen], np.zeros(5))
+    others = np.delete(moments.factor, np.arange(unseen.start, unseen.stop), axis=0)
+    assert np.array_equal(moments.factor[unseen] @ others.T, np.zeros((5, len(others))))
+
+
+def test_numbers_of_the_state_have_the_covariance_of_their_factor() -> None:
+    case = Case()
+    rows = np.array([3, 14, 30])
+    factor = case.moments.factor
+    outside = replace(case.space, basis=case.space.basis[:, :-1], scale=case.space.scale[:-1])
+    found = case.moments.covariance(rows)
+    assert found == pytest.approx((factor @ factor.T)[np.ix_(rows, rows)])
+    # What the variables leave out is as uncertain as ever.
+    last = np.array([case.layout.size - 1])
+    assert outside.outside[np.ix_(last, last)] == pytest.approx(np.ones((1, 1)))
+
+
+LINKS = ('base_link', 'link1', 'link2', 'link3')
+CAUSES = tuple(f'link:{name}' for name in LINKS for _ in range(10))
+PARTS = tuple(f'mass:{name}' if place == 0 else '' for name in LINKS for place in range(10))
+PLACE = 20  # of the mass of link2
+OTHER_LINKS = np.array(CAUSES) != 'link:link2'
+NOISE = 2.0  # of what the data say of each number, in units of its prior
+
+
+def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleFactors:
+    """Return what is said of numbers that data see with noise."""
+    seen = 1.0 / (1.0 + NOISE**2)
+    values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
+    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+
+
+def off(place: int, far: float) -> Array:
+    return np.where(np.arange(len(CAUSES)) == place, far, 0.0)
+
+
+def test_a_mass_alone_that_is_far_off_widens_what_it_contributes() -> None:
+    each = np.array([said(off(PLACE, 10.0), seed).each for seed in range(50)])
+    assert np.mean(each[:, PLACE] > 2.0) > 0.9
+    assert np.median(each, axis=0)[OTHER_LINKS].max() < 1.1
+    # One of ten numbers that is not looked at by itself is less of a surprise.
+    other = np.array([said(off(PLACE + 3, 10.0), seed).each for seed in range(50)])
+    assert np.mean(other[:, PLACE + 3]) < 0.7 * np.mean(each[:, PLACE])
+
+
+def test_masses_as_declared_are_hardly_ever_taken_for_mistaken() -> None:
+    rng = np.random.default_rng(1)
+    each = np.empty((300, 2, len(CAUSES)))
+    for seed, (looked_at, not_so) in enumerate(each):
+        truth = rng.normal(size=len(CAUSES))
+        looked_at[:] = said(truth, seed).each
+        not_so[:] = said(truth, seed, ('',) * len(CAUSES)).each
+    masses = np.any(np.array([PARTS]) != '', axis=0)
+    assert np.mean(each[:, 0, masses] > 1.5) < np.mean(each[:, 1, masses] > 1.5) + 0.03
+    assert np.all(each[:, 0, ~masses] == each[:, 1, ~masses])
+
+
+def test_a_mass_is_named_where_it_is_further_off_than_its_link() -> None:
+    assert 'mass:link2' in dict(said(off(PLACE, 14.0), 0).sure)
+    whole = np.where(np.array(CAUSES) == 'link:link2', 8.0, 0.0)
+    assert 'link:link2' in dict(said(whole, 0).sure)
+    assert 'mass:link2' not in dict(said(whole, 0).sure)
+    assert set(said(off(0, 0.0), 0).distances) == {f'link:{name}' for name in LINKS}
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_noise_in_rows_feigns_the_information_that_it_has_on_average(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    space, model = drawn_variables(rng), drawn_window(rng)
+    slope = np.einsum('aun,ub->abn', model.joints_by_unknowns[:, :10], space.spread[BODY, BODY])
+    information = np.zeros((10, 10))
+    for covariance, size in ((model.pose_covariance, 1.0), (model.twist_covariance, model.joints_in_twist)):
+        # E[(d rows)^T covariance^-1 (d rows)] of an error of the joints with unit covariance.
+        information += size * np.einsum('abn,ac,cdn->bd', slope, np.linalg.inv(covariance), slope)
+    at = information @ (space.gather[BODY, BODY] @ model.body)
+    assert prepare(model, space).feigned == pytest.approx(np.column_stack((information, at)), rel=1e-8)
+
+
+def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> None:
+    rng = np.random.default_rng(4)
+    space = drawn_variables(rng)
+    white = [prepare(drawn_window(rng), space) for _ in range(2)]
+    belief = SquareRootInformation.prior(space)
+    for each in white:
+        belief = update(belief, each)
+    assert belief.feigned == pytest.approx(white[0].feigned + white[1].feigned)
+    moments = MeanAndCovariance.of(belief, space)
+    rows = np.arange(6, BODY.stop)  # momentum and body
+    covariance = moments.covariance(rows)
+    information = np.zeros((len(rows), len(rows)))
+    gather = space.gather[BODY, BODY]
+    # Of these drawn windows' information, what is left of a hundredth of the joints' noise.
+    small = MeanAndCovariance.of(replace(belief, feigned=1e-4 * belief.feigned), space)
+    information[6:, 6:] = 1e-4 * gather.T @ belief.feigned[:, :-1] @ gather
+    expected = np.linalg.inv(np.eye(len(rows)) - covariance @ information)
+    for which in (rows, BODY_PLACES):
+        times = small.amplification(small.factor_of(space.spread[which]), which)
+        assert times == pytest.approx(expected[-len(which) :, -len(which) :], rel=1e-7, abs=1e-9)
+
+
+def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
+    """Thousands of fits of y = x h, h measured with a known noise: the spread of x is that of the wider interval."""
+    rng = np.random.default_rng(0)
+    runs, count, truth, noise, of_row = 4000, 200, 1.0, 0.5, 0.5
+    motion = 0.6 * rng.standard_normal(count)
+    rows = motion + of_row * rng.standard_normal((runs, count))
+    values = truth * motion + noise * rng.standard_normal((runs, count))
+    # The residual y - x h has the rows' noise, too, as its part of the noise: S = noise^2 + x^2 of_row^2.
+    size = noise**2 + truth**2 * of_row**2
+    feigned = count * of_row**2 / size
+
+    def step(x: Array) -> Array:
+        residual = values - x[:, None] * rows
+        score = np.sum(rows * residual, axis=1) / size + x * feigned  # on average zero at the truth
+        return np.asarray(x + score / (np.sum(rows**2, axis=1) / size))
+
+    found: Array = np.full(runs, 0.7)
+    for _ in range(200):
+        found = step(found)
+    information = np.mean(np.sum(rows**2, axis=1)) / size
+    seems = np.sqrt(1.0 / information)
+    found_of = InformationCorrection.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
+    wider = np.hypot(1.0 + found_of.gain[0, 0] / information, found_of.score[0, 0] / np.sqrt(information))
+    assert feigned / information == pytest.approx(0.41, abs=0.05)
+    assert np.mean(found) == pytest.approx(truth, abs=0.02)
+    assert np.std(found) > 1.3 * seems
+    assert np.std(found) == pytest.approx(wider * seems, rel=0.08)
+
+
+def test_what_is_all_noise_is_known_a_hundred_times_less_well() -> None:
+    times = 1.0 + InformationCorrection.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
+    assert times == pytest.approx(100.0)

@@ -1,0 +1,232 @@
+"""Searches for a start, work that is put off, and how far an estimate is from its linearisation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+import pytest
+
+from checked import some
+from floating import make
+from mbaid_ros.core.filter.bank import HypothesisFilter
+from mbaid_ros.core.filter.batch import SLICE, BackgroundTask, BatchIteration
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.initialisation import LinearityCheck
+from mbaid_ros.core.filter.start import MultiStart, Search
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.window import Window, in_stacks
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.reporting import Curvature
+from mbaid_ros.core.unknowns.hypotheses import UNDISTURBED
+from mbaid_ros.simulation.simulation import Truth
+from observed import HIGH, MID, kernel, observe, windows
+
+
+def bits(sizes: list[int], done: list[int]) -> Iterator[int | str]:
+    for size in sizes:
+        done.append(size)
+        yield size
+    yield 'found'
+
+
+@pytest.mark.parametrize('size', [24, 140])
+@pytest.mark.parametrize('seed', range(5))
+def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, size: int) -> None:
+    rng = np.random.default_rng(seed)
+    sizes, owed = rng.integers(1, 40, 60).tolist(), 250
+    at_leisure, at_once = BackgroundTask[str](size), BackgroundTask[str](size)
+    ways: tuple[list[int], list[int]] = ([], [])
+    found: dict[str, int] = {}
+    for task, done in zip((at_leisure, at_once), ways, strict=True):
+        task.begin(bits(sizes, done))
+    for number in range(40):
+        for task in (at_leisure, at_once):
+            task.owe(owed)
+        for _ in range(int(rng.integers(0, 8))):
+            if at_leisure.work_off():
+                found['at leisure'] = number
+        for name, task in (('at leisure', at_leisure), ('at once', at_once)):
+            while task.owing:
+                if task.work_off():
+                    found[name] = number
+        assert ways[0] == ways[1]
+    assert ways[0] == sizes
+    assert found['at leisure'] == found['at once'] > 1
+    assert not at_leisure.under_way
+
+
+def test_a_slice_is_bounded_and_larger_states_take_fewer_steps() -> None:
+    done: list[int] = []
+    task = BackgroundTask[str](24)
+    task.begin(bits([1] * 500, done))
+    task.owe(400)
+    task.work_off()
+    assert len(done) == SLICE
+    larger: list[int] = []
+    task = BackgroundTask[str](140)
+    task.begin(bits([1] * 500, larger))
+    task.owe(400)
+    task.work_off()
+    assert len(larger) == SLICE // 2
+    assert task.owing
+
+
+def test_what_fails_is_over() -> None:
+    def failing() -> Iterator[int | str]:
+        yield 1
+        raise np.linalg.LinAlgError
+
+    task = BackgroundTask[str](24)
+    task.begin(failing())
+    task.owe(10)
+    with pytest.raises(np.linalg.LinAlgError):
+        task.work_off()
+    assert not task.under_way
+    assert task.work_off() is None
+    assert not task.owing
+
+
+def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
+    """Return a list that the number of windows of every search goes to."""
+    lengths: list[int] = []
+    search = MultiStart.search
+
+    def spying(self: MultiStart, run: list[Window], points: Sequence[Callable[[], Point | None]]) -> Search:
+        lengths.append(len(run))
+        return nowhere() if failing else search(self, run, points)
+
+    def nowhere() -> Iterator[int]:
+        yield 1
+        raise np.linalg.LinAlgError('no start leads to a robot that can be')
+
+    monkeypatch.setattr(MultiStart, 'search', spying)
+    return lengths
+
+
+def test_searches_go_on_after_any_number_that_failed(monkeypatch: pytest.MonkeyPatch, servicer: Truth) -> None:
+    taken = windows(observe(servicer, MID, 1))
+    lengths = spied(monkeypatch, failing=True)
+    following = make(kernel('servicer7'), MID)
+    for _ in range(5):
+        for window in taken:
+            following.update([window], 0)
+    # As often in the second hundred windows as in the first, over no more than are kept.
+    assert len(lengths) > 60
+    assert max(lengths) <= following._runs._settings.kept + 1
+
+
+def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_first(
+    monkeypatch: pytest.MonkeyPatch, servicer: Truth
+) -> None:
+    taken = windows(observe(servicer, MID, 1))
+    following = make(kernel('servicer7'), MID)
+    following.update(taken, 0)
+    run = some(following._runs.run)
+    run._young.windows, run._young.grown_up = [], True
+    lengths = spied(monkeypatch, failing=False)
+    following.restart()
+    for window in taken:
+        following.update([window], 0)
+    assert lengths[0] == following._runs._settings.start
+
+
+Found = TypeVar('Found')
+ENOUGH = 10_000  # steps of the filter
+
+
+def returned(bits: Generator[int, None, Found]) -> Found:
+    found: list[Found] = []
+
+    def whole() -> Iterator[int]:
+        found.append((yield from bits))
+
+    for _ in whole():
+        pass
+    return found[0]
+
+
+def last(bits: Iterator[int | Curvature]) -> Curvature:
+    *_, found = bits
+    assert isinstance(found, Curvature)
+    return found
+
+
+class Young:
+    """A young run of few windows, and passes over it."""
+
+    def __init__(self, truth: Truth) -> None:
+        following = make(kernel('servicer7'), HIGH)
+        following.update(windows(observe(truth, HIGH, 3))[:16], 0)
+        run = some(following._runs.run)
+        self.windows: list[Window] = run._young.windows
+        self.passes: BatchIteration = run._start.passes
+        self.point = run.point
+
+    def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
+        """Return what all windows lead to, linearised at a point."""
+        passed = returned(self.passes.over(in_stacks(self.windows), point))
+        (track,) = returned(self.passes.run(passed, (self.passes.fresh(UNDISTURBED),)))
+        return track, MeanAndCovariance.of(track.belief, self.passes.variables)
+
+    def at(self, moments: MeanAndCovariance) -> Point:
+        """Return the point that moments lead to."""
+        return self.passes.layout.point(moments.mean, moments.deviation)
+
+    def far(self) -> Point:
+        """Return a point of twice the moments of inertia."""
+        layout = self.passes.layout
+        state = np.zeros(layout.size)
+        state[layout.parameters] = self.point.parameters
+        state[BODY.start + 4 : BODY.stop] *= 2.0
+        return layout.point(state)
+
+
+@pytest.fixture(scope='module')
+def young(servicer: Truth) -> Young:
+    return Young(servicer)
+
+
+def ratio(shift: Array, covariance: Array) -> float:
+    return float(np.max(np.abs(shift) / np.sqrt(covariance.diagonal())))
+
+
+def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
+    track, moments = young.passed(young.far())
+    _, after = young.passed(young.at(moments))
+    found = last(young.passes.displacement(in_stacks(young.windows), track))
+    assert found.shifts[0] == pytest.approx(after.mean[BODY] - moments.mean[BODY], rel=1e-9, abs=1e-12)
+
+
+def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is(young: Young) -> None:
+    stacks = in_stacks(young.windows)
+    afar, moments = young.passed(young.far())
+    assert last(young.passes.displacement(stacks, afar)).anywhere
+    for _ in range(4):
+        near, moments = young.passed(young.at(moments))
+    found = last(young.passes.displacement(stacks, near))
+    assert not found.anywhere
+    assert ratio(found.shifts[0], found.covariance) < 0.05
+
+
+def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
+    track, moments = young.passed(young.far())
+    covariance = moments.covariance(BODY_PLACES)
+    linearity = LinearityCheck(young.passes)
+    asked = []
+    for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
+        linearity.begin(None, before, track, anew=True)
+        linearity.follow(young.windows, track)
+        linearity.owe(ENOUGH)
+        asked.append(linearity.owing)
+    assert asked == [False, True]
+    while linearity.owing:
+        shown = linearity.work_off()
+    assert shown
+    told = [linearity.displaced]
+    linearity.begin(None, 3.0 * covariance, track, anew=False)
+    told.append(linearity.displaced)  # better known by now than where they have been linearised anew: not asked yet
+    linearity.begin(None, covariance, track, anew=False)
+    told.append(linearity.displaced)
+    assert told == [True, True, False]

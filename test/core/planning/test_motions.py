@@ -1,0 +1,199 @@
+"""Trajectories, splines and simple motions within limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.planning.limits import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.splines import Splines
+from mbaid_ros.planning.unplanned import SIMPLE, simple_motion
+from mbaid_ros.simulation.steered import Followed
+from planned import FASTEST, Begun, planner
+from simulated import robot
+
+TIMES = np.array([0.0, 0.7, 2.0, 2.5])
+NOTHING = np.zeros((0, 0))
+INSIDE = np.linspace(0.0, 2.5, 41)
+
+
+def of_polynomial(degree: int, orders: int) -> tuple[JointTrajectory, np.polynomial.Polynomial]:
+    """Return a trajectory through points of a polynomial with so many of its derivatives, and the polynomial."""
+    curve = np.polynomial.Polynomial(np.random.default_rng(degree).standard_normal(degree + 1))
+    parts = [curve.deriv(order)(TIMES)[:, None] if order else curve(TIMES)[:, None] for order in range(orders)]
+    return JointTrajectory(('joint',), TIMES, *parts, *[NOTHING] * (3 - orders)), curve
+
+
+@pytest.mark.parametrize(('degree', 'orders'), [(5, 3), (3, 2), (1, 1)])
+def test_what_is_known_at_the_points_gives_the_polynomial_that_ros2_controllers_follow(
+    degree: int, orders: int
+) -> None:
+    trajectory, curve = of_polynomial(degree, orders)
+    for found, expected in zip(trajectory.at(INSIDE), (curve, curve.deriv(), curve.deriv(2)), strict=True):
+        assert found[:, 0] == pytest.approx(expected(INSIDE), abs=1e-9)
+
+
+def test_joints_rest_before_the_first_point_and_after_the_last() -> None:
+    trajectory, curve = of_polynomial(5, 3)
+    position, velocity, acceleration = trajectory.at(np.array([-1.0, 3.0]))
+    assert position[:, 0] == pytest.approx([curve(0.0), curve(2.5)])
+    assert not velocity.any()
+    assert not acceleration.any()
+
+
+def test_a_single_point_is_a_place_to_stay() -> None:
+    trajectory = JointTrajectory(('a', 'b'), np.array([1.0]), np.array([[0.1, 0.2]]), NOTHING, NOTHING)
+    assert trajectory.at(np.array([0.0, 9.0]))[0] == pytest.approx(np.array([[0.1, 0.2], [0.1, 0.2]]))
+
+
+@pytest.mark.parametrize(
+    ('joints', 'times', 'position', 'words'),
+    [
+        (('a',), [0.0, 0.0], [[0.0], [1.0]], 'not in order'),
+        (('a',), [-1.0, 0.0], [[0.0], [1.0]], 'not in order'),
+        (('a', 'a'), [0.0], [[0.0, 1.0]], 'twice'),
+        ((), [], [], 'at least one'),
+        (('a',), [0.0], [[0.0, 1.0]], 'shape'),
+        (('a',), [0.0], [[np.nan]], 'not finite'),
+    ],
+)
+def test_points_that_are_no_motion_are_refused(
+    joints: tuple[str, ...], times: list[float], position: list[list[float]], words: str
+) -> None:
+    with pytest.raises(DataError, match=words):
+        JointTrajectory(joints, np.array(times), np.array(position), NOTHING, NOTHING)
+
+
+def test_what_follows_a_trajectory_moves_its_joints_alone_and_later_begins_the_earlier() -> None:
+    trajectory, curve = of_polynomial(5, 3)
+    start = np.array([0.3, curve(0.0), -0.2])
+    motion = Followed(trajectory, start, np.array([1]), begin=4.0)
+    position, velocity, acceleration = motion.later(3.0).reference(1.5)
+    assert position == pytest.approx([0.3, curve(0.5), -0.2])
+    assert velocity == pytest.approx([0.0, curve.deriv()(0.5), 0.0])
+    assert motion.command(4.5, position, velocity) == pytest.approx(acceleration)
+
+
+LIMITS = JointLimits(
+    lower=np.array([-1.0, -np.inf, 0.0]),
+    upper=np.array([0.5, np.inf, 1.0]),
+    velocity=np.full(3, 0.2),
+    acceleration=np.full(3, 0.1),
+    moved=np.array([True, True, False]),
+)
+START = np.array([0.2, 4.0, 0.5])
+SPLINES = Splines(10, 12.0)  # pieces of 1 s
+TWELVE = np.linspace(0.0, 12.0, 481)
+DRAWN = np.random.default_rng(0).standard_normal((20, 10, 3)) * 0.3
+
+
+def test_motions_rest_at_both_ends_and_go_at_the_speeds_between() -> None:
+    ends = np.array([0.0, 12.0])
+    assert SPLINES.basis(ends[:1]) @ DRAWN == pytest.approx(0.0, abs=1e-12)
+    for order in (1, 2):
+        assert SPLINES.basis(ends, order) @ DRAWN == pytest.approx(0.0, abs=1e-9)
+    steady = SPLINES.basis(TWELVE, 1) @ np.ones(10)
+    assert steady[(TWELVE >= 2.0) & (TWELVE <= 10.0)] == pytest.approx(1.0)
+    assert SPLINES.basis(ends[1:]) @ np.ones(10) == pytest.approx(10.0)  # a speed acts for a piece
+
+
+def test_rates_and_accelerations_are_those_of_the_positions() -> None:
+    step = 1e-4
+    for order in (0, 1):
+        ahead, behind = (SPLINES.basis(TWELVE[1:-1] + side * step, order) for side in (0.5, -0.5))
+        assert (ahead - behind) / step == pytest.approx(SPLINES.basis(TWELVE[1:-1], order + 1), abs=1e-3)
+
+
+def test_the_points_of_a_trajectory_make_the_very_same_motion() -> None:
+    trajectory = SPLINES.trajectory(DRAWN[0], START, ('a', 'b', 'c'))
+    for order, found in enumerate(trajectory.at(TWELVE)):
+        expected = SPLINES.basis(TWELVE, order) @ DRAWN[0]
+        assert found == pytest.approx(expected + (START if order == 0 else 0.0), abs=1e-9)
+
+
+def test_motions_are_cut_off_at_the_limits_of_velocity_and_acceleration() -> None:
+    moved = SPLINES.within(DRAWN, START, LIMITS)
+    assert np.max(SPLINES.use(moved, START, LIMITS)) <= 1.0
+    position = START + SPLINES.basis(TWELVE) @ moved
+    assert np.all((position[..., 0] >= -1.0) & (position[..., 0] <= 0.5))
+    assert np.abs(SPLINES.basis(TWELVE, 1) @ moved).max() <= 0.2
+    assert np.abs(SPLINES.basis(TWELVE, 2) @ moved).max() <= 0.1
+    assert not moved[:, :, 2].any()  # a joint that must not be moved
+    assert SPLINES.within(moved, START, LIMITS) == pytest.approx(moved)
+
+
+def test_a_joint_goes_at_full_speed_but_for_its_ramps() -> None:
+    there_and_back = 9.0 * np.repeat([1.0, -1.0], 5)[:, None] * np.ones(3)
+    rate = np.abs(SPLINES.basis(TWELVE, 1) @ SPLINES.within(there_and_back, START, LIMITS))[:, 1]
+    # Of 0.2 rad/s at 0.1 rad/s^2: 2 s to come from rest, as long to go back to it, twice that to turn.
+    assert np.mean(rate > 0.99 * 0.2) > 0.15
+    gentle = SPLINES.within(there_and_back, START, LIMITS, np.array([0.5, 0.5, 0.5]))
+    assert SPLINES.use(gentle, START, LIMITS)[2, 1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_largest_motion_of_a_form_is_at_one_limit_of_each_joint() -> None:
+    for size in (1e-3, 1e3):
+        use = SPLINES.use(SPLINES.filling(size * DRAWN, START, LIMITS), START, LIMITS)
+        assert use[:, :, :2].max(axis=1) == pytest.approx(0.999)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'stuck': ('elbow',)}, "'elbow'; accepted: joint1, joint2"),
+        ({'stuck': tuple(f'joint{k}' for k in range(1, 8))}, 'no joint can be moved'),
+        ({'position': np.full(7, 2.5)}, "joint 'joint2' is at 2.5, outside its limits -2.2 to 2.2"),
+    ],
+)
+def test_limits_that_no_motion_can_keep_are_refused(changes: dict[str, object], words: str) -> None:
+    given: dict[str, object] = {'position': np.zeros(7), 'velocity': 0.1, 'acceleration': 0.1, 'stuck': ()}
+    with pytest.raises(ParameterError, match=words):
+        joint_limits(robot('servicer7'), **{**given, **changes})  # type: ignore[arg-type]
+
+
+def test_a_joint_keeps_the_slower_of_its_own_limit_and_the_one_for_all() -> None:
+    limits = joint_limits(robot('servicer7'), np.zeros(7), np.inf, 0.1, ('joint4',))
+    assert limits.velocity == pytest.approx(0.25)
+    assert limits.moved.tolist() == [True] * 3 + [False] + [True] * 3
+
+
+TURN = np.radians(0.5)
+
+
+@pytest.mark.parametrize('kind', SIMPLE)
+def test_simple_motions_keep_the_limits_and_come_close_to_one(identified: Begun, kind: str) -> None:
+    motions = planner(identified, duration=14.0).motions
+    free, held = (simple_motion(kind, motions, base, 3) for base in (BaseLimits(), BaseLimits(rotation=TURN)))
+    times = np.linspace(0.0, 14.0, 1401)
+    for trajectory in (free, held):
+        position, rate, bend = trajectory.at(times)
+        assert trajectory.duration == 14.0
+        assert position[0] == pytest.approx(motions.start)
+        assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
+        assert np.all((position >= motions.limits.lower) & (position <= motions.limits.upper))
+        assert np.abs(rate).max() <= FASTEST
+        assert np.abs(bend).max() <= 0.1
+    use = (np.abs(free.at(times)[1]).max(axis=0) / FASTEST, np.abs(free.at(times)[2]).max(axis=0) / 0.1)
+    assert np.all(np.maximum(*use) > 0.95)
+    turned = motions.excursion_along(held, motions.floating)[0]
+    assert 0.85 * TURN < turned < 1.01 * TURN
+    assert motions.excursion_along(free, motions.floating)[0] > turned
+
+
+@pytest.mark.parametrize('kind', SIMPLE)
+def test_simple_motions_may_be_short(identified: Begun, kind: str) -> None:
+    motion = simple_motion(kind, planner(identified, duration=0.4).motions, BaseLimits(), 0)
+    position, rate, _ = motion.at(np.linspace(0.0, 0.4, 101))
+    assert np.any(position != position[0])
+    assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_seed_decides(identified: Begun) -> None:
+    motions = planner(identified, duration=10.0).motions
+    drawn = [simple_motion('trapezoids', motions, BaseLimits(), seed).position for seed in (0, 0, 1)]
+    assert np.array_equal(drawn[0], drawn[1])
+    assert not np.allclose(drawn[0], drawn[2])
+    alone = simple_motion('one_by_one', motions, BaseLimits(), 0).at(np.linspace(0.0, 10.0, 400))[1]
+    assert np.all(np.sort(np.abs(alone), axis=1)[:, :-1] < 5e-3)

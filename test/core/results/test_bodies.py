@@ -1,0 +1,252 @@
+"""Real bodies: the projection on them, and the captured body alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from checked import some
+from mbaid_ros.core.geometry import Array, exp, unvec, vec
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
+from mbaid_ros.core.results.publication import Frame, debris
+from mbaid_ros.core.robot.inertia import physical, pseudo_inertia, standard
+from mbaid_ros.core.robot.planar import Plane
+
+SEEDS = range(12)
+SCALE = np.concatenate(([100.0], np.full(3, 100.0), np.full(6, 100.0)))
+
+
+def random_covariance(rng: np.random.Generator, size: float) -> Array:
+    factor = rng.normal(size=(10, 10)) * SCALE[:, None] * size
+    return np.asarray(factor @ factor.T)
+
+
+def random_body(rng: np.random.Generator) -> Array:
+    factor = rng.normal(size=(4, 4)) * 5.0
+    matrix = factor @ factor.T + 0.1 * np.eye(4)  # pseudo-inertia
+    inertia = np.trace(matrix[:3, :3]) * np.eye(3) - matrix[:3, :3]
+    return np.concatenate(([matrix[3, 3]], matrix[:3, 3], vec(inertia)))
+
+
+def random_estimate(seed: int) -> tuple[Array, Array]:
+    """Return an estimate that no real body has, and its covariance."""
+    rng = np.random.default_rng(seed)
+    while True:
+        covariance = random_covariance(rng, 0.1)
+        estimate = random_body(rng) + np.linalg.cholesky(covariance) @ rng.normal(size=10)
+        if not is_physical(estimate):
+            return estimate, covariance
+
+
+def distance(body: Array, estimate: Array, covariance: Array) -> float:
+    return float(np.sqrt((body - estimate) @ np.linalg.solve(covariance, body - estimate)))
+
+
+@pytest.mark.parametrize('size', [1.0, 1e-3])
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_projection_is_the_nearest_of_all_real_bodies(seed: int, size: float) -> None:
+    """The slope there, as a form on pseudo-inertias, is positive and vanishes on the projection: no body is nearer."""
+    estimate, covariance = random_estimate(seed)
+    covariance = covariance * size**2
+    body, far = project(estimate, covariance, SCALE)
+    assert is_physical(body)
+    assert far == pytest.approx(distance(body, estimate, covariance), rel=1e-6)
+    slope = np.linalg.solve(covariance, body - estimate)
+    units = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+    gram = np.einsum('aij,bij->ab', units, units)
+    dual = np.tensordot(np.linalg.solve(gram, slope), units, 1)
+    values = np.linalg.eigvalsh(dual)
+    assert far > 0.0
+    assert values[0] > -1e-6 * values[-1]
+    # Half the square of the distance, less what it is at the least.
+    assert slope @ body < 1e-4 + 1e-5 * far**2
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_real_body_is_left_as_it_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    body = random_body(rng)
+    found, far = project(body, random_covariance(rng, 0.1), SCALE)
+    assert found is body
+    assert far == 0.0
+
+
+def test_an_open_direction_is_filled_in() -> None:
+    """Where the data say nothing about a parameter, any value will do that makes a body."""
+    estimate = standard(np.array([100.0, 0.1, 0.2, 0.3, 20.0, 1.0, 2.0, 30.0, 3.0, -500.0]))
+    covariance = np.diag((1e-3 * SCALE) ** 2)
+    covariance[9, 9] = (1e5 * SCALE[9]) ** 2
+    body, far = project(estimate, covariance, SCALE)
+    assert is_physical(body)
+    # What is known has not moved.
+    assert far < 1e-2
+    assert body[:9] == pytest.approx(estimate[:9], abs=1e-3 * SCALE[0])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_covariance_that_rounding_has_spoilt(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    estimate, covariance = random_estimate(seed)
+    values, vectors = np.linalg.eigh(covariance / SCALE / SCALE[:, None])
+    spoilt = values * 10.0 ** rng.uniform(-20.0, 14.0, 10) * np.where(np.arange(10) < 2, -1.0, 1.0)
+    body, far = project(estimate, (vectors * spoilt @ vectors.T) * SCALE * SCALE[:, None], SCALE)
+    assert is_physical(body)
+    assert np.isfinite(far)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'physical_body'),
+    [
+        ((2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0), True),
+        ((-2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0), False),
+        ((2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 2.5), False),  # Izz > Ixx + Iyy
+        ((2.0, 3.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0), False),  # no inertia is left about the CoM
+        ((np.nan, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0), False),
+        ((np.inf, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0), False),
+    ],
+)
+def test_what_a_real_body_is(parameters: tuple[float, ...], physical_body: bool) -> None:
+    assert is_physical(np.array(parameters)) == physical_body
+
+
+PLANES = {
+    'z': Plane(np.array([0.0, 0.0, 1.0]), np.eye(3)[:2]),
+    '-y': Plane(np.array([0.0, -1.0, 0.0]), np.eye(3)[[0, 2]]),
+    'tilted': Plane(exp(np.array([0.4, -0.7, 0.2]))[:, 2], exp(np.array([0.4, -0.7, 0.2]))[:, :2].T),
+}
+
+
+@pytest.mark.parametrize('plane', PLANES.values(), ids=PLANES.keys())
+@pytest.mark.parametrize('moment', [25.0, -25.0])
+@pytest.mark.parametrize('mass', [40.0, -40.0])
+def test_in_the_plane_mass_and_moment_become_positive(plane: Plane, moment: float, mass: float) -> None:
+    com = np.array([0.3, -0.5])
+    about_hinge = moment + mass * float(com @ com)
+    # The coordinates of Plane.basis: I_o = (moment about the normal) n n^T and nothing else.
+    square = plane.normal[:, None] * plane.normal
+    estimate = plane.basis @ np.array([mass, *(mass * com), about_hinge * float(np.linalg.norm(vec(square)))])
+    known = plane.basis @ np.diag([10.0, 5.0, 5.0, 8.0]) ** 2 @ plane.basis.T
+    body, far = project_planar(estimate, known + 1e8 * (np.eye(10) - plane.basis @ plane.basis.T), SCALE, plane)
+    assert is_physical(body)
+    found = physical(body)
+    if mass > 0.0 and moment > 0.0:
+        # What the motion tells stays, the rest is filled in like a ball's.
+        assert far == 0.0
+        assert found[0] == pytest.approx(mass)
+        assert found[1:4] == pytest.approx(plane.across.T @ com, abs=1e-12)
+        assert found[4:] == pytest.approx([moment, 0.0, 0.0, moment, 0.0, moment], abs=1e-9)
+        assert plane.normal @ unvec(body[4:]) @ plane.normal == pytest.approx(about_hinge)
+    else:
+        assert far > 0.0
+        assert found[0] > 0.0
+        assert found[4] > 0.0
+
+
+LINK = standard(np.array([35.0, 0.2, -0.1, 0.3, 2.0, 0.1, -0.2, 3.0, 0.15, 2.5]))
+SAME = Frame('hand', np.eye(3), np.zeros(3))
+GRASP = Frame('grasp', exp(np.array([0.4, -0.8, 1.1])), np.array([0.3, -0.2, 0.5]))
+BODY = np.array([155.0, 0.9, 0.2, -0.4, 40.0, 3.0, -2.0, 55.0, 4.0, 60.0])
+
+
+def estimated(covariance: Array) -> Estimate:
+    """Return the estimate of link and body together."""
+    together = physical(standard(BODY) + LINK)
+    return Estimate(
+        'trajectory', 'converged', parameters=together, covariance=covariance, identifiable=np.ones(10, dtype=bool)
+    )
+
+
+def drawn_covariance(rng: np.random.Generator, size: float) -> Array:
+    root = rng.normal(size=(10, 14)) * size * np.array([10.0, *(0.1,) * 3, *(5.0,) * 6])[:, None]
+    return root @ root.T
+
+
+def test_parameters_are_exact() -> None:
+    found = some(debris(estimated(np.eye(10)), LINK, SAME))
+    assert found.parameters == pytest.approx(BODY, rel=1e-12)
+
+
+def test_two_point_masses() -> None:
+    # A link of 1 kg at x = 0 and a body of 3 kg at x = 1: together 4 kg at 0.75 with m1 m2 / (m1 + m2) = 0.75 kg m^2.
+    together = np.array([4.0, 0.75, 0.0, 0.0, *vec(np.diag([0.0, 0.75, 0.75]))])
+    link = standard(np.array([1.0, *(0.0,) * 9]))
+    found = some(debris(replace(estimated(np.eye(10)), parameters=together), link, SAME))
+    assert found.parameters == pytest.approx(np.array([3.0, 1.0, *(0.0,) * 8]), abs=1e-12)
+
+
+def test_a_link_without_mass_leaves_everything_as_it_is() -> None:
+    covariance = drawn_covariance(np.random.default_rng(0), 1e-3)
+    estimate = estimated(covariance)
+    found = some(debris(estimate, np.zeros(10), SAME))
+    assert found.parameters == pytest.approx(estimate.parameters)
+    assert found.covariance == pytest.approx(covariance)
+    assert found.std == pytest.approx(estimate.std)
+
+
+@pytest.mark.parametrize('frame', [SAME, GRASP], ids=['link', 'grasp'])
+def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
+    rng = np.random.default_rng(1)
+    covariance = drawn_covariance(rng, 1e-4)
+    estimate = estimated(covariance)
+    found = some(debris(estimate, LINK, frame))
+    draws = rng.multivariate_normal(estimate.parameters, covariance, size=4000)
+    alone = physical(in_frame(standard(draws) - LINK, frame))
+    error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
+    # Each element of the whitened covariance of 4000 draws has a standard deviation of 0.016 (0.022 on the diagonal).
+    assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
+
+
+def test_an_uncertain_link_widens_it() -> None:
+    rng = np.random.default_rng(5)
+    link_std = 0.01 * np.array([35.0, *(7.0,) * 3, *(4.0,) * 6])
+    estimate = estimated(drawn_covariance(rng, 1e-6))
+    found = some(debris(estimate, LINK, GRASP, link_covariance=np.diag(link_std**2)))
+    links = LINK + link_std * rng.normal(size=(4000, 10))
+    alone = physical(in_frame(standard(estimate.parameters) - links, GRASP))
+    error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
+    assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
+
+
+def in_frame(parameters: Array, frame: Frame) -> Array:
+    """Return standard parameters in a frame: moved there by the axes' and the origin's own definition."""
+    m, com, inertia = parameters[:, :1], parameters[:, 1:4] / parameters[:, :1], unvec(physical(parameters)[:, 4:])
+    turned = frame.rotation.T @ inertia @ frame.rotation
+    return standard(np.concatenate((m, (com - frame.position) @ frame.rotation, vec(turned)), axis=1))
+
+
+def test_a_chosen_frame() -> None:
+    found = some(debris(estimated(np.eye(10)), LINK, GRASP))
+    assert found.frame.name == 'grasp'
+    assert found.parameters == pytest.approx(physical(in_frame(standard(BODY[None]), GRASP))[0])
+
+
+def test_its_own_principal_axes() -> None:
+    covariance = drawn_covariance(np.random.default_rng(3), 1e-3)
+    found = some(debris(estimated(covariance), LINK, replace(SAME, name='own'), in_principal_axes=True))
+    assert found.frame.name == 'own'
+    assert found.frame.position == pytest.approx(BODY[1:4])
+    moments = np.linalg.eigvalsh(unvec(BODY[4:]))
+    assert found.parameters == pytest.approx(np.array([BODY[0], 0, 0, 0, moments[0], 0, 0, moments[1], 0, moments[2]]))
+    assert found.frame.rotation @ np.diag(moments) @ found.frame.rotation.T == pytest.approx(unvec(BODY[4:]))
+    # To first order a principal moment changes as the element of the inertia on its axis does.
+    rng = np.random.default_rng(4)
+    draws = rng.multivariate_normal(estimated(covariance).parameters, 1e-4 * covariance, size=4000)
+    spread = np.std(np.linalg.eigvalsh(unvec(physical(standard(draws) - LINK)[:, 4:])), axis=0)
+    assert found.std[[4, 7, 9]] == pytest.approx(100.0 * spread, rel=0.05)
+
+
+@pytest.mark.parametrize('missing', [0, 3, 9])
+def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
+    estimate = estimated(np.eye(10))
+    identifiable = estimate.identifiable.copy()
+    identifiable[missing] = False
+    assert debris(replace(estimate, identifiable=identifiable), LINK, SAME) is None
+
+
+def test_nothing_without_a_covariance_or_a_mass_left() -> None:
+    assert debris(estimated(np.diag([90.0**2, *(1.0,) * 9])), LINK, SAME) is None
+    assert debris(estimated(np.full((10, 10), np.nan)), LINK, SAME) is None
+    assert debris(estimated(np.eye(10)), standard(BODY) + LINK, SAME) is None

@@ -1,0 +1,331 @@
+"""Circular and eccentric orbits: odometry that turns with them, and what gravity brings to the momentum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, skew, vec
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum_rows import momentum_rows
+from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, momentum_rates, of_bodies, of_link
+from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
+from observed import MID, configured_motion, observe
+from orbiting import MEAN_MOTION, NADIR, NORMAL, declared, orbit
+from random_robots import random_state, random_urdf
+from simulated import CONFIG, robot
+
+SECOND = 1_000_000_000
+EPOCH = 1_700_000_000 * SECOND
+FRAMES: tuple[Turning, ...] = ('lvlh', 'hill')
+
+
+def random_orbit(seed: int) -> Orbit:
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=3)
+    return Orbit.inertial(float(rng.uniform(1e-4, 1e-1)), np.cross(normal, rng.normal(size=3)), normal)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_gravity_pulls_apart_upwards_and_together_across(seed: int) -> None:
+    around, time = random_orbit(seed), np.array([0.0, 3.0, 700.0])
+    gradient, up, square = around.gradient(time), around.upward(time), around.mean_motion**2
+    assert np.trace(gradient, axis1=1, axis2=2) == pytest.approx(np.zeros(3), abs=1e-12 * square)
+    assert rotate(gradient, up) == pytest.approx(2.0 * square * up, rel=1e-12, abs=1e-15 * square)
+    assert rotate(gradient, np.broadcast_to(around.normal, (3, 3))) == pytest.approx(
+        np.broadcast_to(-square * around.normal, (3, 3)), rel=1e-9, abs=1e-12 * square
+    )
+    assert np.linalg.norm(up, axis=1) == pytest.approx(np.ones(3))
+    # Up turns with the frame that turns.
+    assert up == pytest.approx(rotate(around.turned(time), np.broadcast_to(around.up, (3, 3))), abs=1e-12)
+    assert around.later(3.0).upward(np.array([697.0])) == pytest.approx(up[2:], abs=1e-9)
+
+
+@pytest.mark.parametrize('eccentricity', [0.001, 0.3, 0.9])
+def test_an_eccentric_orbit_is_that_of_a_point_about_a_centre(eccentricity: float) -> None:
+    """The second derivative of r up, by differences, is -mu / r^3 of it: Newton's law."""
+    around, step = orbit(0.02).eccentric(eccentricity, 0.7), 1e-2
+
+    def place(time: Array) -> Array:
+        distance = (around.strength(time) / around.mean_motion**2) ** (-1.0 / 3.0)  # over the semi-major axis
+        return np.asarray(distance[:, None] * around.upward(time))
+
+    time = np.linspace(-200.0, 500.0, 31)
+    found = (place(time + step) - 2.0 * place(time) + place(time - step)) / step**2
+    pull = around.strength(time)[:, None] * place(time)
+    assert found == pytest.approx(-pull, abs=1e-4 * np.abs(pull).max())
+    turned = (around.swept(time + step) - around.swept(time - step)) / (2.0 * step)
+    whole_turns = np.round((turned - around.rate(time) @ around.normal) * step / np.pi)
+    assert turned - whole_turns * np.pi / step == pytest.approx(around.rate(time) @ around.normal, rel=1e-3)
+    later = around.later(40.0)
+    assert later.upward(time - 40.0) == pytest.approx(around.upward(time), abs=1e-9)
+    assert later.strength(time - 40.0) == pytest.approx(around.strength(time), rel=1e-9)
+
+
+def test_the_directions_of_ccsds() -> None:
+    """LVLH: z down, y against the normal, x along the motion. Hill's: x up, z the normal, y along the motion."""
+    for frame, along in (('lvlh', [1.0, 0.0, 0.0]), ('hill', [0.0, 1.0, 0.0])):
+        turning = Orbit.turning_with(MEAN_MOTION, 'lvlh' if frame == 'lvlh' else 'hill')
+        assert np.cross(turning.normal, turning.up).tolist() == along
+    inertial = Orbit.inertial(MEAN_MOTION, NADIR, NORMAL)
+    assert inertial.up == pytest.approx(-NADIR, abs=1e-15)
+    assert inertial.normal == pytest.approx(NORMAL, abs=1e-15)
+
+
+def truth_of(time: Array, position: Array, orientation: Array, linear: Array, angular: Array) -> Truth:
+    nothing = np.zeros((len(time), 1))
+    return Truth(time, nothing, nothing, nothing, position, orientation, linear, angular)
+
+
+def moving(seed: int, time: Array) -> Truth:
+    """Return a smooth motion in the falling frame with its exact derivatives."""
+    rng = np.random.default_rng(seed)
+    centre, size, rate = rng.normal(size=(3, 3))
+    axis = rng.normal(size=3)
+    spin = (0.21 * np.cos(0.3 * time))[:, None] * axis
+    orientation = quaternions.exp(0.7 * np.sin(0.3 * time)[:, None] * axis)
+    back = quaternions.conjugate(orientation)
+    velocity = size * rate * np.cos(rate * time[:, None])
+    place = 20.0 * centre + size * np.sin(rate * time[:, None])
+    twist = (quaternions.rotate(back, each) for each in (velocity, spin))
+    return truth_of(time, place, orientation, *twist)
+
+
+def odometry(truth: Truth, epoch: int = EPOCH) -> BaseStream:
+    """Return a motion as the reader of Odometry gives it."""
+    factor = np.random.default_rng(5).normal(size=(len(truth), 6, 6))
+    covariance = factor @ np.swapaxes(factor, 1, 2)
+    return BaseStream(
+        epoch + np.round(truth.time * SECOND).astype(np.int64),
+        truth.base_position,
+        rotation_from_quaternion(truth.base_orientation),
+        quaternions.rotate(truth.base_orientation, truth.base_linear_velocity),
+        quaternions.rotate(truth.base_orientation, truth.base_angular_velocity),
+        *(covariance, covariance),
+    )
+
+
+@pytest.mark.parametrize('eccentricity', [0.0, 0.3])
+@pytest.mark.parametrize('frame', FRAMES)
+def test_what_is_seen_moves_as_its_twist_says(frame: Turning, eccentricity: float) -> None:
+    """The relative twist is the derivative of the pose that is seen, what is found of it that of the found pose."""
+    step, time = 1e-4, np.arange(1.0, 60.0, 5.0)
+    around = Orbit.turning_with(0.05, frame).eccentric(eccentricity, 2.0)
+    before, now, after = (
+        odometry(seen_from_orbit(around, moving(1, time + shift), relative_twist=True)) for shift in (-step, 0.0, step)
+    )
+    falling = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=EPOCH)
+    found = tuple(falling.falling(part) for part in (before, now, after))
+    # The noise turns along: that of the pose is in the axes of the frame, that of the twist in the base's.
+    turn = around.turned(time)
+    assert found[1].pose_covariance[:, :3, 3:] == pytest.approx(
+        turn @ now.pose_covariance[:, :3, 3:] @ np.swapaxes(turn, 1, 2), abs=1e-12
+    )
+    assert np.array_equal(found[1].twist_covariance, now.twist_covariance)
+    for each in ((before, now, after), found):
+        slope = (each[2].position - each[0].position) / (2.0 * step)
+        assert slope == pytest.approx(each[1].linear_velocity, abs=1e-6)
+        turning = (each[2].rotation - each[0].rotation) / (2.0 * step)
+        assert turning == pytest.approx(skew(each[1].angular_velocity) @ each[1].rotation, abs=1e-6)
+
+
+def test_the_first_measurement_is_the_epoch_where_none_is_given() -> None:
+    around = Orbit.turning_with(0.05, 'hill')
+    falling = FallingFrame(around, robot('ets7'), relative_twist=True)
+    measured = odometry(seen_from_orbit(around, moving(0, np.array([10.0, 11.0])), relative_twist=True))
+    first = falling.falling(measured[:1])
+    assert falling.epoch == EPOCH + 10 * SECOND
+    assert first.position == pytest.approx(measured.position[:1], abs=1e-14)
+    later = falling.falling(measured[1:])
+    assert later.rotation == pytest.approx(exp(0.05 * around.normal) @ measured.rotation[1:], abs=1e-12)
+
+
+def test_a_twist_that_is_not_measured_stays_so() -> None:
+    around = Orbit.turning_with(0.05, 'hill')
+    measured = odometry(moving(0, np.array([0.0, 1.0])))
+    nothing = np.full((2, 3), np.nan)
+    falling = FallingFrame(around, robot('ets7'), relative_twist=True)
+    found = falling.falling(replace(measured, linear_velocity=nothing, angular_velocity=nothing))
+    assert np.all(np.isnan(found.linear_velocity))
+    assert np.all(np.isfinite(found.position))
+
+
+def test_a_frame_that_falls_along_is_left_alone() -> None:
+    measured = odometry(moving(0, np.array([0.0, 1.0])))
+    assert FallingFrame(orbit(), robot('ets7'), relative_twist=True).falling(measured) is measured
+
+
+POSE = ('position', 'rotation', 'linear_velocity', 'angular_velocity')
+
+
+@st.composite
+def orbits(draw: st.DrawFn) -> Orbit:
+    """Return an orbit of minutes to days, from a circle to a comet's."""
+    frame: Turning = draw(st.sampled_from(('lvlh', 'hill')))
+    around = Orbit.turning_with(10.0 ** draw(st.floats(-5.0, -1.0)), frame)
+    return around.eccentric(draw(st.sampled_from((0.0, 0.001, 0.3, 0.9))), draw(st.floats(-np.pi, np.pi)))
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> Truth:
+    """Return poses and twists at instants before and after the epoch; they need not be those of one motion."""
+    time = np.array(sorted(draw(st.lists(st.integers(-4_000_000, 4_000_000), min_size=1, max_size=5)))) * 1e-3
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    values, orientation = rng.normal(size=(3, len(time), 3)), rng.normal(size=(len(time), 4))
+    return truth_of(time, 30.0 * values[0], quaternions.normalised(orientation), *values[1:])
+
+
+def as_truth(stream: BaseStream) -> Truth:
+    """Return what a stream says as a motion, its twist in the axes of the base."""
+    orientation = quaternion_from_rotation(stream.rotation)
+    back = quaternions.conjugate(orientation)
+    twist = (quaternions.rotate(back, each) for each in (stream.linear_velocity, stream.angular_velocity))
+    return truth_of(stream.stamp / SECOND, stream.position, orientation, *twist)
+
+
+@settings(max_examples=100, deadline=None)
+@given(orbits(), motions(), st.booleans())
+def test_there_and_back_and_back_and_there(around: Orbit, motion: Truth, relative: bool) -> None:
+    falling = FallingFrame(around, robot('ets7'), relative_twist=relative, epoch=0).falling
+    once = falling(odometry(seen_from_orbit(around, motion, relative_twist=relative), 0))
+    other = odometry(seen_from_orbit(around, as_truth(falling(odometry(motion, 0))), relative_twist=relative), 0)
+    for name in POSE:
+        expected = getattr(odometry(motion, 0), name)
+        assert getattr(once, name) == pytest.approx(expected, abs=1e-9), name
+        assert getattr(other, name) == pytest.approx(expected, abs=1e-9), name
+
+
+def clohessy_wiltshire(n: float, time: Array, start: Array) -> Array:
+    """Return (N, 6) places and velocities (x up, y along, z across) of what falls freely from a (6,) start."""
+    x, y, z, u, v, w = start
+    sine, cosine = np.sin(n * time), np.cos(n * time)
+    drift = 6.0 * n * x + 3.0 * v
+    return np.column_stack(
+        (
+            4.0 * x + 2.0 * v / n + u / n * sine - (3.0 * x + 2.0 * v / n) * cosine,
+            y - 2.0 * u / n + (6.0 * x + 4.0 * v / n) * sine + 2.0 * u / n * cosine - drift * time,
+            z * cosine + w / n * sine,
+            u * cosine + (3.0 * n * x + 2.0 * v) * sine,
+            (6.0 * n * x + 4.0 * v) * cosine - 2.0 * u * sine - drift,
+            w * cosine - n * z * sine,
+        )
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(1e-3, 1e-1), st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
+def test_what_falls_freely_moves_as_clohessy_and_wiltshire_say(rate: float, begin: list[float]) -> None:
+    around, time = Orbit.turning_with(rate, 'hill'), np.linspace(0.0, 2.0 * np.pi / rate, 9)
+    start = np.array(begin) * np.repeat((30.0, 30.0 * rate), 3)
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (9, 1))
+    there = clohessy_wiltshire(rate, time, start)
+    seen = truth_of(time, there[:, :3], still, there[:, 3:], np.zeros((9, 3)))
+    found = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=0).falling(odometry(seen, 0))
+
+    def pull(now: float, state: Array) -> Array:
+        return np.concatenate((state[3:], around.gradient(np.array([now]))[0] @ state[:3]))
+
+    first = np.concatenate((found.position[0], found.linear_velocity[0]))
+    fallen = solve_ivp(pull, (0.0, time[-1]), first, 'DOP853', time, rtol=1e-11, atol=1e-11).y.T
+    assert found.position == pytest.approx(fallen[:, :3], abs=1e-5)
+    assert found.linear_velocity == pytest.approx(fallen[:, 3:], abs=1e-5 * rate)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_columns_are_those_of_points(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    around, time = orbit(0.03), rng.uniform(0.0, 100.0, 2)
+    points, masses = rng.normal(size=(2, 9, 3)), rng.uniform(0.5, 3.0, (2, 9))
+    bodies = []
+    for at, mass in zip(points, masses, strict=True):
+        moments = np.einsum('k,ki,kj->ij', mass, at, at)
+        bodies.append(np.concatenate(([mass.sum()], mass @ at, vec(np.trace(moments) * np.eye(3) - moments))))
+    rotation, position = exp(rng.normal(size=(2, 2, 3))), rng.normal(size=(2, 2, 3))
+    base = rng.normal(size=(2, 3))
+    rates = momentum_rates(around, time, Configuration(rotation, position, np.zeros((2, 1, 6))), base)
+    found = of_bodies(rates, np.array(bodies))
+    for instant, up in enumerate(around.upward(time)):
+        expected: Array = np.zeros(6)
+        for body in range(2):
+            at = base[instant] + position[instant, body] + points[body] @ rotation[instant, body].T
+            pulls = 0.03**2 * masses[body][:, None] * (3.0 * (at @ up)[:, None] * up - at)
+            expected += np.concatenate((pulls.sum(axis=0), np.cross(at, pulls).sum(axis=0)))
+        assert found[instant] == pytest.approx(expected, rel=1e-11, abs=1e-14)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
+    """The same for the fast rows and the states of single bodies, the unknown links' columns in their own frames."""
+    rng = np.random.default_rng(seed)
+    model = load_model(random_urdf(rng, joints=6))
+    kernel = MomentumKernel(model, model.last_link, model.links[1].name)
+    truth = configured_motion('servicer7', 1.0, 20.0, 0.05)
+    positions, rates, rotation, twist = random_state(rng, model.joints, len(truth))
+    samples = replace(
+        observe(truth, MID),
+        joint_position=positions,
+        joint_velocity=rates,
+        base_rotation=rotation,
+        base_linear_velocity=twist[:, :3],
+        base_angular_velocity=twist[:, 3:],
+        base_position=rng.normal(size=(len(truth), 3)),
+        joint_rate_gain=np.zeros((0, 0)),
+        rate_tilt=np.zeros((0, 0)),
+    )
+    with_tide = FallingFrame(orbit(0.5), model, relative_twist=True).applied(samples, 0)
+    plain, rows = momentum_rows(kernel, samples), momentum_rows(kernel, with_tide)
+    columns = about(with_tide.tide, with_tide.base_position)
+    assert kernel.states(with_tide).tide == pytest.approx(columns)
+    assert rows.known == pytest.approx(plain.known - of_bodies(columns, kernel.known).T, rel=1e-12, abs=1e-12)
+    whole = with_tide.impulse[-1] + brought(with_tide, model.body_parameters())
+    parts = plain.known[:, -1] - rows.known[:, -1]
+    for link, before, after in zip(kernel.unknown, plain.regressors, rows.regressors, strict=True):
+        assert before - after == pytest.approx(np.moveaxis(of_link(columns, link), 0, -1), abs=1e-12)
+        parts += (before - after)[..., -1] @ link.parameters
+    parts[3:] += np.cross(with_tide.base_position[-1], parts[:3])
+    assert parts == pytest.approx(whole, rel=1e-10, abs=1e-12)
+
+
+@pytest.mark.parametrize('size', [1, 7, 40])
+def test_windows_one_at_a_time_have_the_same_to_the_last_bit(size: int) -> None:
+    samples = observe(configured_motion('ets7', 2.0, 20.0, 0.05), MID)
+
+    def through(parts: list[int]) -> Array:
+        falling, cutter, found = FallingFrame(orbit(), robot('ets7'), relative_twist=True), Windows(0.5), []
+        for begin in parts:
+            found += [falling.applied(window, 0).tide for window in cutter.push(samples[begin : begin + parts[1]])]
+        return np.concatenate(found)
+
+    assert np.array_equal(through(list(range(0, 40, size)) if size < 40 else [0, 40]), through([0, 20]))
+
+
+@pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
+def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
+    """The simulator's bodies, the estimator's columns: P and L less what the orbit has brought, over a minute."""
+    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
+    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0], 'step': 0.05}
+    model = robot(name)
+    truth = make_simulation(build(SimulatorConfig, values), model).advance(np.arange(1200) * 0.05)
+    samples = FallingFrame(orbit(0.02), model, relative_twist=True).applied(observe(truth, MID), 0)
+    total = total_momentum(model, truth)
+    columns = about(samples.tide, np.zeros((len(samples), 3)))
+    left = total - of_bodies(columns, model.body_parameters())
+    moved = np.ptp(total, axis=0)
+    assert moved.max() > 10.0
+    # The trapezoidal rule at 20 Hz.
+    assert np.ptp(left, axis=0).max() < 2e-6 * moved.max()

@@ -1,0 +1,296 @@
+"""Noise levels and time constants from readings alone, and covariances of messages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from checked import some
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.results.innovations import seen_in
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
+from mbaid_ros.core.sensors.base import usable_covariance
+from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from measured import base_stream, joint_stream
+from observed import MID
+
+TRUE = np.array([2e-4, 5e-3, 3e-3, 2.5e-4, 5e-4, 3e-4])  # of CHANNELS; MID is declared
+BEGIN = 1_700_000_000_000_000_000
+DECLARED = np.array([getattr(MID, name) for name in list(vars(MID))[:6]])
+ALL = 10**19
+
+
+def streams(
+    seconds: float, rate: float, seed: int = 0, keep: float = 0.0, jitter: float = 0.0
+) -> tuple[JointStream, BaseStream]:
+    """Return readings of what swings by half a radian, or metre, at 0.3 Hz; poses' errors have a correlation."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
+    time = time + jitter / rate * rng.uniform(-0.5, 0.5, len(time))
+    stamps = BEGIN + np.round(1e9 * time).astype(np.int64)
+    joints, base = joint_stream(stamps), base_stream(stamps)
+    swing = 0.5 * np.sin(2.0 * np.pi * 0.3 * time)[:, None] * np.array([1.0, 0.7, -0.4])
+
+    def errors(channel: int, columns: int = 3) -> Array:
+        white = TRUE[channel] * rng.normal(size=(len(time), columns))
+        gain = np.sqrt(1.0 - keep**2) if channel in {2, 3} else 1.0
+        return np.asarray(lfilter([gain], [1.0, -keep if channel in {2, 3} else 0.0], white, axis=0))
+
+    count = joints.position.shape[1]
+    joints.position[:] = swing[:, :1] + errors(0, count)
+    joints.velocity[:] = swing[:, :1] + errors(1, count)
+    shape = (len(time), 6, 6)
+    return joints, replace(
+        base,
+        position=swing + errors(2),
+        rotation=exp(errors(3)) @ exp(swing),
+        linear_velocity=swing + errors(4),
+        angular_velocity=swing + errors(5),
+        pose_covariance=np.broadcast_to(MID.pose_covariance(), shape),
+        twist_covariance=np.broadcast_to(MID.twist_covariance(), shape),
+    )
+
+
+def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
+    levels = NoiseLevels(MID, joints.position.shape[1])
+    levels.take(joints, base)
+    return levels.until(ALL, spacing, free=free)
+
+
+@pytest.mark.parametrize(('rate', 'jitter'), [(100.0, 0.0), (100.0, 0.8), (10.0, 0.3)])
+def test_levels_are_found_within_a_tenth_whatever_moves(rate: float, jitter: float) -> None:
+    levels = found(*streams(60.0, rate, jitter=jitter), 1.0 / rate)
+    assert levels.factor * DECLARED == pytest.approx(TRUE, rel=0.1)
+    assert levels.correlation_time == 0.0
+
+
+def test_single_readings_far_off_make_little_of_a_difference() -> None:
+    joints, base = streams(60.0, 100.0)
+    rng = np.random.default_rng(1)
+    far = rng.choice(len(joints.stamp), 30, replace=False)
+    joints.position[far] += 1.0
+    base.position[far] += 1.0
+    assert found(joints, base, 0.01).factor * DECLARED == pytest.approx(TRUE, rel=0.15)
+
+
+def test_what_is_found_does_not_depend_on_the_calls() -> None:
+    joints, base = streams(4.0, 100.0, jitter=0.5)
+    at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1]) for _ in range(2))
+    at_once.take(joints, base)
+    begin = 0
+    for end in (*range(7, 400, 13), 400):
+        bit_by_bit.take(joints[begin:end], base[begin:end])
+        begin = end
+        if end >= 50:
+            seen = int(joints.stamp[end - 1])
+            one, other = at_once.until(seen, 0.01, free=True), bit_by_bit.until(seen, 0.01, free=True)
+            np.testing.assert_array_equal(one.factor, other.factor)
+
+
+@pytest.mark.parametrize('constant', [0.1, 0.3, 1.0])
+def test_a_time_of_correlation_is_found_where_the_size_is_declared(constant: float) -> None:
+    joints, base = streams(20.0, 100.0, keep=float(np.exp(-0.01 / constant)))
+    base = replace(
+        base, pose_covariance=np.broadcast_to(np.diag(np.repeat(TRUE[2:4], 3) ** 2), (len(base.stamp), 6, 6))
+    )
+    for seconds in (0.5, 1.0, 20.0):
+        part = round(100 * seconds)
+        levels = found(joints[:part], base[:part], 0.01, free=False)
+        assert levels.correlation_time == pytest.approx(constant, rel=0.25)
+
+
+def test_white_noise_that_is_small_is_not_taken_for_correlated() -> None:
+    joints, base = streams(20.0, 100.0)
+    large = replace(base, pose_covariance=100.0 * base.pose_covariance)
+    levels = found(joints, large, 0.01, free=False)
+    assert levels.correlation_time == 0.0
+    assert levels.factor[2:4] * 10.0 * DECLARED[2:4] == pytest.approx(TRUE[2:4], rel=0.1)
+
+
+def window(joints: JointStream, base: BaseStream) -> Samples:
+    return Samples(
+        time=(joints.stamp - BEGIN) * 1e-9,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=base.rotation,
+        base_linear_velocity=base.linear_velocity,
+        base_angular_velocity=base.angular_velocity,
+        pose_covariance=base.pose_covariance,
+        twist_covariance=base.twist_covariance,
+        apart=np.full(len(joints.stamp), 0.01),
+    )
+
+
+@pytest.mark.parametrize('estimate', [True, False])
+def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> None:
+    joints, base = streams(20.0, 100.0)
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=estimate)
+    noise.take(joints, base)
+    changed, levels = noise.applied(window(joints, base), BEGIN)
+    assert levels.found == pytest.approx(TRUE, rel=0.1)
+    used = levels.found if estimate else DECLARED
+    own = MID.found_in(changed)
+    assert (own.joint_position, own.joint_velocity) == pytest.approx(tuple(used[:2]))
+    sizes = np.sqrt(
+        np.concatenate([np.diagonal(each[0]) for each in (changed.pose_covariance, changed.twist_covariance)])
+    )
+    assert sizes == pytest.approx(np.repeat(used[2:], 3))
+    assert any(
+        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line for line in levels.told()
+    )
+
+
+def test_sensors_without_noise_are_not_taken_for_exact() -> None:
+    joints, base = streams(4.0, 100.0)
+    joints.position[:] = 0.5 + (1e-3 * TRUE[0]) * np.random.default_rng(0).normal(size=joints.position.shape)
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
+    noise.take(joints, base)
+    changed, _ = noise.applied(window(joints, base), BEGIN)
+    assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
+
+
+def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
+    joints, base = streams(20.0, 100.0)
+    step = 2.0 * np.pi / 2**12
+    moving = np.arange(len(joints.stamp)) >= 1500  # a quarter of the time
+    swing = 0.1 * np.sin(np.arange(len(joints.stamp)) * 0.01)[:, None] * moving[:, None]
+    joints.position[:] = step * np.round((0.5 + swing) / step)
+    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
+    noise.take(joints, base)
+    at_rest, _ = noise.applied(window(joints[:200], base[:200]), BEGIN)
+    assert MID.found_in(at_rest).joint_position == MID.joint_position
+    later, _ = noise.applied(window(joints, base), BEGIN)
+    # Of slow motion rather too much: what shows are the differences that hold a step.
+    assert 0.7 < MID.found_in(later).joint_position / (step / np.sqrt(12.0)) < 2.0
+
+
+def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
+    joints, base = streams(20.0, 100.0)
+    undeclared = np.array([True, False, True, True, True, False])
+    says = np.zeros((len(base.stamp), 4), dtype=bool)
+    says[1000:, :2] = True
+    noise = FoundNoise(MID, joints.position.shape[1], undeclared)
+    noise.take(joints, replace(base, declared=says))
+    first, later = (noise.applied(window(joints[:last], base[:last]), BEGIN)[1] for last in (900, len(base.stamp)))
+    assert first.used.tolist() == undeclared.tolist()
+    assert np.isnan(first.declared).tolist() == undeclared.tolist()
+    assert later.used.tolist() == [True, False, False, False, True, False]
+    assert later.declared[2:4] == pytest.approx(DECLARED[2:4])
+    assert first.told()[-1].startswith('nobody has declared that of joint position (0.0002')
+
+
+@pytest.mark.parametrize(('spacing', 'times'), [(0.05, 100.0), (0.5, 1.0)])
+def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: float, times: float) -> None:
+    joints, base = streams(20 * spacing, 1.0 / spacing)
+    undeclared = np.array([True, False, True, True, False, True])
+    noise = FoundNoise(MID, joints.position.shape[1], undeclared)
+    noise.take(joints, replace(base, declared=np.zeros((len(base.stamp), 4), dtype=bool)))
+    own = replace(window(joints, base), apart=np.full(20, spacing), base_angular_velocity=np.full((20, 3), np.nan))
+    changed, levels = noise.applied(own, BEGIN)
+    sizes = np.sqrt(np.diagonal(changed.pose_covariance[0])[[0, 3]] / np.diagonal(MID.pose_covariance())[[0, 3]])
+    assert sizes == pytest.approx(times)
+    assert not levels.used.any()
+    assert levels.assumed[2:4] == pytest.approx(times * DECLARED[2:4])
+    assert np.isnan(levels.assumed[[1, 4, 5]]).all()
+    assert levels.told()[-1].endswith('nor do readings tell it; so much is assumed')
+
+
+def test_declared_noise_stands_until_readings_tell() -> None:
+    joints, base = streams(0.05, 100.0)
+    assert np.all(np.isnan(found(joints, base, 0.01).factor))
+    noise = SensorNoise(*(2.0 * DECLARED).tolist())
+    changed, levels = FoundNoise(noise, joints.position.shape[1], estimate=True).applied(window(joints, base), BEGIN)
+    assert noise.found_in(changed) == noise
+    assert levels.told() == []
+
+
+@pytest.mark.parametrize(('declared', 'warned'), [(5e-4, False), (3e-2, True)])
+def test_joints_that_are_far_better_than_declared_are_warned_of(declared: float, *, warned: bool) -> None:
+    joints, base = streams(4.0, 100.0)
+    noise = FoundNoise(replace(MID, joint_position=declared), joints.position.shape[1])
+    noise.take(joints, base)
+    assert (
+        noise.applied(window(joints, base), BEGIN)[1].warning.startswith('noise.joint_position is 0.03 rad') == warned
+    )
+
+
+STEP, SIZE = 0.01, 1e-3  # s, m
+
+
+def coloured(constant: float, count: int, seed: int) -> Array:
+    """Return (count, 3) numbers of unit variance with a time constant (s)."""
+    keep = np.exp(-STEP / constant)
+    values = np.random.default_rng(seed).normal(size=(count, 3))
+    for index in range(1, count):
+        values[index] = keep * values[index - 1] + np.sqrt(1.0 - keep**2) * values[index]
+    return values
+
+
+def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
+    """Return samples of a moving base whose positions have an error; one in so many comes."""
+    stamps = 1_700_000_000_000_000_000 + np.round(1e9 * STEP * np.arange(len(error))).astype(np.int64)
+    base = base_stream(stamps)
+    base.position[:] += SIZE * error
+    base.pose_covariance[:, :3, :3] = SIZE**2 * np.eye(3)
+    found = some(Synchroniser(1.0).push(joint_stream(stamps), base[::every]))
+    noise = replace(MID, base_correlation_time=constant)
+    return FoundNoise(noise, found.joint_position.shape[1]).applied(found, 0)[0]
+
+
+@pytest.mark.parametrize('constant', [0.05, 0.3, 2.0])
+def test_the_time_is_seen_in_a_window(constant: float) -> None:
+    found = [seen_in(samples(coloured(constant, 100, seed)))[0] for seed in range(20)]
+    assert np.median(found) == pytest.approx(constant, rel=0.15)
+
+
+def test_neither_white_noise_nor_interpolated_poses_are_taken_for_correlated() -> None:
+    for seed in range(20):
+        white = np.random.default_rng(seed).normal(size=(100, 3))
+        assert seen_in(samples(white)) == (0.0, 0.0)
+        assert seen_in(samples(white, every=10)) == (0.0, 0.0)
+
+
+def test_poses_weigh_as_much_less_as_their_slow_means_vary() -> None:
+    nothing = np.zeros((100, 3))
+    keep = np.exp(-STEP / 0.3)
+    ratio = samples(nothing, constant=0.3).pose_covariance[1:, 0, 0] / samples(nothing).pose_covariance[1:, 0, 0]
+    np.testing.assert_allclose(ratio, (1.0 + keep) / (1.0 - keep), rtol=1e-9)
+    np.testing.assert_array_equal(samples(nothing, constant=0.3).twist_covariance, samples(nothing).twist_covariance)
+
+
+DEFAULT = 1e-4 * np.eye(6)
+
+
+def given(diagonal: tuple[float, ...], entry: tuple[int, int, float] | None = None) -> Array:
+    matrix = np.diag(diagonal)
+    if entry is not None:
+        matrix[entry[:2]] = entry[2]
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ('matrix', 'own', 'wrong'),
+    [
+        (np.zeros((6, 6)), (False, False), False),
+        (given((2.0,) * 6), (True, True), False),
+        (given((2.0, 2.0, 2.0, 0.0, 0.0, 0.0)), (True, False), False),
+        (given((2.0,) * 6, (0, 4, np.nan)), (True, True), True),  # the correlation of position and orientation
+        (given((2.0, 2.0, 0.0, 0.0, 0.0, 2.0)), (False, False), True),  # of a planar robot
+        (given((2.0,) * 6, (0, 1, 0.5)), (False, True), True),  # not symmetric
+        (given((-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)), (False, False), True),
+        (given((2.0, 2.0, 2.0, 2.0, np.inf, 2.0)), (True, False), True),
+        (np.full((6, 6), 2.0), (False, False), True),
+    ],
+)
+def test_what_is_used_of_a_covariance(matrix: Array, own: tuple[bool, bool], *, wrong: bool) -> None:
+    found = usable_covariance(matrix, DEFAULT)
+    assert (found.own, found.wrong) == (own, wrong)
+    assert np.all(np.linalg.eigvalsh(found.matrix) > 0.0)
+    for block, kept in zip((slice(0, 3), slice(3, 6)), own, strict=True):
+        assert np.array_equal(found.matrix[block, block], (matrix if kept else DEFAULT)[block, block])

@@ -1,0 +1,123 @@
+"""Velocities taken from positions: right, as noisy as they say, and good enough to identify a body with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED, Identifier
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+from mbaid_ros.core.sensors.rates import fit, with_rates
+from mbaid_ros.session import make_estimator
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, configured_motion, kernel, observe, windows
+
+
+@cache
+def motion(robot: str, seconds: float) -> Truth:
+    return configured_motion(robot, seconds, 100.0, 0.02)
+
+
+def stripped(samples: Samples) -> Samples:
+    nothing = {
+        name: np.full_like(getattr(samples, name), np.nan)
+        for name in ('joint_velocity', 'base_linear_velocity', 'base_angular_velocity')
+    }
+    return replace(samples, **nothing)
+
+
+def streams(samples: Samples, *, rates: bool = True, twist: bool = True) -> tuple[JointStream, BaseStream]:
+    stamp = np.round(samples.time * 1e9).astype(np.int64)
+    rate, base = (1.0 if present else np.nan for present in (rates, twist))
+    return JointStream(stamp, samples.joint_position, samples.joint_velocity * rate), BaseStream(
+        stamp,
+        samples.base_position,
+        samples.base_rotation,
+        samples.base_linear_velocity * base,
+        samples.base_angular_velocity * base,
+        samples.pose_covariance,
+        samples.twist_covariance,
+    )
+
+
+def estimates(samples: Samples, method: str, **present: bool) -> list[Estimate]:
+    config = build(EstimatorConfig, {**EXACT, 'method': method})
+    identifier = Identifier(make_estimator(config, kernel('servicer7')), config.window, config.maximum_gap)
+    return identifier.push(*streams(samples, **present))
+
+
+@pytest.mark.parametrize('count', [2, 3, 5, 6, 50])
+def test_a_fit_is_exact_for_polynomials_it_can_hold(count: int) -> None:
+    time = np.sort(np.random.default_rng(count).uniform(3.0, 3.5, count))
+    degree = min(4, count - 1)
+    coefficients = np.arange(1.0, degree + 2.0)
+    signal = np.polyval(coefficients, time - 3.0)[:, None]
+    values, slopes = fit(time).smooth(signal)
+    assert values == pytest.approx(signal)
+    assert slopes[:, 0] == pytest.approx(np.polyval(np.polyder(coefficients), time - 3.0), rel=1e-6)
+
+
+def test_bunched_instants_are_fitted_by_what_they_determine() -> None:
+    time = np.concatenate((np.linspace(0.0, 1e-6, 20), [0.5]))
+    local = fit(time)
+    assert local.mean_gain < 100.0
+    assert np.mean(local.smooth(2.0 * time[:, None])[1]) == pytest.approx(2.0)
+
+
+def test_rates_of_an_exact_motion_are_those_of_the_truth() -> None:
+    exact = observe(motion('servicer7', 20.0)[:100], MID)
+    for window in windows(exact):
+        assert stripped(window).missing_rates == (True, True)
+        derived = with_rates(stripped(window))
+        for name in ('joint_velocity', 'base_linear_velocity', 'base_angular_velocity'):
+            # Within the truncation of the fourth degree, a hundredth of the noise of a velocity sensor.
+            assert getattr(derived, name) == pytest.approx(getattr(window, name), abs=2e-6), name
+
+
+def test_measured_rates_are_left_alone() -> None:
+    window = windows(observe(motion('servicer7', 20.0)[:100], MID, 1))[0]
+    assert with_rates(window) is window
+    half = replace(window, joint_velocity=window.joint_velocity.copy())
+    half.joint_velocity[7, 2] = np.nan
+    derived = with_rates(half)
+    others = [0, 1, 3, 4, 5, 6]
+    assert np.array_equal(derived.joint_velocity[:, others], window.joint_velocity[:, others])
+    assert np.all(np.isnan(derived.joint_rate_gain[:, others]))
+    assert np.all(derived.joint_rate_gain[:, 2] > 0.0)
+    assert np.array_equal(derived.base_linear_velocity, window.base_linear_velocity)
+
+
+@pytest.mark.parametrize(
+    ('present', 'notes'),
+    [
+        ({'rates': False}, [JOINT_RATES_DERIVED]),
+        ({'twist': False}, [TWIST_DERIVED]),
+        ({'rates': False, 'twist': False}, [JOINT_RATES_DERIVED, TWIST_DERIVED]),
+    ],
+)
+def test_difference_identifies_without_velocities_and_says_so(present: dict[str, bool], notes: list[str]) -> None:
+    samples = observe(motion('servicer7', 20.0), MID, 3)
+    last = estimates(samples, 'difference', **present)[-1]
+    truth = physical(kernel('servicer7').target.parameters)
+    assert np.all(last.identifiable)
+    # The mean of ten squared normalised errors: 1 is expected, 3 is beyond the 99.9 % quantile.
+    assert np.mean(((last.parameters - truth) / last.std) ** 2) < 3.0
+    assert list(last.warnings[-len(notes) :]) == notes
+    whole = estimates(samples, 'difference')[-1]
+    assert np.all(last.std >= 0.9 * whole.std)
+
+
+def test_trajectory_needs_no_velocities() -> None:
+    samples = observe(motion('servicer7', 20.0)[:1000], MID, 3)
+    last = estimates(samples, 'trajectory', rates=False, twist=False)[-1]
+    truth = physical(kernel('servicer7').target.parameters)
+    assert np.mean(((last.parameters - truth) / last.std) ** 2) < 3.0
+    assert last.warnings[-1] == POSES_ALONE

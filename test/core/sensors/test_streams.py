@@ -1,0 +1,255 @@
+"""Streams of stamps and joints: gated, put in order, merged and unwrapped."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from checked import some
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
+from mbaid_ros.core.sensors.streams import JUMPED_BACK, LATE, REPEATED, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
+
+SECOND = 1_000_000_000
+
+
+def passed(stamps: list[float], *, ignore: bool = False) -> tuple[list[float], list[float], dict[str, int]]:
+    """Return the stamps (s) that pass, the jumps back and what is dropped."""
+    gate, jumps = Gate(SECOND, ignore_jumps=ignore), []
+    for stamp in stamps:
+        jump = gate.take(round(stamp * SECOND), stamp)
+        if jump:
+            jumps.append(jump / SECOND)
+            gate.settle(stamp)
+    return gate.take_all(), jumps, dict(gate.dropped)
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'kept', 'jumps', 'dropped'),
+    [
+        ([5.0, 5.5, 5.4, 6.0], [5.0, 5.5, 5.4, 6.0], [], {}),
+        ([5.0, 9.0, 5.5], [5.0, 5.5], [], {STRAY_STAMP: 1}),
+        ([5.0, 1.0, 5.5], [5.0, 5.5], [], {STRAY_STAMP: 1}),
+        ([5.0, 1.0, 1.5, 2.0], [5.0, 1.0, 1.5, 2.0], [4.0], {}),
+        ([5.0, 9.0, 9.5], [5.0, 9.0, 9.5], [], {}),
+        ([5.0, 9.0, 13.0, 17.0, 17.5], [5.0, 9.0, 13.0, 17.0, 17.5], [], {}),
+        ([5.0, 3.0, 1.0, 1.5], [5.0, 1.0, 1.5], [4.0], {STRAY_STAMP: 1}),
+        ([5.0, 9.0, 1.0, 1.5], [5.0, 1.0, 1.5], [4.0], {STRAY_STAMP: 1}),
+        ([0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [], {}),
+        ([0.0, 0.0, 0.0], [0.0], [], {ZERO_STAMP: 2}),
+        ([5.0, 0.0, 0.0, 5.5], [5.0, 5.5], [], {ZERO_STAMP: 2}),
+        ([-3.0, -2.5], [-3.0, -2.5], [], {}),
+    ],
+)
+def test_what_passes(stamps: list[float], kept: list[float], jumps: list[float], dropped: dict[str, int]) -> None:
+    assert passed(stamps) == (kept, jumps, dropped)
+
+
+def test_jumps_back_can_be_waited_out() -> None:
+    stamps = [5.0, 1.0, 1.5, 2.0, 2.5, 5.5, 6.0]
+    assert passed(stamps, ignore=True) == ([5.0, 5.5, 6.0], [], {JUMPED_BACK: 4})
+
+
+@pytest.mark.parametrize('begin', [[], [5.0], [5.0, 9.0], [5.0, 4.9]])
+@pytest.mark.parametrize(
+    ('stamps', 'regular'),
+    [
+        ([], True),
+        ([5.1, 5.2, 5.15, 6.2], True),
+        ([5.1, 4.5, 6.1], True),
+        ([5.1, 6.2], False),
+        ([5.9, 4.8, 6.0], False),
+        ([5.1, 0.0, 5.2], False),
+    ],
+)
+def test_many_that_all_pass_are_taken_as_one_by_one(begin: list[float], stamps: list[float], *, regular: bool) -> None:
+    singly, together = Gate(SECOND), Gate(SECOND)
+    for gate in (singly, together):
+        for stamp in begin:
+            gate.take(round(stamp * SECOND), stamp)
+    given = np.array([round(stamp * SECOND) for stamp in stamps], dtype=np.int64)
+    # Nothing is known before the first stamp, and one that is far from the others waits for the next.
+    assert together.passes(given) == ((regular and begin in ([5.0], [5.0, 4.9])) or not stamps)
+    if together.passes(given):
+        together.take_regular(given, stamps)
+        for stamp in stamps:
+            assert singly.take(round(stamp * SECOND), stamp) == 0
+        assert (singly.newest, singly.dropped) == (together.newest, together.dropped)
+        assert singly.take_all() == together.take_all()
+
+
+LIMIT = 50
+stamp_lists = st.lists(st.integers(0, 300), min_size=1, max_size=60)
+
+
+def stream(stamps: list[int]) -> JointStream:
+    values = np.array(stamps, dtype=float)[:, None]
+    return JointStream(np.array(stamps, dtype=np.int64), values, np.arange(len(stamps))[:, None] * 1.0)
+
+
+def released(stamps: list[int], cuts: list[int]) -> tuple[list[int], dict[str, int], int]:
+    """Return the stamps in the order of release when the stream is cut at some places."""
+    reorder, result = Reorder[JointStream](LIMIT), []
+    whole = stream(stamps)
+    edges = [0, *sorted(min(cut, len(stamps)) for cut in cuts), len(stamps)]
+    for begin, end in itertools.pairwise(edges):
+        part = JointStream(whole.stamp[begin:end], whole.position[begin:end], whole.velocity[begin:end])
+        ordered = reorder.push(part)
+        if ordered is not None:
+            assert np.array_equal(ordered.position[:, 0], ordered.stamp)
+            result += ordered.stamp.tolist()
+    return result, dict(reorder.dropped), reorder.hold
+
+
+@settings(max_examples=100, deadline=None)
+@given(stamp_lists, st.lists(st.integers(0, 60), max_size=6))
+def test_the_result_is_increasing_and_the_same_however_it_is_cut(stamps: list[int], cuts: list[int]) -> None:
+    whole, dropped, hold = released(stamps, [])
+    assert whole == sorted(set(whole))
+    assert hold <= LIMIT
+    assert len(whole) + sum(dropped.values()) <= len(stamps)
+    assert released(stamps, cuts) == (whole, dropped, hold)
+
+
+def test_in_order_nothing_waits() -> None:
+    assert released([10, 20, 30], [1, 2]) == ([10, 20, 30], {}, 0)
+
+
+def test_after_the_first_late_one_others_as_late_are_waited_for() -> None:
+    stamps = [10, 20, 30, 15, 40, 50, 60, 70, 55, 80, 90, 100, 92, 110, 120, 130, 140]
+    result, dropped, hold = released(stamps, [])
+    assert dropped == {LATE: 1}
+    assert hold == round(1.5 * 15)
+    assert result == [stamp for stamp in sorted(stamps) if stamp != 15 and stamp <= 140 - hold]
+
+
+def test_what_is_too_late_makes_nothing_wait() -> None:
+    assert released([100, 200, 130, 210], []) == ([100, 200, 210], {LATE: 1}, 0)
+
+
+@pytest.mark.parametrize('cuts', [[], [1], [1, 2, 3, 4]])
+def test_repeated_stamps_count_once(cuts: list[int]) -> None:
+    assert released([10, 10, 20, 20, 30], cuts) == ([10, 20, 30], {REPEATED: 2}, 0)
+
+
+GAP = SECOND // 10
+
+
+def motion(time: Array) -> tuple[Array, Array]:
+    """Return four joints' positions and velocities."""
+    phase = np.array([0.3, 0.7, 1.1, 1.9]) * time[:, None]
+    return np.sin(phase), np.array([0.3, 0.7, 1.1, 1.9]) * np.cos(phase)
+
+
+def part(joints: Joints, time: Array, *, rates: bool = True) -> tuple[Joints, JointStream]:
+    position, velocity = motion(time)
+    columns = list(joints)
+    measured = velocity[:, columns] if rates else np.full((len(time), len(joints)), np.nan)
+    return joints, JointStream(np.round(time * SECOND).astype(np.int64), position[:, columns], measured)
+
+
+def merge(turning: int = 4, reorder: int = 0) -> JointMerge:
+    return JointMerge(np.ones(turning, dtype=bool), GAP, reorder)
+
+
+TIME = np.arange(0.0, 2.0, 0.01)
+
+
+@pytest.mark.parametrize(('rates', 'error'), [(True, 1e-9), (False, 1e-4)])
+def test_halves_make_a_whole_at_the_stamps_of_the_first(rates: bool, error: float) -> None:
+    merger = merge()
+    merged = some(merger.push(dict([part((2, 3), TIME, rates=rates), part((0, 1), TIME + 0.004, rates=rates)])))
+    position, velocity = motion(merged.stamp / SECOND)
+    assert merged.position == pytest.approx(position, abs=error)
+    if rates:
+        assert merged.velocity == pytest.approx(velocity, abs=1e-4)
+    else:
+        assert np.all(np.isnan(merged.velocity))
+    assert len(merged.stamp) == len(TIME) - 1
+    assert merger.dropped == {NO_PARTNER: 1}
+
+
+@pytest.mark.parametrize('at_once', [1, 3, 50])
+def test_the_result_is_the_same_however_the_streams_are_cut(at_once: int) -> None:
+    jitter = np.random.default_rng(0).uniform(0.0, 0.009, len(TIME))
+    streams = dict([part((0, 2), TIME), part((1, 3), np.sort(TIME + jitter))])
+    whole = merge().push(streams)
+    merger, pieces = merge(), []
+    for begin in range(0, len(TIME), at_once):
+        index = slice(begin, begin + at_once)
+        cut = {key: JointStream(s.stamp[index], s.position[index], s.velocity[index]) for key, s in streams.items()}
+        piece = merger.push(cut)
+        if piece is not None:
+            pieces.append(piece)
+    assert whole is not None
+    for name in ('stamp', 'position', 'velocity'):
+        assert np.array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(whole, name))
+
+
+def test_a_slower_partner_sets_the_rate() -> None:
+    merger = merge()
+    merged = some(merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[::5])])))
+    # Each of the slow messages but the last counts once.
+    assert len(merged.stamp) == len(TIME[::5])
+    assert merger.dropped[OFTEN] > 100
+
+
+def test_gaps_of_a_partner_are_not_bridged() -> None:
+    merger = merge()
+    there = (TIME < 0.5) | (TIME > 1.0)
+    merged = some(merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[there])])))
+    assert not np.any((merged.stamp > 0.5 * SECOND) & (merged.stamp < SECOND))
+    assert merger.dropped[PARTNER_GAP] == np.sum(~there)
+
+
+def test_messages_wait_until_every_joint_has_come() -> None:
+    merger = merge()
+    assert merger.push(dict([part((0, 1), TIME)])) is None
+    assert list(merger.missing) == [2, 3]
+    assert merger.push(dict([part((2,), TIME)])) is None
+    assert list(merger.missing) == [3]
+    merged = some(merger.push(dict([part((3,), TIME)])))
+    assert len(merged.stamp) == len(TIME)
+    assert merger.push(dict([part((1, 3), TIME + 5.0)])) is None
+    assert merger.dropped == {REDUNDANT: len(TIME)}
+
+
+@pytest.mark.parametrize('at_once', [1, 7, 200])
+def test_angles_are_unwrapped_the_same_however_they_are_cut(at_once: int) -> None:
+    turns = np.linspace(0.0, 40.0, 200, dtype=float)[:, None] * np.array([1.0, -1.0])
+    wrapped = np.mod(turns + np.pi, 2.0 * np.pi) - np.pi
+    merger = JointMerge(np.array([True, True]), GAP, 0)
+    stamp = np.arange(200) * 10_000_000
+    pieces = []
+    for begin in range(0, 200, at_once):
+        index = slice(begin, begin + at_once)
+        piece = some(merger.push({(0, 1): JointStream(stamp[index], wrapped[index], wrapped[index])}))
+        pieces.append(piece.position)
+    assert np.concatenate(pieces) == pytest.approx(turns, abs=1e-12)
+
+
+def test_sliding_joints_do_not_wrap() -> None:
+    position = np.array([[0.0], [10.0], [20.0]])
+    merged = some(JointMerge(np.array([False]), GAP, 0).push({(0,): JointStream(np.arange(3), position, position)}))
+    assert np.array_equal(merged.position, position)
+
+
+def test_what_is_no_joint_neither_sets_the_stamps_nor_costs_samples() -> None:
+    """Its messages come first, and one for five of the joints'."""
+    merger = JointMerge(np.ones(4, dtype=bool), GAP, 0, beside=2)
+    seldom = part((2, 3), TIME[::5])
+    merged = some(merger.push(dict([seldom, part((0, 1), TIME)])))
+    last = int(np.flatnonzero(TIME[::5][-1] >= TIME)[-1])
+    assert np.array_equal(merged.stamp, np.round(TIME[: last + 1] * SECOND).astype(np.int64))
+    assert merged.velocity == pytest.approx(motion(merged.stamp / SECOND)[1], abs=3e-3)
+    joints_alone = JointMerge(np.ones(4, dtype=bool), GAP, 0)
+    assert joints_alone.push(dict([seldom, part((0, 1), TIME)])) is not None
+    assert joints_alone.dropped[OFTEN] == 0  # the seldom one leads: no sample is used twice
+    divided = merged.divided(2)
+    assert np.array_equal(divided.stored, merged.velocity[:, 2:])
+    assert np.array_equal(divided.position, merged.position[:, :2])

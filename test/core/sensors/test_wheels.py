@@ -1,0 +1,162 @@
+"""Reaction wheels: joints like others, or inside the base with their speeds or momentum read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from floating import float_freely, follow, make, normalised, true_momentum
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from observed import MID, estimator, identify, observe, windows
+from simulated import state
+from wheels import AXES, spinning, unaware, wheeled
+
+SECONDS = 20.0
+# Ten parameters, one run in a thousand.
+LIMIT = float(chi2.isf(1e-3, 10))
+
+
+@pytest.fixture(scope='module')
+def run(joints: Sinusoids) -> Truth:
+    momentum = np.array([16.0, -8.0, 24.0, 30.0, -35.0, 60.0])
+    return float_freely(wheeled(), spinning(joints), momentum, SECONDS)
+
+
+@pytest.mark.parametrize('method', ['difference', 'trajectory'])
+def test_wheels_that_nobody_tells_of_are_noticed(run: Truth, method: str) -> None:
+    arm = [index for index, name in enumerate(wheeled().model.joint_names) if not name.startswith('wheel')]
+    robot = MomentumKernel(load_model(unaware()), 'link7')
+    assert robot.model.joint_names == tuple(wheeled().model.joint_names[index] for index in arm)
+    told = replace(
+        run,
+        joint_position=run.joint_position[:, arm],
+        joint_velocity=run.joint_velocity[:, arm],
+        joint_effort=run.joint_effort[:, arm],
+    )
+    last = identify(robot, told, MID, 3, method=method)[-1]
+    assert last.status == 'inconsistent' or last.events
+    assert method == 'difference' or last.causes
+
+
+SPIN = 0.05  # kg m^2, as the description of the wheels has it
+UNIT = np.array(AXES) / np.sqrt(3.0)
+NAMES = ('wheel0', 'wheel1', 'wheel2', 'wheel3')
+
+
+@cache
+def bare() -> MomentumKernel:
+    return MomentumKernel(load_model(unaware()), 'link7')
+
+
+def reading(noise: float = 0.0, factor: float = 1.0) -> MomentumKernel:
+    """Return it with the wheels' speeds read; their spin inertias taken for `factor` times what they are."""
+    base = bare().model.link('base_link')
+    return bare().storing(Storage.wheels(base, NAMES, UNIT, [factor * SPIN] * 4, noise))
+
+
+def inside(run: Truth, seed: int | None = None, noise: float = 0.0) -> Samples:
+    """Return what sensors tell of a robot whose wheels are inside, their speeds with a noise (rad/s)."""
+    names = wheeled().model.joint_names
+    wheel = np.array([name.startswith('wheel') for name in names])
+    speeds = run.joint_velocity[:, wheel]
+    alone = replace(
+        run,
+        joint_position=run.joint_position[:, ~wheel],
+        joint_velocity=run.joint_velocity[:, ~wheel],
+        joint_effort=run.joint_effort[:, ~wheel],
+    )
+    rng = np.random.default_rng([7, seed or 0])
+    return replace(observe(alone, MID, seed), stored=speeds + noise * rng.normal(size=speeds.shape))
+
+
+def test_the_momentum_is_that_of_wheels_that_are_joints(run: Truth) -> None:
+    with_wheels = true_momentum(reading(), inside(run))
+    assert with_wheels == pytest.approx(true_momentum(wheeled(), observe(run, MID)), abs=1e-9)
+    # Each stores up to 5 N m s: without them the momentum is nowhere near constant.
+    without = true_momentum(bare(), replace(inside(run), stored=np.zeros((len(run), 0))))
+    assert np.ptp(without[:, 3:], axis=0).max() > 5.0
+
+
+@pytest.mark.parametrize(
+    ('method', 'seeds'), [('difference', 3), ('trajectory', 1), pytest.param('trajectory', 3, marks=pytest.mark.long)]
+)
+def test_they_are_read_as_well_as_joints(run: Truth, method: str, seeds: int) -> None:
+    ratios = []
+    for seed in range(seeds):
+        found = estimator(reading(), MID, method=method).update(windows(inside(run, seed)), 0)[-1]
+        as_joints = identify(wheeled(), run, MID, seed, method=method)[-1]
+        assert max(normalised(found, reading()), normalised(as_joints, wheeled())) < LIMIT
+        assert found.status in {'estimating', 'converged'}
+        assert not found.events
+        ratios.append(found.std / as_joints.std)
+    assert np.mean(ratios) < 1.05
+
+
+def test_a_momentum_that_is_told_serves_as_well(run: Truth) -> None:
+    kernel = bare().storing(Storage.told(bare().model.link('base_link'), 0.0))
+    samples = inside(run, 2)
+    told = replace(samples, stored=SPIN * samples.stored @ UNIT)
+    found = follow(kernel, told, MID)[-1]
+    expected = follow(reading(), samples, MID)[-1]
+    assert found.parameters == pytest.approx(expected.parameters, rel=1e-9)
+    assert found.covariance == pytest.approx(expected.covariance, rel=1e-6, abs=1e-18)
+
+
+@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
+def test_noisy_speeds_widen_the_intervals_as_they_should(run: Truth, method: str) -> None:
+    """With tachometers this bad, intervals that took them for exact would be far too narrow."""
+    noise, squares = 3.0, []
+    for seed in range(4):
+        parts = windows(inside(run, seed, noise))
+        told = estimator(reading(noise), MID, method=method).update(parts, 0)[-1]
+        assert told.status in {'estimating', 'converged'}
+        squares.append(normalised(told, reading()))
+        taken_for_exact = estimator(reading(), MID, method=method).update(parts, 0)[-1]
+        assert taken_for_exact.status == 'inconsistent' or normalised(taken_for_exact, reading()) > LIMIT
+    assert chi2.ppf(1e-3, 40) < sum(squares) < chi2.isf(1e-3, 40)
+
+
+@pytest.mark.parametrize('seeds', [1, pytest.param(3, marks=pytest.mark.long)])
+def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int) -> None:
+    """5 % off: with the prior the intervals hold, and the spin inertias are found; without it they do not hold."""
+    uncertainty = Uncertainty(time_offset=0.02, spin_inertias=(0.05 * SPIN,) * 4)
+    wrong = reading(factor=1.05)
+    squares = []
+    for seed in range(seeds):
+        method = make(wrong, MID, uncertainty=uncertainty)
+        last = method.update(windows(inside(run, seed)), 0)[-1]
+        squares.append(normalised(last, wrong))
+        assert last.status in {'estimating', 'converged'}
+        assert last.budget is not None
+        assert {f'wheel:{name}' for name in NAMES} <= set(last.budget.causes)
+    assert sum(squares) < chi2.isf(1e-3, 10 * seeds)
+    assert normalised(follow(wrong, inside(run, 0), MID)[-1], wrong) > 10.0 * LIMIT
+
+
+def ramped(amplitude: float = 0.0) -> Wheels:
+    start, slope = np.array([10.0, -20.0, 5.0, 0.0]), np.array([2.0, 1.0, -1.5, 0.0])
+    return Wheels.drawn(NAMES, UNIT, np.full(4, SPIN), (start, slope), (amplitude, 3))
+
+
+def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
+    wheels, model = ramped(30.0), bare().model
+    start = state(joints.start, joints.reference(0.0)[1], (0.02, -0.03, 0.04), 0.1)
+    truth = Simulation(model, joints, start, 0.02, surroundings=Surroundings(wheels)).advance(np.arange(200) * 0.1)
+    total = total_momentum(model, truth, wheels)
+    assert total == pytest.approx(np.broadcast_to(total[0], total.shape), abs=1e-8)
+    assert np.ptp(total_momentum(model, truth)[:, 3:], axis=0).max() > 1.0
+    assert truth.wheel_speed == pytest.approx(wheels.speeds(truth.time), abs=1e-9)
+    # A later begin makes no difference.
+    later = wheels.later(7.0)
+    assert later.speeds(np.array([0.0, 4.0])) == pytest.approx(wheels.speeds(np.array([7.0, 11.0])), rel=1e-12)

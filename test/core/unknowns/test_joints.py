@@ -1,0 +1,199 @@
+"""Joints that bend, or wander from where they are read to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio
+import pytest
+from scipy.stats import chi2
+
+from checked import some
+from floating import float_freely, make, normalised
+from mbaid_ros.core.filter.square_root import _wandered
+from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import parse
+from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.declaration import JointMotion
+from mbaid_ros.core.unknowns.joints import (
+    FlexibleJoints,
+    JointTracking,
+    flexible_joints,
+    joint_placements,
+    joint_tracking,
+)
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, observe, windows
+from windowed import START as BEGIN
+from windowed import residuals, window_model, window_of
+
+SPACING, SECONDS, STEP = 0.05, 6.0, 0.01  # s
+JOINT, SIZE, LAG = 3, 0.01, 0.002  # rad, s
+
+
+@dataclass(frozen=True, eq=False)
+class Listening(FlexibleJoints):
+    """Flexible joints that keep what they are told."""
+
+    told: list[JointMotion] = field(default_factory=list)
+
+    def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
+        """Keep it."""
+        self.told.append(motion)
+        return super().deflections(motion)
+
+
+def state(robot: MomentumKernel, start: Array, numbers: Array) -> Array:
+    return np.concatenate((np.zeros(6), start, robot.target.parameters, numbers))
+
+
+def test_the_torques_are_those_of_inverse_dynamics(servicer7: MomentumKernel, tumbling: Truth, start: Array) -> None:
+    nearly = flexible_joints(servicer7.model.joint_names)
+    unknown = Listening(nearly.factor, nearly.labels)
+    layout = Layout.of(servicer7, (unknown,))
+    here = layout.point(state(servicer7, start, np.zeros(unknown.count)))
+    window_model(layout, window_of(observe(tumbling, MID), SPACING), here)
+    (motion,) = unknown.told
+    robot = parse(servicer7.model.urdf)
+    robot.gravity.setZero()
+    data = robot.createData()
+    velocity = np.column_stack((tumbling.base_linear_velocity, tumbling.base_angular_velocity, tumbling.joint_velocity))
+    acceleration = np.gradient(velocity, STEP, axis=0)
+    place = np.column_stack((tumbling.base_position, tumbling.base_orientation, tumbling.joint_position))
+    torque = np.array(
+        [pinocchio.rnea(robot, data, *each)[6:] for each in zip(place, velocity, acceleration, strict=True)]
+    )
+    # The window's own intervals are inside; one more before and after them.
+    first = BEGIN + SPACING / 2.0 + (np.arange(len(motion.torque)) - 0.5) * SPACING
+    expected = np.column_stack([np.interp(first, tumbling.time, one) for one in torque.T])
+    assert motion.torque[1:-1] == pytest.approx(expected[1:-1], abs=0.01 * np.abs(torque).max())
+
+
+def test_joints_that_lag_and_swing_leave_nothing_in_a_window(
+    servicer7: MomentumKernel, tumbling: Truth, start: Array
+) -> None:
+    own = np.eye(servicer7.model.joints)[JOINT]
+    angle = tumbling.joint_position[:, JOINT, None]
+    off = SIZE * np.sin(angle) + LAG * tumbling.joint_velocity[:, JOINT, None]
+    window = window_of(observe(replace(tumbling, joint_position=tumbling.joint_position - off * own), MID), SPACING)
+    unknown = flexible_joints(servicer7.model.joint_names)
+    layout = Layout.of(servicer7, (unknown,))
+    numbers = np.zeros((servicer7.model.joints, 4))
+    nothing, numbers[JOINT] = numbers.ravel().copy(), (0.0, LAG, SIZE, 0.0)
+    found = []
+    for each in (nothing, numbers.ravel()):
+        here = layout.point(state(servicer7, start, nothing))
+        x = state(servicer7, start, np.linalg.solve(unknown.factor, each))
+        model = window_model(layout, window, here)
+        x[:6] = np.linalg.solve(model.pose_rows[:, :6], residuals(model, x)[0])
+        found.append(np.abs(residuals(model, x)[1]).max())
+    assert found[1] < 0.05 * found[0]
+    assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 4 * servicer7.model.joints
+
+
+def test_a_part_is_one_joint() -> None:
+    part = flexible_joints(('elbow', 'wrist')).part('flexible:wrist')
+    assert part.count == 4
+    assert set(part.causes) == {'flexible:wrist'}
+
+
+WANDER, TIME = 1e-3, 2.0  # rad, s
+LONG = 25.0
+CERTAIN = Uncertainty(time_offset=0.02)
+SERVICER = replace(CERTAIN, tracking=(WANDER,) * 7, tracking_time=(TIME,) * 7)
+
+
+def wandering(rng: np.random.Generator, time: Array, joints: int, size: float = WANDER) -> Array:
+    """Return a Gauss-Markov process for each joint at even times, (N, n)."""
+    kept = np.exp(-(time[1] - time[0]) / TIME)
+    error = np.zeros((len(time), joints))
+    error[0] = rng.normal(size=joints)
+    for index in range(1, len(time)):
+        error[index] = kept * error[index - 1] + np.sqrt(1.0 - kept**2) * rng.normal(size=joints)
+    return size * error
+
+
+def commanded(tumbling: Truth, seed: int, size: float = WANDER) -> Truth:
+    """Return a motion with joint states that hold the commands, which the joints have followed with errors."""
+    error = wandering(np.random.default_rng([seed, 7]), tumbling.time, tumbling.joint_position.shape[1], size)
+    told = tumbling.joint_position - error
+    return replace(tumbling, joint_position=told, joint_velocity=np.gradient(told, tumbling.time, axis=0))
+
+
+def last(robot: MomentumKernel, tumbling: Truth, seed: int, uncertainty: Uncertainty) -> Estimate:
+    return make(robot, MID, uncertainty=uncertainty).update(windows(observe(commanded(tumbling, seed), MID, seed)), 0)[
+        -1
+    ]
+
+
+def test_the_momentum_changes_as_by_the_zeros(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
+    unknown = joint_tracking(servicer7.model.joint_names, [WANDER, 0.0, *[WANDER] * 5], [TIME] * 7)
+    assert unknown.count == 6
+    assert set(unknown.causes) == {f'tracking:{name}' for name in servicer7.model.joint_names if name != 'joint2'}
+    states = servicer7.states(observe(float_freely(servicer7, joints, start, 0.1), MID))
+    zeros = joint_placements(servicer7, [WANDER] * 7, [0.0] * 7, [0.0] * 7).momentum_columns(servicer7, states)
+    assert np.allclose(unknown.momentum_columns(servicer7, states), zeros[..., ::6], rtol=1e-12, atol=0.0)
+
+
+def test_where_nothing_wanders_nothing_is_added(servicer7: MomentumKernel) -> None:
+    zero = replace(SERVICER, tracking=(0.0,) * 7)
+    assert not any(isinstance(each, JointTracking) for each in catalogue(servicer7, zero))
+    detector = PlaneDetector(servicer7.model)
+    space = variables(layout_of(servicer7, zero, detector), detector, zero)
+    assert space.times.size == 0
+
+
+def test_what_wanders_takes_the_pose_along() -> None:
+    """The covariance after a step is that of the linear map that it is."""
+    rng = np.random.default_rng(3)
+    size, poses, places = 9, 3, np.array([5, 7])
+    triangle = np.triu(rng.normal(size=(size, size)) + 3.0 * np.eye(size))
+    root = np.asfortranarray(np.column_stack((triangle, np.zeros((size, 2)))))
+    root[:, -1] = rng.normal(size=size)
+    stepped, kept = rng.normal(size=(poses, 2)), np.array([0.8, 0.0])
+    mapped, noise = np.eye(size), np.zeros((size, 2))
+    mapped[places, places] = kept
+    mapped[np.ix_(np.arange(poses), places)] = stepped * (kept - 1.0)
+    deviation = np.sqrt(1.0 - kept**2)
+    noise[places] = np.diag(deviation)
+    noise[:poses] = stepped * deviation
+    back = np.linalg.inv(root[:, :-2])
+    after = _wandered(root, places, kept, stepped)
+    factor = np.linalg.inv(after[:, :-2])
+    assert factor @ factor.T == pytest.approx(mapped @ back @ back.T @ mapped.T + noise @ noise.T)
+    assert factor @ after[:, -1] == pytest.approx(mapped @ back @ root[:, -1])
+
+
+def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
+    """The force, whose numbers come last, is another one then: nothing is known of it, and of the rest what was."""
+    rng, size = np.random.default_rng(5), BODY.stop
+    scale = np.eye(size)
+    space = Variables(scale, np.ones(size), np.eye(6), np.eye(6), np.zeros(size), scale, np.zeros((0, 0)), np.ones(6))
+    root = np.triu(rng.normal(size=(size + 3, size + 3)) + 5.0 * np.eye(size + 3))
+    both = np.column_stack((root, np.zeros(size + 3), rng.normal(size=size + 3)))
+    left = some(space.going_on(both, np.ones(size), exchanged=False).left)
+    factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
+    assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
+    assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])
+
+
+@pytest.mark.long
+def test_a_servicer_whose_commands_are_logged(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
+    tumbling = float_freely(servicer7, joints, start, LONG)
+    misfits, silent = [], []
+    for seed in range(2):
+        followed = last(servicer7, tumbling, seed, SERVICER)
+        assert followed.status in {'estimating', 'converged'}
+        assert 0.6 < followed.residual < 1.3
+        misfits.append(normalised(followed, servicer7))
+        silent.append(last(servicer7, tumbling, seed, CERTAIN))
+    assert max(misfits) < chi2.isf(1e-3, 10)
+    # Ignored, it shows.
+    assert all(each.status in {'inconsistent', 'not_identifiable'} for each in silent)

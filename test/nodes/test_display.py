@@ -1,0 +1,364 @@
+"""Displays: markers, link frames and layouts against the estimate, and numbers that are withdrawn."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Iterator
+from itertools import count
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from geometry_msgs.msg import InertiaStamped, TransformStamped
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from graph import Graph
+from graph import graph as new_graph
+from made_runs import BODY, STD, estimate, planar
+from mbaid_ros.cdr import packer
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model, parse
+from mbaid_ros.nodes.markers import NAMESPACE, Display, LinkFrames, markers
+from mbaid_ros.nodes.publication import Publishers
+from mbaid_ros.nodes.subscriptions import LATCHED, message_class, qos
+from mbaid_ros.outgoing import Frames
+from simulated import CONFIG, robot
+from streams import urdf
+
+
+def by_id(array: MarkerArray) -> dict[int, Marker]:
+    return {marker.id: marker for marker in array.markers}
+
+
+def place(marker: Marker) -> Array:
+    position = marker.pose.position
+    return np.array([position.x, position.y, position.z])
+
+
+def axes(orientation: Any) -> Array:
+    return rotation_from_quaternion(np.array([orientation.x, orientation.y, orientation.z, orientation.w]))
+
+
+def sizes(marker: Marker) -> Array:
+    return np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+
+
+def test_a_complete_estimate_has_com_region_axes_and_ellipsoid() -> None:
+    made = by_id(markers(estimate(), 'link7'))
+    assert sorted(made) == [0, 1, 2, 3]
+    for marker in made.values():
+        assert (marker.header.frame_id, marker.frame_locked, marker.action) == ('link7', True, Marker.ADD)
+    assert place(made[0]) == pytest.approx(BODY[1:4])
+    # Twice the square root of the chi-squared distribution's 95 %.
+    assert np.sort(sizes(made[1])) == pytest.approx(np.sort(2.0 * 2.7955 * STD[1:4]), rel=1e-4)
+    ends = np.array([[point.x, point.y, point.z] for point in made[2].points]).reshape(3, 2, 3)
+    tensor = unvec(BODY[4:])
+    for begin, end in ends:
+        direction = (end - begin) / np.linalg.norm(end - begin)
+        assert np.cross(tensor @ direction, direction) == pytest.approx(np.zeros(3), abs=1e-9)
+    semi, turn = 0.5 * sizes(made[3]), axes(made[3].pose.orientation)
+    a, b, c = semi**2
+    uniform = turn @ np.diag(BODY[0] / 5.0 * np.array([b + c, a + c, a + b])) @ turn.T
+    assert uniform == pytest.approx(tensor, rel=1e-9, abs=1e-9)
+
+
+def test_a_planar_estimate_has_no_ellipsoid() -> None:
+    made = by_id(markers(planar(), 'link7'))
+    assert [made[number].action for number in range(4)] == [Marker.ADD, Marker.ADD, Marker.DELETE, Marker.DELETE]
+    assert place(made[0])[2] == 0.0
+
+
+def test_no_estimate_empties_the_display() -> None:
+    made = markers(Estimate(method='difference', status='waiting'), 'link7')
+    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
+
+
+def test_what_the_data_contradict_is_not_drawn() -> None:
+    made = markers(estimate(status='inconsistent'), 'link7')
+    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
+
+
+def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
+    message = JointState(name=names, position=positions)
+    message.header.stamp.nanosec = nanoseconds
+    return message
+
+
+@pytest.mark.parametrize('name', ['servicer7', 'table1', 'ets7'])
+def test_link_frames_are_pinocchios(name: str) -> None:
+    model = robot(name)
+    positions = np.random.default_rng(3).uniform(-1.0, 1.0, model.joints)
+    frames = LinkFrames(model).transforms(joint_state(list(model.joint_names), positions.tolist()))
+    assert sorted(frame.child_frame_id for frame in frames) == sorted(link.name for link in model.links[1:])
+    full = parse(model.urdf)
+    data = full.createData()
+    moved = pinocchio.integrate(full, pinocchio.neutral(full), np.concatenate((np.zeros(6), positions)))
+    pinocchio.framesForwardKinematics(full, data, moved)
+    for frame in frames:
+        parent, child = (
+            data.oMf[full.getFrameId(link, pinocchio.FrameType.BODY)]
+            for link in (frame.header.frame_id, frame.child_frame_id)
+        )
+        expected = parent.actInv(child)
+        assert axes(frame.transform.rotation) == pytest.approx(expected.rotation, abs=1e-12)
+        move = frame.transform.translation
+        assert [move.x, move.y, move.z] == pytest.approx(expected.translation, abs=1e-12)
+
+
+def test_frames_are_sent_once_every_joint_is_known_and_not_too_often() -> None:
+    model = robot('table1')
+    frames = LinkFrames(model)
+    first, *others = model.joint_names
+    assert frames.transforms(joint_state([first], [0.1])) == []
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 10_000_000))
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 20_000_000)) == []
+    assert frames.transforms(joint_state(list(others), [0.1] * 3, 30_000_000))
+    assert frames.transforms(joint_state([first], [0.1], 0))  # the time jumped back
+
+
+@pytest.mark.parametrize(('second', 'nanosecond'), [(7, 5), (-3, 10**9 - 1), (2**31 - 1, 2**32 - 1)])
+def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nanosecond: int) -> None:
+    model = robot('table1')
+    message = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4])
+    message.velocity = message.effort = [0.0] * 4  # where one is empty, `serialize_message` adds bytes of its own
+    message.header.stamp.sec, message.header.stamp.nanosec = second, nanosecond
+    pack = packer('sensor_msgs/msg/JointState')
+    assert pack is not None
+    expected = LinkFrames(model).transforms(message)
+    assert LinkFrames(model).transforms(pack(serialize_message(message))) == expected
+    stamp = expected[0].header.stamp
+    assert stamp.sec * 10**9 + stamp.nanosec == min(second * 10**9 + nanosecond, 2**31 * 10**9 - 1)
+
+
+class Publisher:
+    """Keeps what is published."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def publish(self, message: Any) -> None:
+        """Take a message."""
+        self.sent.append(message)
+
+
+class FakeNode:
+    """A node without a graph."""
+
+    def __init__(self) -> None:
+        self.publishers: dict[str, Publisher] = {}
+
+    def create_publisher(self, _type: type, topic: str, _qos: object, **_options: Any) -> Publisher:
+        """Return the publisher of a topic."""
+        return self.publishers.setdefault(topic, Publisher())
+
+
+class TFMessage:
+    """In place of tf2_msgs/TFMessage, which PyPI does not have."""
+
+    def __init__(self, transforms: list[TransformStamped]) -> None:
+        self.transforms = transforms
+
+
+def test_frames_are_published_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType('tf2_msgs.msg')
+    module.TFMessage = TFMessage  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', ModuleType('tf2_msgs'))
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    model, node = robot('table1'), FakeNode()
+    message = joint_state(list(model.joint_names), [0.1] * 4)
+    Display(node, with_frames=True).follow(model, message)  # type: ignore[arg-type]
+    assert len(node.publishers['/tf'].sent[0].transforms) == 4
+    Display(node, with_frames=False).follow(model, message)  # type: ignore[arg-type]
+    assert len(node.publishers['/tf'].sent) == 1
+
+
+def test_frames_without_their_messages_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    with pytest.raises(ParameterError, match="'publish_tf' is true, but the message package tf2_msgs"):
+        Display(FakeNode(), with_frames=True)  # type: ignore[arg-type]
+
+
+def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
+    tf = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed: it comes with ROS 2, not from PyPI')
+    description = f'robot_description_file:={CONFIG / "table1.urdf"}'
+    graph.start('estimator', '--ros-args', '-p', description, '-p', 'publish_tf:=true')
+    received = graph.collect('/tf', tf.TFMessage, qos(100))
+    model = robot('table1')
+    joints = graph.publisher('joint_states', JointState, qos(10))
+    stamps = count(0, 1_000_000)
+    sent: dict[int, JointState] = {}
+
+    def heard() -> bool:
+        # The estimator may take joint states before it has found who listens to /tf.
+        stamp = next(stamps)
+        sent[stamp] = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4], stamp)
+        joints.publish(sent[stamp])
+        return bool(received)
+
+    graph.wait(heard, 'the frames of the links')
+    frames = {frame.child_frame_id: frame for frame in received[0].transforms}
+    message = sent[received[0].transforms[0].header.stamp.nanosec]
+    expected = {frame.child_frame_id: frame for frame in LinkFrames(model).transforms(message)}
+    assert frames == expected
+
+
+# -- Every topic and field of the layouts for RViz, Foxglove and PlotJuggler is one that a running estimator has.
+
+RVIZ, FOXGLOVE, PLOTJUGGLER = (CONFIG / f'{name}' for name in (
+    'mbaid_ros.rviz', 'foxglove_layout.json', 'plotjuggler_layout.xml'
+))  # fmt: skip
+
+
+@pytest.fixture(scope='module', name='topics')
+def topics_of_a_running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """Give the type of each topic, with the robot description expected as a topic."""
+    with new_graph(tmp_path_factory.mktemp('layouts')) as place:
+        place.start('estimator')
+
+        def found() -> dict[str, str]:
+            return {name: types[0] for name, types in place.node.get_topic_names_and_types()}
+
+        place.wait(lambda: {'/estimator/markers', '/robot_description', '/diagnostics'} <= set(found()), 'the topics')
+        yield found()
+
+
+def has_field(type_name: str, path: str) -> bool:
+    """Tell whether a message type has a field like inertia.com.x or covariance[3]."""
+    if not path:
+        return True
+    name, _, rest = path.partition('.')
+    match = re.fullmatch(r'(\w+)(\[\d+\])?', name)
+    fields = message_class(type_name).get_fields_and_field_types()
+    if match is None or match[1] not in fields:
+        return False
+    kind = re.sub(r'^sequence<(.*)>$|\[\d*\]$', r'\1', fields[match[1]])
+    if '/' not in kind:
+        return not rest
+    package, _, message = kind.partition('/')
+    return has_field(f'{package}/msg/{message}', rest)
+
+
+def rviz_displays() -> list[dict[str, Any]]:
+    displays: list[dict[str, Any]] = yaml.safe_load(RVIZ.read_text(encoding='utf-8'))['Visualization Manager'][
+        'Displays'
+    ]
+    return displays
+
+
+def test_rviz_shows_topics_that_exist(topics: dict[str, str]) -> None:
+    expected = {'RobotModel': 'std_msgs/msg/String', 'MarkerArray': 'visualization_msgs/msg/MarkerArray'}
+    seen = 0
+    for display in rviz_displays():
+        topic = display.get('Topic') or display.get('Description Topic')
+        if topic is not None:
+            assert topics[topic['Value']] == expected[display['Class'].split('/')[1]]
+            assert topic['Durability Policy'] == 'Transient Local'  # the estimator latches them
+            seen += 1
+    assert seen == 3
+
+
+def test_rviz_names_what_the_markers_are_called() -> None:
+    namespaces = [display['Namespaces'] for display in rviz_displays() if 'Namespaces' in display]
+    assert namespaces == [{NAMESPACE: True}]
+
+
+def test_the_fixed_frame_is_the_base_link_of_every_robot() -> None:
+    content = yaml.safe_load(RVIZ.read_text(encoding='utf-8'))['Visualization Manager']
+    for name in ('table1', 'servicer7', 'ets7'):
+        assert content['Global Options']['Fixed Frame'] == robot(name).base_link
+
+
+def test_foxglove_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
+    layout = json.loads(FOXGLOVE.read_text(encoding='utf-8'))
+    panels = layout['configById']
+    assert sorted(leaves(layout['layout'])) == sorted(panels)
+    paths = [path['value'] for panel in panels.values() for path in panel.get('paths', [])]
+    paths += [panel['topicPath'] for panel in panels.values() if 'topicPath' in panel]
+    assert len(paths) == 18
+    for path in paths:
+        topic, _, field = path.partition('.')
+        assert has_field(topics[topic], field), path
+    assert panels['DiagnosticSummary!all']['topicToRender'] in topics
+    scene = panels['3D!robot']
+    assert set(scene['topics']) <= set(topics)
+    assert scene['layers']['robot']['topic'] in topics
+
+
+def leaves(layout: Any) -> Iterator[str]:
+    if isinstance(layout, str):
+        yield layout
+    else:
+        yield from leaves(layout['first'])
+        yield from leaves(layout['second'])
+
+
+def test_plotjuggler_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
+    root = ET.fromstring(PLOTJUGGLER.read_text(encoding='utf-8'))
+    curves = [str(curve.get('name')) for curve in root.iter('curve')]
+    selected = [str(topic.get('name')) for topic in root.iter('topic')]
+    assert len(curves) == 17
+    for curve in curves:
+        topic = next(name for name in selected if curve.startswith(f'{name}/'))
+        assert has_field(topics[topic], curve.removeprefix(f'{topic}/').replace('/', '.')), curve
+
+
+@pytest.mark.parametrize('path', ['inertia.mass', 'covariance.x', 'residual.x', 'inertia.com.w', 'no'])
+def test_a_field_that_does_not_exist_is_noticed(path: str) -> None:
+    assert not has_field('mbaid_msgs/msg/InertiaEstimate', path)
+    assert has_field('mbaid_msgs/msg/InertiaEstimate', 'covariance[3]')
+
+
+# -- What was published and cannot be used any more is taken back: from who reads one topic alone, and who comes late.
+
+FRAMES = Frames(target_link='link7', odometry='odom')
+
+
+def test_numbers_that_are_contradicted_are_taken_back(graph: Graph) -> None:
+    outlets, robot = Publishers(graph.node), urdf('servicer7')
+    inertia = graph.collect('/test/inertia', InertiaStamped)
+    outlets.publish(estimate(), FRAMES, robot)
+    graph.wait(lambda: len(inertia) == 1, 'the numbers')
+    outlets.publish(estimate(status='inconsistent', stamp=1_700_000_010_500_000_000), FRAMES, robot)
+    outlets.publish(estimate(status='inconsistent', stamp=1_700_000_011_000_000_000), FRAMES, robot)
+    late = graph.collect('/test/inertia', InertiaStamped, LATCHED)
+    graph.wait(lambda: len(inertia) == 2 and late, 'that there are none')
+    assert math.isnan(inertia[1].inertia.m)
+    assert math.isnan(inertia[1].inertia.com.x)
+    assert (inertia[1].header.stamp.sec, inertia[1].header.stamp.nanosec) == (1_700_000_010, 500_000_000)
+    assert math.isnan(late[0].inertia.m)
+    outlets.publish(estimate(), FRAMES, robot)
+    graph.wait(lambda: len(inertia) == 3, 'numbers again, and the loss of the others told once')
+    assert inertia[2].inertia.m == BODY[0]
+
+
+def test_a_robot_description_that_is_contradicted_is_not_found_by_who_comes_late(graph: Graph) -> None:
+    outlets, robot = Publishers(graph.node), urdf('servicer7')
+    descriptions = graph.collect('/test/robot_description', String)
+    heavier = np.concatenate(([200.0], BODY[1:]))
+    outlets.publish(estimate(), FRAMES, robot)
+    graph.wait(lambda: len(descriptions) == 1, 'the robot with the body')
+    outlets.publish(estimate(status='inconsistent'), FRAMES, robot)
+    late = graph.collect('/test/robot_description', String, LATCHED)
+    outlets.publish(estimate(parameters=heavier), FRAMES, robot)
+    graph.wait(lambda: late, 'the robot with another body')
+    assert [load_model(one.data).link('link7').parameters[0] for one in late] == [200.0]
+    # A body of which less is known than a link needs takes it back, too; what is known is still told.
+    inertia = graph.collect('/test/inertia', InertiaStamped)
+    outlets.publish(planar(), FRAMES, robot)
+    later = graph.collect('/test/robot_description', String, LATCHED)
+    outlets.publish(estimate(), FRAMES, robot)
+    graph.wait(lambda: later and inertia and inertia[-1].inertia.iyy == BODY[7], 'the last')
+    assert [load_model(one.data).link('link7').parameters[0] for one in later] == [BODY[0]]

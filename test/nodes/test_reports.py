@@ -1,0 +1,162 @@
+"""Reports on an estimate: the terminal of the node and its diagnostics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from made_runs import budget, estimate
+from mbaid_ros.core.results.estimate import WITHHELD
+from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.nodes.reports import ERROR, OK, WARN, RunLog, RunState, estimate_report, headline
+from mbaid_ros.session import summarise
+from simulated import robot
+
+
+class Log:
+    """What a node logs, by level."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, str]] = []
+
+    def __getattr__(self, level: str) -> Any:
+        return lambda text: self.told.append((level, text))
+
+    def at(self, level: str) -> list[str]:
+        """Return what has been logged at a level."""
+        return [text for each, text in self.told if each == level]
+
+
+@pytest.fixture(name='log')
+def fresh_log() -> Log:
+    return Log()
+
+
+def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
+    odd = replace(summarise(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
+    RunLog(log).robot(odd, 'trajectory')
+    assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
+    assert 'a guess' in log.at('info')[1]
+    assert log.at('info')[-1] == 'method trajectory'
+    assert "base 'base_link' has no inertia" in log.at('warning')[0]
+
+
+def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
+    narrator = RunLog(log)
+    course = ['waiting', 'estimating', 'estimating', 'converged', 'converged', 'estimating']
+    for time, status in enumerate(course):
+        narrator.estimate(estimate(time=float(time), status=status))
+    told = log.at('info')
+    assert [text.split(':')[0] for text in told] == [
+        'first estimate, estimating after 1.0 s',
+        'converged after 3.0 s',
+        'estimating after 5.0 s',
+    ]
+    assert 'mass 162.000 ± 0.059 kg, com_x 0.33000 ± 0.00020 m' in told[1]
+    assert ', ± 95 %, ' in told[1]
+    assert len(log.at('debug')) == len(course)
+    narrator.begin()
+    narrator.estimate(estimate(status='estimating'))
+    assert log.at('info')[-1].startswith('first estimate')
+
+
+def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -> None:
+    causes = (('the mass of link2 is off', 12.0),)
+    RunLog(log).estimate(estimate(status='inconsistent', causes=causes, residual=7.0))
+    assert log.at('warning')[0].endswith('residual 7, difference, likely cause: the mass of link2 is off')
+    nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan), warnings=('nothing moves',))
+    assert headline(nothing) == 'residual 1, difference, nothing moves'
+
+
+def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: Log) -> None:
+    narrator = RunLog(log)
+    nothing = {'status': 'not_identifiable', 'parameters': np.full(10, np.nan)}
+    for time in (0.5, 1.0, 4.9):
+        narrator.estimate(estimate(time=time, **nothing))
+    assert not log.at('info') + log.at('warning')
+    for time in (5.0, 5.5):
+        narrator.estimate(estimate(time=time, **nothing))
+    (told,) = log.at('warning')
+    assert told.startswith('first estimate, not identifiable after 5.0 s')
+    withheld = RunLog(log)
+    withheld.estimate(estimate(time=1.0, warnings=(WITHHELD,), **nothing))
+    assert len(log.at('warning')) == 2
+
+
+def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr('mbaid_ros.nodes.reports.monotonic', lambda: now[0])
+    narrator = RunLog(log)
+    for now[0] in (104.0, 106.0, 107.0):
+        narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])
+    assert log.told == [('warning', 'waiting for /odom (nav_msgs/msg/Odometry)')]
+
+
+def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
+    RunLog(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
+    (told,) = log.at('warning')
+    assert told.isprintable()
+
+
+def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
+    narrator = RunLog(log)
+    for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
+        narrator.advice(text)
+    assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']
+
+
+# -- What the estimator's diagnostics say of an estimate.
+
+
+def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
+    level, text, values = estimate_report(
+        RunState(estimate=estimate(method='trajectory', stage='difference', budget=budget()))
+    )
+    told = dict(values)
+    assert (level, text) == (OK, 'converged')
+    assert told['stage'] == 'difference'
+    assert str(told['main causes of the variance']).startswith('link base_link (71 % of mass), zero of joint6 (60 % ')
+    assert told['mass (kg)'] == '162.000 +- 0.059 (95 %)'
+    assert told['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
+
+
+def test_without_a_budget_the_causes_are_empty() -> None:
+    level, _, values = estimate_report(RunState(estimate=estimate(warnings=('wrong',))))
+    assert level == WARN
+    assert dict(values)['main causes of the variance'] == ''
+
+
+def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
+    causes = tuple((f'cause {number}', 50.0 - number) for number in range(5))
+    level, text, values = estimate_report(
+        RunState(estimate=estimate(status='inconsistent', warnings=('w',), causes=causes))
+    )
+    assert (level, text) == (ERROR, 'inconsistent: likely cause: cause 0')
+    assert [value for key, value in values if key.startswith('likely cause')] == ['cause 0', 'cause 1', 'cause 2']
+    _, text, values = estimate_report(RunState(estimate=estimate(warnings=('w',), causes=causes)))
+    assert text == 'converged: w'
+    assert not any(key.startswith('likely cause') for key, _ in values)
+
+
+def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
+    told = dict(estimate_report(RunState(estimate=estimate(), plan=(False, 'out of reach')))[2])
+    assert (told['plan reaches what is wanted'], told['plan']) == (False, 'out of reach')
+
+
+def test_the_noise_that_counts_is_told_first() -> None:
+    levels = SensorLevels(
+        declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
+        found=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
+        assumed=np.array([np.nan, np.nan, np.nan, 1e-4, np.nan, np.nan]),
+        correlation_time=0.0,
+        used=np.array([False, True, False, False, True, False]),
+    )
+    told = dict(estimate_report(RunState(estimate=estimate(noise=levels)))[2])
+    assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
+    assert told['noise of joint velocity (rad/s)'] == '0.001 found'
+    assert told['noise of base position (m)'] == '0.001 declared'
+    assert told['noise of base orientation (rad)'] == '0.0001 assumed'
+    assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
