@@ -74,7 +74,8 @@ def kills(count: int, seed: int, wrong: list[str]) -> str:
                 process.close()
                 continue
             codes.setdefault((name, sent), Counter())[code] += 1
-            starting = process.stderr.endswith('KeyboardInterrupt\n') and not _PACKAGE.search(process.stderr)
+            early_end = process.stderr.endswith('KeyboardInterrupt\n') and not _PACKAGE.search(process.stderr)
+            starting = sent == signal.SIGINT and early_end  # Python itself, before any code of the package
             if not starting and (code not in {0, 128 + sent, -sent} or 'Traceback' in process.stderr):
                 wrong.append(f'{name}, {sent.name}: exit code {code}, {process.stderr[-1000:]!r}')
             if name == 'recorder':
@@ -152,9 +153,9 @@ def calls(count: int, seed: int, wrong: list[str]) -> str:
         assert source.stdout is not None, 'it is a pipe'
         messages = int(source.stdout.readline())
         made.wait(lambda: min(received(reports), default=0) >= messages, 'all messages')
-        memory, code = resident(estimator.pid), estimator.stop()
-    if memory > MEMORY or code or 'Traceback' in estimator.stderr:
-        wrong.append(f'calls: {memory:.0f} MB, exit code {code}, {estimator.stderr[-1000:]!r}')
+        memory, code, log = resident(estimator.pid), estimator.stop(), estimator.stderr
+    if memory > MEMORY or code or 'Traceback' in log:
+        wrong.append(f'calls: {memory:.0f} MB, exit code {code}, {log[-1000:]!r}')
     rows = []
     for name, each in taken.items():
         times = (np.median(each), np.quantile(each, 0.99), np.max(each)) if each else (np.nan,) * 3

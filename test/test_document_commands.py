@@ -45,7 +45,7 @@ def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: s
 SHORTER = {
     'docs/calibration.md': {'--output before': '--output before --duration 20'},
     'docs/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
-    'docs/plan.md': {'-p plan.relative_std': '-p plan.effort:=8 -p plan.relative_std'},
+    'docs/plan.md': {'plan.relative_std:=[0.0005]': 'plan.effort:=10 -p plan.relative_std:=[0.00065]'},
     'docs/simulator.md': {'--duration 60': '--duration 24', 'time:=30.0': 'time:=12.0', 'time: 30.0': 'time: 12.0'},
     'docs/tutorial.md': {'--duration 30': '--duration 12'},
 }

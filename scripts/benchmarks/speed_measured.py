@@ -1,9 +1,6 @@
-"""A command and what it takes, as JSON: wall and processor time (s), and peak memory (MB).
+"""Run a command, the arguments, and print as JSON its wall and processor time (s) and peak memory (MB).
 
-usage: speed_measured.py COMMAND [ARGUMENT ...]
-
-A program of its own: the peak memory of a process counts from that of the process it was forked from, so that one
-has to be small.
+A program of its own: the peak memory of a process counts from that of the process it was forked from.
 """
 
 import json

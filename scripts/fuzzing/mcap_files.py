@@ -22,6 +22,16 @@ from mbaid_ros.simulated_run import SimulatedRun
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 Message = tuple[str, bytes, int]
+_CONTRADICTIONS = (
+    ('float64[] position', 'float64[1000000000] position'),
+    ('float64[] position', 'string position'),
+    ('float64[36] covariance', 'float64[3600000] covariance'),
+    ('float64[] velocity', ''),
+    ('string[] name', 'string name'),
+    ('std_msgs/Header header', 'uint8 header'),
+    ('float64 x', 'x float64'),
+    ('geometry_msgs/Point position', 'geometry_msgs/Pose position'),
+)
 
 
 @cache
@@ -69,7 +79,10 @@ def in_bytes(_data: bytes, generator: np.random.Generator) -> bytes:
 
 
 def in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
-    """Return a bag whose schemas are damaged."""
+    """Return a bag whose schemas contradict its messages and whose bytes are damaged, or with damaged schemas."""
+    if generator.random() < 0.5:
+        old, new = one(_CONTRADICTIONS, generator)
+        return of_bytes(written(recorded(), lie=lambda text: text.replace(old, new)), generator)
     return written(recorded(), lie=lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
 
 

@@ -30,6 +30,12 @@ def example(type_name: str, seed: int = 0) -> bytes:
     return as_bytes(odometry(noise[:13], noise[13:85].reshape(2, 36), stamp=seed))
 
 
+def known(type_name: str) -> Packer[Any]:
+    make = packer(type_name)
+    assert make is not None
+    return make
+
+
 def columns(message: Any, type_name: str) -> list[bytes]:
     """Return what is read of a message: its names, and every bit of its numbers."""
     shape = (joint_state_shape if type_name == JOINT_STATE_TYPE else odometry_shape)(message)
@@ -40,8 +46,7 @@ def columns(message: Any, type_name: str) -> list[bytes]:
 
 def check(data: bytes, type_name: str) -> bool:
     """Check that bytes give a packet only where a deserialiser takes them, with the same content; tell whether."""
-    make = packer(type_name)
-    assert make is not None
+    make = known(type_name)
     packet = make(data)
     if packet is None:
         return False
@@ -79,8 +84,7 @@ def test_numbers_keep_every_bit(type_name: str, bad: float) -> None:
 @pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
 def test_no_beginning_of_a_message_is_taken_for_one(type_name: str) -> None:
     data = example(type_name)
-    make = packer(type_name)
-    assert make is not None
+    make = known(type_name)
     assert make(data) is not None
     assert [make(data[:size]) for size in range(len(data))] == [None] * len(data)
     assert [make(data + bytes(more)) is not None for more in range(6)] == [True] * 4 + [False] * 2
@@ -89,8 +93,7 @@ def test_no_beginning_of_a_message_is_taken_for_one(type_name: str) -> None:
 @given(st.sampled_from([JOINT_STATE_TYPE, ODOMETRY_TYPE]), st.data())
 def test_bytes_that_lie_give_what_the_deserialiser_gives_or_nothing(type_name: str, data: st.DataObject) -> None:
     lying = bytearray(example(type_name))
-    make = packer(type_name)
-    assert make is not None
+    make = known(type_name)
     make(bytes(lying))  # the layout is known, and the lie has to be seen even so
     for _ in range(data.draw(st.integers(1, 4))):
         place = data.draw(st.integers(0, min(len(lying), 110) - 4))
@@ -111,8 +114,7 @@ def test_bytes_that_lie_give_what_the_deserialiser_gives_or_nothing(type_name: s
 @pytest.mark.parametrize('head', [b'\0\0', b'\0\2', b'\0\3', b'\0\6', b'\0\7', b'\1\1'])
 @pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
 def test_other_encodings_are_not_understood(type_name: str, head: bytes) -> None:
-    make = packer(type_name)
-    assert make is not None
+    make = known(type_name)
     assert make(example(type_name)) is not None
     assert make(head + example(type_name)[2:]) is None
 
@@ -131,8 +133,7 @@ def padded(filling: bytes) -> bytes:
 
 
 def test_padding_makes_no_other_layout() -> None:
-    make = packer(JOINT_STATE_TYPE)
-    assert make is not None
+    make = known(JOINT_STATE_TYPE)
     packets = [make(padded(filling)) for filling in (b'\0\0', b'xy', b'\xff\0')]
     assert len({packet.layout for packet in packets if packet is not None}) == 1
     given_bytes = [padded(filling) for filling in (b'\0\0', b'xy', b'\xff\0')]
@@ -146,9 +147,7 @@ def test_padding_makes_no_other_layout() -> None:
 @pytest.mark.parametrize('type_name', [JOINT_STATE_TYPE, ODOMETRY_TYPE])
 def test_messages_of_one_layout_are_together_what_they_are_one_by_one(type_name: str) -> None:
     alike = [example(type_name, seed) for seed in range(50)]
-    single, many = packer(type_name), packer(type_name)
-    assert single is not None
-    assert many is not None
+    single, many = known(type_name), known(type_name)
     expected: list[Any] = [single(data) for data in alike]
     for given_bytes, packets in ((alike, expected), (alike[::-1], expected[::-1])):
         together = many.many(given_bytes)
@@ -166,8 +165,7 @@ def test_messages_of_one_layout_are_together_what_they_are_one_by_one(type_name:
 
 
 def test_messages_that_differ_are_not_together() -> None:
-    make = packer(JOINT_STATE_TYPE)
-    assert make is not None
+    make = known(JOINT_STATE_TYPE)
     alike = [example(JOINT_STATE_TYPE, seed) for seed in range(50)]
     renamed = as_bytes(joint_state(['a', 'bce'], NOISE[0, :2], NOISE[1, :2], effort=2))
     assert len(renamed) == len(alike[0])

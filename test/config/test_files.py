@@ -1,13 +1,20 @@
-"""ROS parameter files: which section speaks to a node, how numbers are read, what is refused."""
+"""ROS parameter files and assignments, and the files of config/: which section counts, and what is refused."""
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import pytest
 
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.parameters import build, specifications
+from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from simulated import CONFIG, robot
 
 
 def write(folder: Path, text: str) -> Path:
@@ -111,14 +118,74 @@ def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path: Path, text: 
     assert '\n' not in str(caught.value)
 
 
-def test_an_assignment_with_a_tag_is_refused_in_one_line() -> None:
-    with pytest.raises(ParameterError, match=r"the value of 'window' is not YAML: tags \(!!int\) are not supported"):
-        parse_assignment("window:=!!int ''")
-
-
 def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match='No such file'):
         load_parameter_file(tmp_path / 'absent.yaml', 'estimator')
     (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ParameterError, match='not text'):
         load_parameter_file(tmp_path / 'binary.yaml', 'estimator')
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('seed:=3', ('seed', 3)),
+        ('noise.joint_position:=1e-3', ('noise.joint_position', 1e-3)),
+        ('initial.joint_positions:=[1, 2.5]', ('initial.joint_positions', [1, 2.5])),
+        ('motion.kind:=random', ('motion.kind', 'random')),
+    ],
+)
+def test_assignments(text: str, expected: tuple[str, object]) -> None:
+    assert parse_assignment(text) == expected
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        *((text, '.') for text in ('seed', ':=3', 'seed=3', 'a:=[1', 'a:={')),
+        ("window:=!!int ''", r"the value of 'window' is not YAML: tags \(!!int\) are not supported"),
+    ],
+)
+def test_what_is_no_assignment_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        parse_assignment(text)
+
+
+# -- The simulator's parameters, and the parameter files of config/.
+
+FILES = sorted(CONFIG.glob('*_simulator.yaml'))
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
+def test_the_files_fit_their_robots(path: object) -> None:
+    config = build(SimulatorConfig, load_parameter_file(str(path), 'simulator'))
+    model = robot(str(path).rsplit('/', 1)[-1].removesuffix('_simulator.yaml'))
+    motion = make_motion(config, model)
+    make_initial_state(config, model, motion)
+    assert config.duration == 60.0
+
+
+def test_there_is_a_file_for_every_robot() -> None:
+    assert [path.name for path in FILES] == sorted(f'{path.stem}_simulator.yaml' for path in CONFIG.glob('*.urdf'))
+
+
+# -- The estimator's parameter files in config/ say what the declarations say.
+
+
+def test_the_file_of_all_parameters_is_the_one_the_script_writes() -> None:
+    script = runpy.run_path(str(CONFIG.parent / 'scripts' / 'write_parameters.py'))
+    assert (CONFIG / 'estimator.yaml').read_text(encoding='utf-8') == script['text'](), (
+        'run scripts/write_parameters.py'
+    )
+
+
+def test_the_file_of_all_parameters_holds_all_defaults() -> None:
+    values = load_parameter_file(CONFIG / 'estimator.yaml', 'estimator')
+    assert list(values) == list(specifications(EstimatorConfig))
+    assert build(EstimatorConfig, values) == EstimatorConfig()
+
+
+@pytest.mark.parametrize('robot', ['table1', 'ets7', 'servicer7'])
+def test_every_robot_has_a_file_that_names_its_last_link(robot: str) -> None:
+    config = build(EstimatorConfig, load_parameter_file(CONFIG / f'{robot}_estimator.yaml', 'estimator'))
+    assert config.target_link == load_model((CONFIG / f'{robot}.urdf').read_text(encoding='utf-8')).last_link

@@ -1,4 +1,4 @@
-"""Parameters: what is accepted, and what an error says."""
+"""Parameters: what is accepted, what an error says, and the estimator's and the simulator's own."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build, parameter, specifications, values_of
+from mbaid_ros.config.simulator import MOTIONS, SimulatorConfig
+from mbaid_ros.config.trajectory import METHODS
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.sensors.levels import CHANNELS
 
 
 @dataclass(frozen=True)
@@ -144,3 +149,40 @@ def test_a_number_that_cannot_be_squared_is_refused(name: str, value: object) ->
 def test_an_error_tells_the_sizes_that_are_accepted() -> None:
     with pytest.raises(ParameterError, match=r'is 1e\+308 m; accepted: a number m, of a size from 1e-30 to 1e\+15'):
         build(Outer, {'length': 1e308})
+
+
+# -- The estimator's parameters: the names and defaults that scripts rely on.
+
+
+@pytest.mark.parametrize(('config', 'shortest'), [(EstimatorConfig, 20), (SimulatorConfig, 1)])
+def test_every_default_is_accepted_and_every_parameter_described_in_a_sentence(config: type, shortest: int) -> None:
+    for name, spec in specifications(config).items():
+        assert spec.check(spec.default) == spec.default, name
+        assert spec.description.endswith('.'), name
+        assert len(spec.description) > shortest, name
+    assert values_of(config()) == {name: spec.default for name, spec in specifications(config).items()}
+
+
+@pytest.mark.parametrize('kind', MOTIONS)
+def test_motions(kind: str) -> None:
+    assert build(SimulatorConfig, {'motion': {'kind': kind}}).motion.kind == kind
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_methods(method: str) -> None:
+    assert build(EstimatorConfig, {'method': method}).method == method
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['window', 'maximum_gap', 'paper.forgetting_factor'],
+)
+def test_zero_is_refused_where_something_divides_by_it(name: str) -> None:
+    with pytest.raises(ParameterError, match=f"'{name}' is 0.0"):
+        build(EstimatorConfig, {name: 0.0})
+
+
+def test_noise_that_nobody_declares_is_what_sensors_have_and_known_for_undeclared() -> None:
+    noise = build(EstimatorConfig, {'noise.base_position': 3e-3}).noise
+    assert [name for name, open_ in zip(CHANNELS, noise.undeclared, strict=True) if not open_] == ['base_position']
+    assert noise.declared == SensorNoise(1e-4, 1e-3, 3e-3, 1e-4, 1e-3, 1e-4)

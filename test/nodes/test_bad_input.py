@@ -44,7 +44,7 @@ class Talk:
         self._descriptions = graph.publisher('robot_description', String)
         self._joints = graph.publisher('joint_states', JointState)
         self._odometry = graph.publisher('odom', Odometry)
-        self._messages = iter(run('table1', 60.0, rate=50.0))
+        self._messages = iter(run('table1', 150.0, rate=50.0))
 
     def describe(self, text: str) -> None:
         """Publish a robot description."""
@@ -144,7 +144,7 @@ def spoil(message: JointState) -> None:
     message.position[1] = NAN
 
 
-def turn_back(message: JointState) -> None:
+def turn_back(message: Any) -> None:
     message.header.stamp.sec -= 100
 
 
@@ -158,6 +158,10 @@ def spoil_pose(message: Odometry) -> None:
 
 def undo_rotation(message: Odometry) -> None:
     message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+
+
+def lose_track(message: Odometry) -> None:
+    message.pose.pose.position.x = NAN
 
 
 def spoil_covariance(message: Odometry) -> None:
@@ -234,63 +238,38 @@ def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
 
 # -- an estimate that nothing follows
 
-RATE = 50.0  # Hz, of the messages, in the time of their stamps and in that of the clock
-MOTION = 6.0  # s, that are sent at once
-
-
-class Stream:
-    """An estimator and the sensors of its robot, which go on sending while the test waits."""
-
-    def __init__(self, graph: Graph, *parameters: str) -> None:
-        given = (f'robot_description_file:={CONFIG}/table1.urdf', *parameters)
-        self.node = graph.start('estimator', '--ros-args', *(word for text in given for word in ('-p', text)))
-        self.estimates: list[Any] = graph.collect('/estimator/estimate', InertiaEstimate)
-        self.change: Change = unchanged
-        self._messages = iter(run('table1', 60.0, RATE))
-        self._publishers = {
-            'joint_states': graph.publisher('joint_states', JointState),
-            'odom': graph.publisher('odom', Odometry),
-        }
-        self._send(MOTION)
-        graph.wait(lambda: self.estimates and self.estimates[-1].samples, 'an estimate')
-        graph.node.create_timer(0.1, lambda: self._send(0.1))
-
-    def _send(self, seconds: float) -> None:
-        for _ in range(2 * round(seconds * RATE)):
-            timed = next(self._messages)
-            message = deepcopy(timed.message)
-            self.change(message)
-            self._publishers[timed.topic].publish(message)
-
-
-def lose_track(message: Any) -> None:
-    if isinstance(message, Odometry):
-        message.pose.pose.position.x = NAN
-
 
 def test_data_that_cannot_be_used_leave_a_stale_estimate_and_another_source_does_not(graph: Graph) -> None:
-    stream = Stream(graph, 'time_jump:=error')
-    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    talk = Talk(graph, 'time_jump:=error')
+    talk.describe(urdf('table1'))
+    talk.hear('robot description', OK, "target link 'link4'")
+    talk.send(samples=300)
+    graph.wait(talk.made, 'an estimate')
+    change: list[Change] = [unchanged, unchanged]  # of joint states, and of odometry
+    graph.node.create_timer(0.1, lambda: talk.send(change[0], change[1], samples=5))  # as fast as stamped
     graph.publisher('pose', PoseStamped).publish(PoseStamped())
     dropped = 'dropped, the pose of the base comes from another source'
-    graph.wait(lambda: f"key='{dropped}', value='1'" in str(diagnostics), 'the message that is not used')
-    diagnostics.clear()
-    stream.estimates.clear()
-    graph.wait(lambda: len(diagnostics) >= 4 and stream.estimates, 'more than two seconds of reports')
-    assert not any(estimate.stale for estimate in stream.estimates)
-    statuses = [status for array in diagnostics for status in array.status]
+    graph.wait(lambda: f"key='{dropped}', value='1'" in str(talk.diagnostics), 'the message that is not used')
+    talk.diagnostics.clear()
+    talk.estimates.clear()
+    graph.wait(lambda: len(talk.diagnostics) >= 4 and talk.estimates, 'more than two seconds of reports')
+    assert not any(estimate.stale for estimate in talk.estimates)
+    statuses = [status for array in talk.diagnostics for status in array.status]
     assert 'estimator: odom' in {status.name for status in statuses}
     assert 'estimator: pose' not in {status.name for status in statuses}
     assert STALE not in {status.level for status in statuses}
-    unusable = 'messages arrive, and none could be used for more than 2 s: NaN or infinite value'
-    for change, reason in ((lose_track, unusable), (turn_back, 'jumped back')):
-        stream.change = change
-        graph.wait(lambda: stream.estimates[-1].stale, 'the stale estimate')
-        assert reason in stream.estimates[-1].warnings[-1]
-        assert stream.estimates[-1].samples > 0
-        if change is lose_track:
-            stream.change = unchanged
-            graph.wait(lambda: not stream.estimates[-1].stale, 'an estimate once it can be used again')
+
+    def goes_stale(reason: str) -> None:
+        graph.wait(lambda: talk.estimates[-1].stale, 'the stale estimate')
+        assert reason in talk.estimates[-1].warnings[-1]
+        assert talk.estimates[-1].samples > 0
+
+    change[1] = lose_track
+    goes_stale('messages arrive, and none could be used for more than 2 s: NaN or infinite value')
+    change[1] = unchanged
+    graph.wait(lambda: not talk.estimates[-1].stale, 'an estimate once it can be used again')
+    change[:] = [turn_back, turn_back]
+    goes_stale('jumped back')
 
 
 # -- clocks

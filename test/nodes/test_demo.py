@@ -103,7 +103,7 @@ NOISE = {
     'joint_position': 1e-4, 'base_position': 1e-3, 'base_orientation': 1e-4, 'base_linear_velocity': 1e-3,
     'base_angular_velocity': 1e-4,
 }  # fmt: skip
-PLAN = {'effort': 16, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
+PLAN = {'effort': 10, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
 
 
 def call(graph: Graph) -> Trigger.Response:

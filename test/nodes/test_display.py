@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Iterator
 from itertools import count
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from geometry_msgs.msg import InertiaStamped, TransformStamped
+from geometry_msgs.msg import InertiaStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -80,14 +80,9 @@ def test_a_planar_estimate_has_no_ellipsoid() -> None:
     assert place(made[0])[2] == 0.0
 
 
-def test_no_estimate_empties_the_display() -> None:
-    made = markers(Estimate(method='difference', status='waiting'), 'link7')
-    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
-
-
-def test_what_the_data_contradict_is_not_drawn() -> None:
-    made = markers(estimate(status='inconsistent'), 'link7')
-    assert [marker.action for marker in made.markers] == [Marker.DELETEALL]
+def test_no_estimate_or_one_that_the_data_contradict_empties_the_display() -> None:
+    for none in (Estimate(method='difference', status='waiting'), estimate(status='inconsistent')):
+        assert [marker.action for marker in markers(none, 'link7').markers] == [Marker.DELETEALL]
 
 
 def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
@@ -142,62 +137,28 @@ def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nan
     assert stamp.sec * 10**9 + stamp.nanosec == min(second * 10**9 + nanosecond, 2**31 * 10**9 - 1)
 
 
-class Publisher:
-    """Keeps what is published."""
-
-    def __init__(self) -> None:
-        self.sent: list[Any] = []
-
-    def publish(self, message: Any) -> None:
-        """Take a message."""
-        self.sent.append(message)
-
-
-class FakeNode:
-    """A node without a graph."""
-
-    def __init__(self) -> None:
-        self.publishers: dict[str, Publisher] = {}
-
-    def create_publisher(self, _type: type, topic: str, _qos: object, **_options: Any) -> Publisher:
-        """Return the publisher of a topic."""
-        return self.publishers.setdefault(topic, Publisher())
-
-
-class TFMessage:
-    """In place of tf2_msgs/TFMessage, which PyPI does not have."""
-
-    def __init__(self, transforms: list[TransformStamped]) -> None:
-        self.transforms = transforms
-
-
-def test_frames_are_published_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = ModuleType('tf2_msgs.msg')
-    module.TFMessage = TFMessage  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', ModuleType('tf2_msgs'))
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
-    model, node = robot('table1'), FakeNode()
-    message = joint_state(list(model.joint_names), [0.1] * 4)
-    Display(node, with_frames=True).follow(model, message)  # type: ignore[arg-type]
-    assert len(node.publishers['/tf'].sent[0].transforms) == 4
-    Display(node, with_frames=False).follow(model, message)  # type: ignore[arg-type]
-    assert len(node.publishers['/tf'].sent) == 1
-
-
 def test_frames_without_their_messages_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    without_graph: Any = SimpleNamespace(create_publisher=lambda *_given, **_options: None)
     with pytest.raises(ParameterError, match="'publish_tf' is true, but the message package tf2_msgs"):
-        Display(FakeNode(), with_frames=True)  # type: ignore[arg-type]
+        Display(without_graph, with_frames=True)
 
 
-def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
+@pytest.fixture(scope='module', name='running')
+def running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    """Give a graph with an estimator that expects the robot description as a topic."""
+    with new_graph(tmp_path_factory.mktemp('display')) as place:
+        place.start('estimator', '--ros-args', '-p', 'publish_tf:=true')
+        place.publisher('/robot_description', String, LATCHED).publish(String(data=urdf('table1')))
+        yield place
+
+
+def test_frames_reach_tf_on_a_live_graph(running: Graph) -> None:
     tf = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed: it comes with ROS 2, not from PyPI')
-    description = f'robot_description_file:={CONFIG / "table1.urdf"}'
-    graph.start('estimator', '--ros-args', '-p', description, '-p', 'publish_tf:=true')
-    received = graph.collect('/tf', tf.TFMessage, qos(100))
+    received = running.collect('/tf', tf.TFMessage, qos(100))
     model = robot('table1')
-    joints = graph.publisher('joint_states', JointState, qos(10))
+    joints = running.publisher('joint_states', JointState, qos(10))
     stamps = count(0, 1_000_000)
     sent: dict[int, JointState] = {}
 
@@ -208,7 +169,7 @@ def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
         joints.publish(sent[stamp])
         return bool(received)
 
-    graph.wait(heard, 'the frames of the links')
+    running.wait(heard, 'the frames of the links')
     frames = {frame.child_frame_id: frame for frame in received[0].transforms}
     message = sent[received[0].transforms[0].header.stamp.nanosec]
     expected = {frame.child_frame_id: frame for frame in LinkFrames(model).transforms(message)}
@@ -217,22 +178,20 @@ def test_frames_reach_tf_on_a_live_graph(graph: Graph) -> None:
 
 # -- Every topic and field of the layouts for RViz, Foxglove and PlotJuggler is one that a running estimator has.
 
-RVIZ, FOXGLOVE, PLOTJUGGLER = (CONFIG / f'{name}' for name in (
-    'mbaid_ros.rviz', 'foxglove_layout.json', 'plotjuggler_layout.xml'
-))  # fmt: skip
+RVIZ, FOXGLOVE, PLOTJUGGLER = (
+    CONFIG / name for name in ('mbaid_ros.rviz', 'foxglove_layout.json', 'plotjuggler_layout.xml')
+)
 
 
-@pytest.fixture(scope='module', name='topics')
-def topics_of_a_running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """Give the type of each topic, with the robot description expected as a topic."""
-    with new_graph(tmp_path_factory.mktemp('layouts')) as place:
-        place.start('estimator')
+@pytest.fixture(name='topics')
+def topics_of_a_running_estimator(running: Graph) -> dict[str, str]:
+    """Return the type of each topic."""
 
-        def found() -> dict[str, str]:
-            return {name: types[0] for name, types in place.node.get_topic_names_and_types()}
+    def found() -> dict[str, str]:
+        return {name: types[0] for name, types in running.node.get_topic_names_and_types()}
 
-        place.wait(lambda: {'/estimator/markers', '/robot_description', '/diagnostics'} <= set(found()), 'the topics')
-        yield found()
+    running.wait(lambda: {'/estimator/markers', '/robot_description', '/diagnostics'} <= set(found()), 'the topics')
+    return found()
 
 
 def has_field(type_name: str, path: str) -> bool:

@@ -136,6 +136,7 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     assert bits(inertia, INERTIA) == bits(usable, INERTIA)
     graph.wait(lambda: any(len(array.markers) == 4 for array in arrays), 'markers')
     assert arrays[-1].markers[0].header.frame_id == 'link4'
+    assert '/tf' not in dict(graph.node.get_topic_names_and_types())
 
     check_that_it_goes_stale(graph, node, live, closed()[-1])
     check_that_it_is_forgotten(graph, live, arrays)

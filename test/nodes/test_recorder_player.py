@@ -105,6 +105,7 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(li
     for index in range(COUNT):
         published['/joint_states'].publish(joint_state(index))
     published['/other'].publish(joint_state(1))
+    live.wait(lambda: published['/odom'].get_subscription_count() == 2, 'two recorders of one topic')
     published['/odom'].publish(joint_state(2))
     assert all(publisher.wait_for_all_acked(SECONDS) for publisher in published.values())
     assert recorders['brief'].wait() == 0

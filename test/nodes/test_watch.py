@@ -75,6 +75,9 @@ def test_one_line_has_everything() -> None:
     text = line(message(warnings=('one', 'two')))
     assert text.startswith('10.0 s, converged, mass 162.000 ±0.059 kg, com_x 0.33000 ±0.00020 m')
     assert text.endswith('! one; two')
+    advice = 'of single joints joint7 tells most of ixx'
+    assert screen(message(warnings=('one',)), '/estimate', 80, advice=advice)[-2:] == [f'next: {advice}', '! one']
+    assert line(message(warnings=('one',)), advice=advice).endswith(f', next: {advice}, ! one')
 
 
 def test_the_main_causes_and_the_stage_are_told() -> None:
@@ -85,9 +88,7 @@ def test_the_main_causes_and_the_stage_are_told() -> None:
     assert ' '.join(part.strip() for part in lines[-3:]).endswith(f'main causes of the variance: {main}')
     assert line(told).endswith(f', main causes of the variance: {main}')
     assert 'main causes' not in '\n'.join((*screen(message(), '/estimate', 60), line(message())))
-
-
-def test_a_budget_of_another_size_than_its_causes_is_left_out() -> None:
+    # Of another size than its causes it is left out.
     odd = message(estimate(budget=budget()))
     odd.budget_causes = ['sensor noise']
     assert 'main causes' not in line(odd)
@@ -100,12 +101,6 @@ def test_hostile_names_are_text() -> None:
         assert text.isprintable()
     assert '\\x1b[2J' in line(hostile)
     assert drawn(screen(hostile, HOSTILE, 80), 50).replace('\x1b[H', '').replace('\x1b[K', '').count('\x1b') == 1
-
-
-def test_what_would_help_most_is_told() -> None:
-    advice = 'of single joints joint7 tells most of ixx'
-    assert screen(message(warnings=('one',)), '/estimate', 80, advice=advice)[-2:] == [f'next: {advice}', '! one']
-    assert line(message(warnings=('one',)), advice=advice).endswith(f', next: {advice}, ! one')
 
 
 def test_a_screen_is_cut_to_the_height_and_has_no_colour() -> None:
@@ -133,7 +128,7 @@ def test_a_name_that_cannot_be_one_is_refused(name: str, capsys: pytest.CaptureF
     assert 'is not accepted' in error
 
 
-def test_piped_it_writes_a_line_an_update_of_any_namespace(graph: Graph) -> None:
+def test_piped_it_writes_a_line_an_update_of_any_or_a_named_namespace(graph: Graph) -> None:
     watch = graph.start('watch')
     publisher = graph.publisher('/servicer/one/estimate', InertiaEstimate, LATCHED)
     publisher.publish(message())
@@ -141,20 +136,13 @@ def test_piped_it_writes_a_line_an_update_of_any_namespace(graph: Graph) -> None
     publisher.publish(message(planar()))
     graph.wait(lambda: watch.stdout.count('\n') == 2, 'another line')
     assert '\x1b' not in watch.stdout
-    assert watch.stop() == 0
-    assert not watch.stderr
-
-
-def test_a_named_estimator_and_only_one_update(graph: Graph) -> None:
-    profile = LATCHED
-    other = graph.node.create_publisher(InertiaEstimate, '/a/estimate', profile)
-    other.publish(message(link='other'))
-    named = graph.node.create_publisher(InertiaEstimate, '/servicer/estimator/estimate', profile)
+    assert (watch.stop(), watch.stderr) == (0, '')
+    named = graph.node.create_publisher(InertiaEstimate, '/servicer/estimator/estimate', LATCHED)
     named.publish(message(estimate(parameters=2.0 * BODY)))
-    watch = graph.start('watch', '/servicer/estimator', '--once')
-    graph.wait(lambda: not watch.running, 'the end')
-    assert 'mass 324.000' in watch.stdout
-    assert watch.stdout.count('\n') == 1
+    once = graph.start('watch', '/servicer/estimator', '--once')
+    graph.wait(lambda: not once.running, 'the end')
+    assert 'mass 324.000' in once.stdout
+    assert once.stdout.count('\n') == 1
 
 
 def test_two_estimators_are_listed_and_a_captured_body_is_none(graph: Graph) -> None:

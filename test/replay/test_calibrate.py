@@ -17,20 +17,19 @@ from scipy.stats import chi2
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
+from captured import sensed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.replay.calibrate import main
 from mbaid_ros.replay.replay import main as replay
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
-from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
-from observed import MID, configured_motion, kernel, true_body
+from observed import configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion
 from simulated import CONFIG, state
 
@@ -46,29 +45,23 @@ calibrate:
 """
 
 
-def noisy(truth: Truth, seed: int, errors: ModelErrors | None = None) -> Truth:
-    """Return a motion as sensors see it, of a robot with such errors."""
-    sensors = Sensors(MID, seed, errors)
-    joints, base = sensors.joints(truth), sensors.base(truth)
-    values = {**vars(truth), 'joint_position': joints.position, 'joint_velocity': joints.velocity}
-    values |= {'base_position': base.position, 'base_orientation': base.orientation}
-    return Truth(
-        **{**values, 'base_linear_velocity': base.linear_velocity, 'base_angular_velocity': base.angular_velocity}
-    )
-
-
-@pytest.fixture(scope='module')
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a bag of a free motion, a URDF that is off, and parameters."""
-    folder = tmp_path_factory.mktemp('calibration')
-    recorded.write(folder / 'before', free_model(), noisy(free_motion(1, 60.0)[:800], 1))
-    recorded.write(folder / 'again', free_model(), noisy(free_motion(2, 30.0)[:300], 2))
+def described(folder: Path) -> Path:
+    """Write a URDF that is off, and parameters."""
     cad = free_urdf()
     for link in perturbed(free_model(), PRIORS, 7).links:
         cad = change_inertial(cad, link.name, physical(link.parameters))
     (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
     (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
     return folder
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a bag of a free motion, a URDF that is off, and parameters."""
+    folder = tmp_path_factory.mktemp('calibration')
+    recorded.write(folder / 'before', free_model(), sensed(free_motion(1, 60.0)[:800], 1))
+    recorded.write(folder / 'again', free_model(), sensed(free_motion(2, 30.0)[:300], 2))
+    return described(folder)
 
 
 def run(place: Path, *arguments: str, code: int = 0) -> int:
@@ -260,12 +253,11 @@ def test_names_of_files_that_are_no_text_read_back_the_same(
     assert json.loads(capsys.readouterr().out)['bags'] == [odd]
 
 
-def test_the_model_is_not_overwritten(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run(place, '--output', str(place / 'cad.urdf'), code=2)
     assert 'is the model itself; accepted: another file' in capsys.readouterr().err
-
-
-def test_an_unphysical_prior_is_refused(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf = (place / 'cad.urdf').read_text(encoding='utf-8')
     values = physical(load_model(urdf).link('link3').parameters)
     values[4] *= 9.0
@@ -277,7 +269,7 @@ def test_an_unphysical_prior_is_refused(place: Path, tmp_path: Path, capsys: pyt
 
 def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'free.urdf').write_text(free_urdf(), encoding='utf-8')
-    recorded.write(tmp_path / 'one', free_model(), noisy(free_motion(3, 20.0, joints=(3,)), 1))
+    recorded.write(tmp_path / 'one', free_model(), sensed(free_motion(3, 20.0, joints=(3,)), 1))
     found = {name: str(tmp_path / f'found.{name}') for name in ('urdf', 'json')}
     outputs = ['--output', found['urdf'], '--json', found['json']]
     assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf'), *outputs]) == 0
@@ -287,7 +279,7 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     still = free_motion(3, 20.0, joints=(3,))[np.zeros(400, dtype=int)]
     motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name}
     motions['time'] = np.arange(400) / 20.0
-    recorded.write(tmp_path / 'none', free_model(), noisy(Truth(**{**vars(still), **motions}), 1))
+    recorded.write(tmp_path / 'none', free_model(), sensed(Truth(**{**vars(still), **motions}), 1))
     assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
     assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err
 
@@ -313,28 +305,22 @@ def test_the_estimator_takes_what_it_leaves_uncertain(
 @pytest.fixture(scope='module')
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the calibration of a robot that is not its URDF, and a bag of it with the target in hand."""
-    folder = tmp_path_factory.mktemp('drawn')
+    folder = described(tmp_path_factory.mktemp('drawn'))
     errors = draw(free_model(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
     model = true_robot(free_model(), errors, ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
     before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
-    recorded.write(folder / 'before', free_model(), noisy(before, 1, errors))
+    recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
     after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
-    recorded.write(folder / 'after', free_model(), noisy(after, 2, errors))
-    cad = free_urdf()
-    for link in perturbed(free_model(), PRIORS, 7).links:
-        cad = change_inertial(cad, link.name, physical(link.parameters))
-    (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
-    (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
+    recorded.write(folder / 'after', free_model(), sensed(after, 2, errors))
     options = ['--params', str(folder / 'calibrate.yaml'), '--json', str(folder / 'out.json')]
     arguments = [str(folder / 'before'), '--model', str(folder / 'cad.urdf'), '--output', str(folder / 'out.urdf')]
     assert main([*arguments, *options]) == 0
     return folder
 
 
-@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
-def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path, method: str) -> None:
+def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path) -> None:
     (drawn / 'after.yaml').write_text(
         'estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4, '
         f'known_links.calibration: {drawn / "out.json"}}}}}'
@@ -343,12 +329,11 @@ def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(dra
     last = {}
     for name, model in (('after', 'out'), ('cad', 'cad')):
         files = ['--model', str(drawn / f'{model}.urdf'), '--params', str(drawn / f'{name}.yaml')]
-        replay([str(drawn / 'after'), *files, '--method', method, '--json', str(drawn / f'{name}.json')])
+        replay([str(drawn / 'after'), *files, '--json', str(drawn / f'{name}.json')])
         last[name] = json.loads((drawn / f'{name}.json').read_text(encoding='utf-8'))
     true, found = true_body(kernel('servicer7')), last['after']
-    error = (
-        np.array([found['estimate']['mass'], *found['estimate']['com'], *found['estimate']['inertia'].values()]) - true
-    )
+    estimate = found['estimate']
+    error = np.array([estimate['mass'], *estimate['com'], *estimate['inertia'].values()]) - true
     assert chi2.ppf(1e-4, 10) < error @ np.linalg.solve(np.array(found['covariance']), error) < chi2.isf(1e-4, 10)
     assert found['status'] in {'converged', 'estimating'}
     # What was learnt before the capture counts: from CAD values the mass is known half as well, at most.

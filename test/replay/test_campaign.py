@@ -48,6 +48,22 @@ def made_in_one_go(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
+@pytest.fixture(name='numbers')
+def runs_in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Make runs in this process; return a list that their numbers are appended to."""
+    numbers: list[int] = []
+
+    def made(runs: Sequence[CampaignRun], urdf: str, _processes: int) -> Generator[Result]:
+        for run in runs:
+            numbers.append(run.number)
+            with np.errstate(all='ignore'):  # as in a process without pytest
+                result = make(run, urdf)
+            yield result
+
+    monkeypatch.setattr(command, 'made_here', made)
+    return numbers
+
+
 # -- results
 
 
@@ -99,6 +115,7 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert content(whole) == before
 
 
+@pytest.mark.usefixtures('numbers')
 def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_the_base(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -112,7 +129,7 @@ def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_
     for old, new in quick.items():
         text = text.replace(old, new)
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, text)), '--output', str(output), '--processes', '1']) == 0
+    assert campaign.main([str(written(tmp_path, text)), '--output', str(output)]) == 0
     told = {run['then']['motion']: run['then'] for run in lines(output)}
     assert list(told) == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
     assert len({each['before'] for each in told.values()}) == 1
@@ -145,9 +162,10 @@ cases:
 """
 
 
+@pytest.mark.usefixtures('numbers')
 def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output), '--processes', '1']) == 0
+    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output)]) == 0
     results = lines(output)
     by_case = {tuple(runs[0]['case'].values()): runs for runs in (results[i : i + 3] for i in range(0, 12, 3))}
     # The truth is one for all: the target is never drawn.
@@ -173,10 +191,11 @@ TOLD = """cases:
 """
 
 
+@pytest.mark.usefixtures('numbers')
 def test_the_estimator_is_told_of_thrust_that_is_published(tmp_path: Path) -> None:
     text = re.sub(r'\nsimulator: .*\n', PUSHED, CAD.partition('cases:')[0].replace('seeds: 3', 'seeds: 1')) + TOLD
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, text)), '--output', str(output), '--processes', '1']) == 0
+    assert campaign.main([str(written(tmp_path, text)), '--output', str(output)]) == 0
     warned = [any('momentum' in warning for warning in run['warnings']) for run in lines(output)]
     assert warned == [False, True]
 
@@ -200,20 +219,8 @@ def test_the_band_is_that_of_a_right_covariance() -> None:
 # -- going on
 
 
-def remade(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return a list that the numbers of the runs that are made are appended to."""
-    numbers: list[int] = []
-
-    def noted(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generator[Result]:
-        numbers.extend(run.number for run in runs)
-        return made_here(runs, urdf, processes)
-
-    monkeypatch.setattr(command, 'made_here', noted)
-    return numbers
-
-
 def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
-    monkeypatch: pytest.MonkeyPatch, whole: Path, tmp_path: Path
+    numbers: list[int], whole: Path, tmp_path: Path
 ) -> None:
     yaml, output = str(whole.parent / 'campaign.yaml'), tmp_path / 'output'
     arguments = [yaml, '--output', str(output), '--processes', '1']
@@ -230,7 +237,6 @@ def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
     assert 2 <= len(kept) < RUNS
     with runs.open('ab') as file:  # what a full disk or a power cut may leave
         file.write(b'{"run": 7, "case": {"noi')
-    numbers = remade(monkeypatch)
     assert campaign.main(arguments) == 0
     assert numbers == sorted(set(range(RUNS)) - kept)
     assert content(output) == content(whole)
@@ -285,11 +291,11 @@ WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {step: 1.0, initial.joi
 
 
 def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
+    numbers: list[int], capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
 ) -> None:
     output = str(tmp_path / 'output')
     few = TEXT.replace('seeds: 4', 'seeds: 1')
-    arguments = [str(written(tmp_path, few + WILD)), '--output', output, '--processes', '1']
+    arguments = [str(written(tmp_path, few + WILD)), '--output', output]
     assert campaign.main(arguments) == 3
     told = capsys.readouterr().out
     results = lines(tmp_path / 'output')
@@ -300,7 +306,7 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     assert f'run {bad[0]["run"]}: {bad[0]["reason"]}' in told
     good = [result['estimate'] for result in results if result['case']['motion'] == 'gentle']
     assert good == [result['estimate'] for result in lines(whole) if result['seed'] == 0]
-    numbers = remade(monkeypatch)
+    numbers.clear()
     assert campaign.main(arguments) == 3
     assert numbers == []
     assert campaign.main([*arguments, '--retry-failed']) == 3

@@ -26,7 +26,7 @@ from mbaid_ros.replay.campaigns import cluster, command
 from mbaid_ros.replay.campaigns.make import Result
 from simulated import CONFIG
 
-RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '12'))
+RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '20'))
 TEXT = f"""
 model: {CONFIG / 'table1.urdf'}
 simulator_params: {CONFIG / 'table1_simulator.yaml'}

@@ -147,7 +147,7 @@ def test_parameters_of_the_file_hold_and_arguments_override_them(
     assert (result['method'], result['target_link']) == ('paper_difference', 'link4')
     # Several bags are a list, with their paths as given.
     bare = f'{bag}/papers_case.mcap'
-    results = result_of(capsys, bag, bare, '--params', str(file), '-p', 'method:=difference')
+    results = result_of(capsys, bag, bare, '--params', str(file), '-p', 'method:=difference', '--target', 'link4')
     assert [result['bag'] for result in results] == [bag, bare]
     assert results[0]['estimate'] == results[1]['estimate']
     made_by = results[0]['made_by']['parameters']

@@ -194,40 +194,19 @@ def test_a_base_located_in_several_frames_is_told() -> None:
     assert not intake_warnings(taken(make, {})[0])
 
 
-# -- Frames whose names have a prefix, as one robot of several has them.
+# -- frames whose names have a prefix
 
 PREFIX = 'servicer/'
 
 
-def prefixed(prefix: str, child_prefix: str) -> tuple[Session, list[Estimate]]:
-    """Return a session that has taken four seconds of a robot whose odometry names its frame with a prefix."""
-    session = Session(build(EstimatorConfig, {'frame_prefix': prefix, 'method': 'difference'}), urdf('table1'))
-    for timed in run('table1', 4.0):
-        if timed.topic == 'odom':
-            message = deepcopy(timed.message)
-            message.child_frame_id = child_prefix + message.child_frame_id
-            session.add_odometry(message)
-        else:
-            session.add_joint_state(timed.message)
-    return session, session.process()
-
-
-def test_a_prefix_changes_no_estimate() -> None:
-    _, plain = prefixed('', '')
-    session, found = prefixed(PREFIX, PREFIX)
-    assert not session.dropped[WRONG_CHILD_FRAME]
-    assert len(found) == len(plain) > 0
-    np.testing.assert_array_equal(found[-1].parameters, plain[-1].parameters)
+def test_a_prefix_changes_no_estimate_and_a_frame_without_it_is_refused() -> None:
+    _, plain = taken(lambda message: message, {})
+    session, found = taken(lambda message: _of(message, PREFIX + message.child_frame_id), {'frame_prefix': PREFIX})
+    same(found, plain)
     np.testing.assert_array_equal(found[-1].momentum, plain[-1].momentum)
-
-
-def test_a_frame_without_it_is_refused_and_the_accepted_one_named() -> None:
-    session, made = prefixed(PREFIX, '')
+    assert not session.dropped[WRONG_CHILD_FRAME]
+    session, made = taken(lambda message: message, {'frame_prefix': PREFIX})
     assert not made
     assert "accepted: 'servicer/base_link'" in explain(session, [WRONG_CHILD_FRAME])[0]
-
-
-def test_messages_have_it() -> None:
     message = estimate_message(Estimate('difference', 'waiting'), BAG_TYPES, Frames('link7', 'odom', PREFIX))
-    assert message.header.frame_id == 'servicer/link7'
-    assert message.momentum_frame == 'odom'
+    assert (message.header.frame_id, message.momentum_frame) == ('servicer/link7', 'odom')

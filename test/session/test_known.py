@@ -192,18 +192,16 @@ def test_what_cannot_be_used_is_one_line(
     assert '\n' not in str(caught.value)
 
 
-def test_a_file_that_is_not_there() -> None:
-    config = build(EstimatorConfig, {'known_links.calibration': 'nowhere.json'}).known_links
-    with pytest.raises(ParameterError, match=r"cannot read calibration 'nowhere\.json': No such file"):
-        with_known_errors(ROBOT, config)
-
-
-def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
     path = tmp_path / 'calibration.json'
     path.write_bytes(b'\xff\xfe\x00')
-    config = build(EstimatorConfig, {'known_links.calibration': str(path)}).known_links
-    with pytest.raises(ParameterError, match=r'not text in UTF-8; accepted: what calibrate --json writes$'):
-        with_known_errors(ROBOT, config)
+    for name, reason in (
+        ('nowhere.json', r"cannot read calibration 'nowhere\.json': No such file"),
+        (str(path), r'not text in UTF-8; accepted: what calibrate --json writes$'),
+    ):
+        config = build(EstimatorConfig, {'known_links.calibration': name}).known_links
+        with pytest.raises(ParameterError, match=reason):
+            with_known_errors(ROBOT, config)
 
 
 @pytest.mark.parametrize(

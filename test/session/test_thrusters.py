@@ -1,8 +1,7 @@
-"""Thrust in a run: known, unknown, late, and of thrusters that are not as commanded."""
+"""Thrusters that are not as commanded: with their priors the intervals hold, and they calibrate themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,136 +9,21 @@ import pytest
 from scipy.stats import chi2
 
 from derivatives import central_difference
-from floating import true_momentum
 from mbaid_ros.calibration.unknowns import LinkPrior, Normals, make_prior
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.estimator import THRUST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.sensors.thrust import EXACT_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import MID, kernel, observe, true_body, windows
+from observed import MID, kernel, observe, windows
 from orbiting import nees, session, simulated
 from simulated import robot
-from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
-
-SEEDS = range(2)
-METHODS = ('difference', 'trajectory')
-
-
-def make(method: str = 'difference') -> Session:
-    return Session(build(EstimatorConfig, {**EXACT, 'method': method, 'target_link': 'link7'}), robot('servicer7').urdf)
-
-
-def add(session: Session, timed: Timed) -> bool:
-    topic, message, _ = timed
-    if topic == '/thrust':
-        session.add_thrust(message)
-        return False
-    return (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
-
-
-def identify(session: Session, read: Iterable[Timed]) -> list[Estimate]:
-    for timed in read:
-        add(session, timed)
-    return session.process()
-
-
-def errors(estimate: Estimate) -> Array:
-    return estimate.parameters - true_body(kernel('servicer7'))
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_a_known_pulse_costs_nothing(method: str) -> None:
-    quiet, known = [], []
-    for seed in SEEDS:
-        without = identify(make(method), messages(seed, thrust=False))[-1]
-        last = identify(make(method), messages(seed, *pulse()))[-1]
-        assert not last.events
-        assert last.status == without.status
-        quiet.append(errors(without) / without.std)
-        known.append(errors(last) / without.std)
-        momentum = true_momentum(kernel('servicer7'), observe(pushed(), MID)[-1:])[0]
-        off = last.momentum - momentum
-        assert float(off @ np.linalg.solve(last.momentum_covariance, off)) < 30.0  # six chi-squares: 1 in 20 000
-    assert np.sqrt(np.mean(np.square(known))) < 1.1 * np.sqrt(np.mean(np.square(quiet)))
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_an_unknown_one_is_found_in_the_data(method: str) -> None:
-    last = identify(make(method), messages(0))[-1]
-    assert [event.kind for event in last.events] == ['step']
-    assert last.events[0].time == pytest.approx(ON, abs=1.0)
-
-
-def test_the_wrong_command_is_a_disturbance() -> None:
-    last = identify(make(), messages(0, *pulse(), thrust=False))[-1]
-    assert [event.kind for event in last.events] == ['step']
-    rotation = observe(pushed(), MID)[230:231].base_rotation[0]
-    assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
-
-
-def test_how_the_calls_are_spread_makes_no_difference() -> None:
-    commands = [command(time, FORCE_TORQUE) for time in np.arange(ON, OFF, 0.02).tolist()]
-    read = messages(1, *commands, command(OFF, np.zeros(6)))
-    at_once, singly = make(), make()
-    expected, found = identify(at_once, read), []
-    for timed in read:
-        if add(singly, timed):
-            found += singly.process()
-    found += singly.process()
-    assert len(found) == len(expected)
-    for one, other in zip(found, expected, strict=True):
-        assert np.array_equal(one.parameters, other.parameters, equal_nan=True)
-        assert np.array_equal(one.momentum, other.momentum, equal_nan=True)
-
-
-def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
-    on, off = pulse()
-    read = messages(0, off)
-    # Two seconds after it acted.
-    place = next(index for index, timed in enumerate(read) if timed[2] > 11.2e9)
-    session = make()
-    last = identify(session, [*read[:place], on, *read[place:]])[-1]
-    assert LATE_THRUST in last.warnings
-    assert session.thrust.late
-    truth = true_momentum(kernel('servicer7'), observe(pushed(), MID))
-    assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
-    # The windows that were solved without it have seen a momentum that jumps.
-    assert last.status == 'inconsistent'
-
-
-def test_the_methods_of_the_paper_say_that_they_do_not_know_of_it() -> None:
-    last = identify(make('paper_difference'), messages(0, *pulse()))[-1]
-    assert THRUST in last.warnings
-
-
-def test_a_frame_that_is_none_is_one_line() -> None:
-    session = make()
-    identify(session, messages(0, *pulse('thruster_3')))
-    told = [line for line in intake_warnings(session) if 'thrust' in line]
-    assert len(told) == 1
-    assert told[0].startswith('2 messages not used: thrust in a frame that is no link: accepted: a link of the robot')
-    assert told[0].endswith("or the odometry frame 'odom'")
-
-
-def test_reset_forgets_it() -> None:
-    session = make()
-    identify(session, messages(0, *pulse()))
-    assert np.any(session.thrust.brought)
-    session.reset()
-    assert not np.any(session.thrust.brought)
-
-
-# -- Thrusters that are not as commanded: with their priors the intervals hold, and they calibrate themselves.
+from thrusting import FORCE_TORQUE, OFF, ON, pushed
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -163,7 +47,7 @@ def run(seed: int, scale: float = SCALE, turn: Array = TURN, delay: float = LATE
     )
 
 
-def identify_simulated(made: SimulatedRun, into: Session) -> Estimate:
+def identify(made: SimulatedRun, into: Session) -> Estimate:
     take = {'joint_states': into.add_joint_state, 'odom': into.add_odometry, 'thrust': into.add_thrust}
     for timed in made.read(SECONDS):
         take[timed.topic](timed.message)
@@ -173,7 +57,7 @@ def identify_simulated(made: SimulatedRun, into: Session) -> Estimate:
 @pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.long)])
 def test_a_tenth_stronger_five_degrees_off_and_late(seed: int) -> None:
     made = run(seed)
-    last = identify_simulated(made, session(**PRIOR))
+    last = identify(made, session(**PRIOR))
     assert last.status in {'estimating', 'converged'}
     assert not last.events
     assert nees(last, made.target_inertia) < LIMIT
@@ -195,18 +79,19 @@ def test_a_tenth_stronger_five_degrees_off_and_late(seed: int) -> None:
 def test_a_known_push_of_seconds_at_twenty_samples_a_second_costs_nothing() -> None:
     """One sample a knot, at its begin: what thrust has brought is taken to the knot's centre like all else."""
     made = run(1, 1.0, np.zeros(3), 0.0)
-    assert nees(identify_simulated(made, session()), made.target_inertia) < LIMIT
+    assert nees(identify(made, session()), made.target_inertia) < LIMIT
 
 
-def test_without_a_prior_it_is_no_quiet_error() -> None:
-    last = identify_simulated(run(0), session())
+@pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])
+def test_without_a_prior_it_is_no_quiet_error(method: str) -> None:
+    last = identify(run(0), session(method=method))
     assert last.status == 'inconsistent' or last.events
     assert EXACT_THRUST in last.warnings
 
 
 def test_the_first_stage_considers_them() -> None:
     made = run(0)
-    considering = identify_simulated(made, session(method='difference', **PRIOR))
+    considering = identify(made, session(method='difference', **PRIOR))
     assert considering.status in {'estimating', 'converged'}
     assert nees(considering, made.target_inertia) < LIMIT
     assert not considering.thrusters
@@ -214,7 +99,7 @@ def test_the_first_stage_considers_them() -> None:
 
 def test_commands_that_are_right_stay_so() -> None:
     made = run(1, 1.0, np.zeros(3), 0.0)
-    last = identify_simulated(made, session(**PRIOR))
+    last = identify(made, session(**PRIOR))
     assert nees(last, made.target_inertia) < LIMIT
     (found,) = last.thrusters
     assert abs(found.scale - 1.0) < 4.0 * found.scale_std

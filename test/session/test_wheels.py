@@ -116,7 +116,7 @@ def test_momentum_that_comes_seldom_costs_no_samples() -> None:
     assert into.used > 0.98 * SECONDS * 50
 
 
-@pytest.mark.parametrize('publish', ['joint_states', 'stored_momentum', 'none'])
+@pytest.mark.parametrize('publish', ['joint_states', 'stored_momentum', pytest.param('none', marks=pytest.mark.long)])
 def test_without_their_parameters_they_are_no_quiet_error(publish: str) -> None:
     into = session(method='difference')
     last = feed(simulated(publish=publish)[1], into)[-1]

@@ -32,8 +32,8 @@ class Condition:
     name: str
     world: Callable[[int], World]  # by the seed if `varies`
     believed: Callable[[str], str] = str  # URDF of the estimator, from that of the world
-    view: View = readings.at_once
-    defect: Defect = readings.clean
+    view: View = lambda truth: truth
+    defect: Defect = lambda found, _rng: found
     declared: Mapping[str, float] = field(default_factory=dict)  # noise as declared, over the true one
     target: str = ''  # link; the last one if empty
     varies: bool = False  # whether every seed has a world of its own

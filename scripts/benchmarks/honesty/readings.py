@@ -50,11 +50,6 @@ def read(truth: Truth, noise: SensorNoise, seed: int) -> Readings:
 # -- views
 
 
-def at_once(truth: Truth) -> Truth:
-    """Return a motion as it is."""
-    return truth
-
-
 def joints_scaled(factors: Array | float, truth: Truth) -> Truth:
     """Return a motion whose joints are read larger by factors, as with the wrong unit, sign or gear ratio."""
     return replace(truth, joint_position=factors * truth.joint_position, joint_velocity=factors * truth.joint_velocity)
@@ -164,11 +159,6 @@ def _continuous(rotation: Array) -> Array:
 
 
 # -- defects
-
-
-def clean(readings: Readings, _rng: np.random.Generator) -> Readings:
-    """Return readings as they are."""
-    return readings
 
 
 def correlated(constant: float, readings: Readings, _rng: np.random.Generator) -> Readings:
