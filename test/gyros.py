@@ -8,7 +8,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from mbaid_ros.replay.bag_types import BAG_TYPES
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
@@ -20,6 +19,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

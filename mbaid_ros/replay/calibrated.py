@@ -18,7 +18,7 @@ from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.words import of_size
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session import Survey, survey
+from mbaid_ros.session import ModelSummary, summarise
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
@@ -60,10 +60,10 @@ class Calibrated:
         return self.calibration.structure.base_parameters()
 
     @cached_property
-    def survey(self) -> Survey:
+    def survey(self) -> ModelSummary:
         """The model summary."""
         heard = {name for motion in self.motions for name in motion.heard}
-        return survey(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
+        return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -19,8 +19,14 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import box_sizes, ellipsoid_radii, physical, principal, standard
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import (
+    box_sizes,
+    ellipsoid_radii,
+    physical,
+    principal,
+    standard,
+)
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.output import matrix, shaped

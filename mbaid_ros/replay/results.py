@@ -19,7 +19,7 @@ from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
-from mbaid_ros.session import Survey
+from mbaid_ros.session import ModelSummary
 
 HISTORY_LIMIT = 5_000
 Record = TypeVar('Record', Estimate, SensorLevels)
@@ -98,7 +98,7 @@ class Run:
     phase: Phase = 'post_capture'
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()
-    survey: Survey | None = None
+    survey: ModelSummary | None = None
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
     state: Mapping[str, Any] | None = None

@@ -123,9 +123,9 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _keep(session.process(), session, history, writer)
-        survey = session.survey()
+        survey = session.model_summary()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
-    knowledge = session.knowledge()
+    knowledge = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,

@@ -19,7 +19,7 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.output import shaped
 from mbaid_ros.replay.run import BAG_TYPES
@@ -77,7 +77,7 @@ def _record(run: SimulatedRun, bag: BagWriter) -> None:
         topics['imu'] = 'sensor_msgs/msg/Imu'
     if run.pulse is not None and run.config.thrust.publish:
         topics['thrust'] = 'geometry_msgs/msg/WrenchStamped'
-    if run.tells_momentum:
+    if run.publishes_momentum:
         topics['stored_momentum'] = 'geometry_msgs/msg/Vector3Stamped'
     bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
     bag.add_topic(TRUTH, 'geometry_msgs/msg/InertiaStamped', latched=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST
 
 import recorded
 from benchmarks.precapture import free_urdf
 from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.replay.start import calibrate, replay
 from mbaid_ros.replay.start import simulate as main
 from simulated import CONFIG

@@ -29,7 +29,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from observed import MID
 from servicing import LINKS, PRIORS

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mbaid_ros.replay.bag_types import BAG_TYPES
 from scipy.stats import chi2
 
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -19,6 +18,7 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session, intake_warnings
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG

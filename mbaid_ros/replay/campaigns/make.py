@@ -174,7 +174,7 @@ def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -
     ParameterError
         No motion is possible.
     """
-    posterior = session.knowledge()
+    posterior = session.posterior()
     if posterior is None:
         raise DataError('the first motion leads to no solution of method trajectory that another could begin from')
     planner = make_planner(session.config, posterior)

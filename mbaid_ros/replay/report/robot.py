@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import ellipsoid_radii, principal
 from mbaid_ros.core.robot.urdf_document import tree_of
 from mbaid_ros.replay.report.markup import Colour, entitle, new_axes, svg
 from mbaid_ros.replay.results import Run

@@ -53,7 +53,7 @@ from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.replay.campaigns.statistics import mean, nees
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.posterior import declared_errors
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes
 

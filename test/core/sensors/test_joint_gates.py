@@ -37,7 +37,7 @@ def test_single_outliers_are_dropped_and_counted(joints: list[int], pieces: int)
     stream = motion(1)
     wrong = np.arange(120, COUNT - 10, 97)
     position = stream.position.copy()
-    position[np.ix_(wrong, joints)] = 1.5
+    position[wrong[:, None], joints] = 1.5
     gate = Outliers[JointStream](200_000_000, joint_channels(1e-4), JOINT_OUTLIER)
     kept = passed(gate, with_positions(stream, position), pieces)
     assert gate.dropped[JOINT_OUTLIER] == len(wrong) == COUNT - len(kept.stamp)
