@@ -10,7 +10,6 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -18,6 +17,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
     integrated_twist,
     pose_measurement,

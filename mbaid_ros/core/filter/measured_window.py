@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.prediction import Prediction
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.filter.window import Stack

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel

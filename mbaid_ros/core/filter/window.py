@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from mbaid_ros.core.filter.interpolation import Midpoints, midpoints, with_joints_later
-from mbaid_ros.core.filter.knots import Knots, at_the_base, turned_back
+from mbaid_ros.core.filter.knots import Knots, Midpoints, at_the_base, midpoints, turned_back, with_joints_later
 from mbaid_ros.core.filter.state import ANGULAR_FIRST
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, rotate_back
 from mbaid_ros.core.robot.kinematics import Kinematics

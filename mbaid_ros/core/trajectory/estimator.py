@@ -10,7 +10,6 @@ import numpy as np
 from mbaid_ros.core.diagnosis.undeclared_orbit import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import KnotAveraging, Taken
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.filter.state import (
     BODY,
     BODY_PLACES,
@@ -37,7 +36,7 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
     with_linear_momentum_unknown,
 )
-from mbaid_ros.core.trajectory.target_runs import TargetRuns
+from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
 from mbaid_ros.core.unknowns.words import of_size
 
 _AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'

@@ -1,8 +1,8 @@
-"""The runs of the filter over one stream: another one begins where the target has changed, or the twist is wrong."""
+"""What the method `trajectory` is told."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,10 +10,8 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.changed_target import another_body
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.ranking import Change
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.window import Window, without_twist
@@ -22,11 +20,44 @@ from mbaid_ros.core.results.estimate import Event
 from mbaid_ros.core.results.verdict import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
-from mbaid_ros.core.unknowns.hypotheses import hypotheses
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.hypotheses import Axes, hypotheses
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.words import all_of, of_change
+
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """Settings of the trajectory-level estimator.
+
+    Attributes
+    ----------
+    noise : of the joint sensors, and of the base where the samples carry none
+    window : s
+    start : windows before the first estimate
+    kept : windows linearised again while the run is young
+    uncertainty : of the known side
+    adapt : also follow the hypotheses that a constant force and torque act, or that momentum or odometry drift, and
+        take the best
+    constant : axes of a constant force and torque that is taken to act
+    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    located : whether anything locates the base; linear momentum means nothing where not
+    orientation_measured : whether anything but a gyro tells how it is oriented
+    """
+
+    noise: SensorNoise
+    window: float
+    start: int
+    kept: int
+    uncertainty: Uncertainty
+    adapt: bool
+    constant: Axes = 'none'
+    gyro: float = 0.0
+    located: bool = True
+    orientation_measured: bool = True
+
 
 # Windows that a changing target may take: the next run begins as many later, and jumps as near belong to the change.
 _SETTLING = 2
