@@ -1,7 +1,8 @@
-"""What has happened in a run, as events: forces, jumps of the momentum, a target that has changed."""
+"""The solution of a run after a window: its events, its error budget, and the estimate that is reported of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
@@ -18,13 +19,14 @@ from mbaid_ros.core.results.estimate import (
     SYMPTOM,
     Estimate,
     Event,
+    Status,
     Thruster,
     changed_by,
     constant_force,
 )
-from mbaid_ros.core.results.reporting import Instant, Solution
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.verdict import MOST_JUMPS, Verdict
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.inertia import physical_jacobian, standard
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
@@ -165,51 +167,110 @@ def _of_a_prior(own: Array, moments: MeanAndCovariance, variables: Variables, wh
 
 @dataclass(frozen=True)
 class Solved:
-    """Solution of the best hypothesis, and what its run says beside it.
+    """Solution of the best hypothesis after a window, and the history of its run.
 
     Attributes
     ----------
-    mean : of the state
-    solution : body and momentum, as they are reported
+    solution : body and momentum
     instant : when
     hypothesis : the best one
-    judgement : of the run
+    verdict : on the model
     events : what has acted or changed
     budget : parts of the variance
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
     warnings : of the run, and of declarations that are too small
+    impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
     """
 
-    mean: Array
     solution: Solution
     instant: Instant
     hypothesis: Hypothesis
-    judgement: Verdict
+    verdict: Verdict
     events: tuple[Event, ...]
     budget: ErrorBudget
     thrusters: tuple[Thruster, ...]
     delay: tuple[float, float]
     warnings: tuple[str, ...]
+    impulse: Array
 
     def judged(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of this solution with what its run says against it."""
-        judgement = self.judgement
+        """Return the estimate of this solution with the verdict and the history."""
         warnings = [*estimate.warnings, *self.warnings]
         if self.hypothesis.disturbed and self.hypothesis.physical:
             warnings.append(f'{self.hypothesis.name}; estimated along, which widens the intervals')
         known = estimate.status != 'not_identifiable'
         shares = np.where(estimate.identifiable[:, None], self.budget.shares, np.nan)
         return replace(
-            replace(estimate, warnings=tuple(warnings)).contradicted_by(judgement.reasons),
+            replace(estimate, warnings=tuple(warnings)).contradicted_by(self.verdict.reasons),
             stage='trajectory',
             budget=replace(self.budget, shares=shares) if known else None,
-            causes=tuple((cause.text, cause.gain) for cause in judgement.causes),
+            causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
             events=self.events,
             thrusters=self.thrusters,
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )
+
+
+@dataclass(frozen=True)
+class NoSolution:
+    """Why there is no solution after a window; attributes as of `Solved`."""
+
+    status: Status
+    instant: Instant
+    causes: tuple[tuple[str, float], ...]
+    events: tuple[Event, ...]
+    warnings: tuple[str, ...]
+    impulse: Array
+
+
+def estimates(
+    outcomes: Sequence[Solved | NoSolution], reporting: Reporting, method: str, *, located: bool
+) -> list[Estimate]:
+    """Return an estimate of each outcome; those of solutions are made together.
+
+    Parameters
+    ----------
+    outcomes, reporting, method : Solved or NoSolution, Reporting, name of the method
+    located : whether anything locates the base: else the frame moves with the common centre of mass
+    """
+    solved = [each for each in outcomes if isinstance(each, Solved)]
+    solutions, instants = [each.solution for each in solved], [each.instant for each in solved]
+    reported = iter(reporting.estimates(method, solutions, instants) if solved else [])
+    made: list[Estimate] = []
+    for each in outcomes:
+        if isinstance(each, Solved):
+            estimate = each.judged(next(reported))
+            estimate = estimate if located else _with_linear_momentum_unknown(estimate)
+        else:
+            estimate = Estimate(
+                method,
+                each.status,
+                each.instant.time,
+                each.instant.stamp,
+                samples=each.instant.samples,
+                causes=each.causes,
+                events=each.events,
+                warnings=each.warnings,
+            )
+        made.append(estimate.after_thrust(each.impulse))
+    return made
+
+
+def point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
+    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
+
+    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
+    """
+    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
+    moments = [4, 7, 9]
+    body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
+    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
+    momentum[3:] -= cross(origin, momentum[:3])
+    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
+    state[MOMENTUM], state[BODY] = momentum, standard(body)
+    return layout.point(state)
 
 
 def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
@@ -233,7 +294,7 @@ def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...
     return tuple(found)
 
 
-def with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
+def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
     """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
     momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
     momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
