@@ -1,10 +1,6 @@
-"""How far off the robot looks beside what is declared of it, and what that adds to the variances.
+"""The posterior: a Gaussian in square-root information form, its mean and covariance, and the scale of its priors.
 
-Numbers of a kind, the zeros of all joints, say, are declared by one standard deviation. The windows see combinations of
-them. Where those are as far off as k times that would make them, what the windows do not see is likely to be as well.
-And a single thing may be mistaken where all others of its kind are right, the inertial of one link, or a part of that,
-its mass. The estimate stays what it is: of its errors, the part that comes from the kind, thing or part is k times as
-large (docs/trajectory.md, eq. 7). In geodesy these are variance components (Koch 1999, section 3.6).
+R x = z with unit covariance (Bierman 1977, chapter 5; docs/trajectory.md, eq. 4).
 """
 
 from __future__ import annotations
@@ -21,35 +17,29 @@ from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.innovations import Innovations
-from mbaid_ros.core.results.variance_components import (
-    AS_DECLARED,
-    Distance,
-    LikelyScale,
-    PriorComparison,
-)
+from mbaid_ros.core.results.variance_components import AS_DECLARED, Distance, LikelyScale, PriorComparison
 
-# Chance beforehand that a kind is declared too certain, and up to which that counts for nothing.
-_TOO_SMALL = (0.05, 0.05)
-# Chance beforehand that a single thing is mistaken, and up to which that counts for nothing: of many right ones, one
-# looks so by chance.
-_MISTAKEN = (0.01, 0.2)
-# The two chances of a part that is mistaken by itself more often than the thing it is part of: a link's mass.
-_PART_MISTAKEN = (0.05, 0.1)
-# Chance that something is further off than declared, from which that is told: the opposite is nine times less likely.
-_SURE = 0.9
+# Prior probability that a kind is declared too certain, and the posterior below which that counts for nothing; the same
+# of a single thing (of many right ones, one looks mistaken by chance), and of a part of one: a link's mass.
+_KIND, _THING, _PART = (0.05, 0.05), (0.01, 0.2), (0.05, 0.1)
+_SURE = 0.9  # probability that something is further off than declared, from which that is reported
 
 
 @dataclass(frozen=True, eq=False)
 class PriorScaleFactors:
-    """How many times as far off as declared things are.
+    """Variance components of the unknowns' priors (Koch 1999, section 3.6; docs/trajectory.md, eq. 7).
+
+    Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
+    they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
+    are right. The estimate stays; the part of its errors that comes from the kind, thing or part is k times as large.
 
     Attributes
     ----------
     sizes : by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     distances : by single cause, of what the data see of it
-    each : (e,) that factor of each of the unknowns' independent numbers
-    covariance : (e, e) of these, of unit variance beforehand, if all are as declared
-    within : of each of these names, those of what it belongs to
+    each : (e,) the factor of each of the unknowns' independent numbers
+    covariance : (e, e) of these, of unit variance a priori, if all are as declared
+    within : the names that each of these names belongs to
     """
 
     sizes: Mapping[str, LikelyScale]
@@ -60,13 +50,12 @@ class PriorScaleFactors:
 
     @staticmethod
     def of(values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorScaleFactors:
-        """Return what data say of them.
+        """Return the factors that data make likely.
 
         Parameters
         ----------
-        values, covariance : (e,), (e, e) of the numbers, of unit variance about zero beforehand
-        causes : what each of them belongs to, 'zero:joint1'
-        parts : what of that each is by itself, 'mass:link1'; empty where nothing
+        values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
+        causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
         """
         each, groups = np.ones(len(values)), _Groups.of(tuple(causes), tuple(parts))
         sizes: dict[str, LikelyScale] = {}
@@ -95,24 +84,23 @@ class PriorScaleFactors:
         return not np.any(self.each > 1.0)
 
     def beside(self, contributions: Array) -> Array:
-        """Return what a covariance's factor grows by, (m, n): columns, of what each number contributes, (e, m).
+        """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
-        An estimate errs by that for each number of unit variance; where they are s times as far off, its variance has
-        s^2 - 1 times the square beside what it had (docs/trajectory.md, eq. 7).
+        Numbers s times as far off add s^2 - 1 times the square of their contribution (docs/trajectory.md, eq. 7).
         """
         larger = self.each > 1.0
         return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
 
     @property
     def likeliest(self) -> tuple[str, float]:
-        """The kind or thing that would explain most by being further off, and what the log-likelihood gains by that."""
+        """The kind or thing that explains most by being further off, and the gain of log-likelihood."""
         return max(
             ((cause, size.gain) for cause, size in self.sizes.items()), key=lambda each: each[1], default=('', 0.0)
         )
 
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
-        """What is surely further off than declared, and further than what it belongs to; how many times as far."""
+        """Names that are surely further off than declared, and than what they belong to, with the factor."""
         found = {cause: size.factor for cause, size in self.sizes.items() if size.chance > _SURE}
         return tuple(
             (cause, size)
@@ -128,14 +116,9 @@ def _kind(cause: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Groups:
-    """Which numbers belong together.
+    """Groups of numbers: `within` as above, single causes, and groups of equal size.
 
-    Attributes
-    ----------
-    within : by name of kinds, of single causes that are no kinds and of parts of these, what each belongs to
-    things : single causes
-    alike : names of groups of as many numbers, where these are, (B, n), the chances that they are declared wrong, and
-        whether single causes are among them
+    Those are (names, places (B, n), prior probabilities, whether single causes are among them).
     """
 
     within: Mapping[str, Sequence[str]]
@@ -145,7 +128,7 @@ class _Groups:
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window
     def of(causes: tuple[str, ...], parts: tuple[str, ...]) -> _Groups:
-        """Return the groups that causes, and parts of them, make."""
+        """Return the groups of causes, and of parts of them."""
         kinds: dict[str, list[int]] = {}
         things: dict[str, list[int]] = {}
         for place, cause in enumerate(causes):
@@ -157,7 +140,7 @@ class _Groups:
         within |= {part: (_kind(causes[place]), causes[place]) for part, (place,) in alone.items()}
         alike: dict[tuple[int, tuple[float, float]], dict[str, list[int]]] = {}
         for name, places in {**things, **kinds, **alone}.items():  # a kind may be a single thing
-            chances = _TOO_SMALL if name in kinds else _PART_MISTAKEN if name in alone else _MISTAKEN
+            chances = _KIND if name in kinds else _PART if name in alone else _THING
             alike.setdefault((len(places), chances), {})[name] = places
         return _Groups(
             within,
@@ -171,18 +154,15 @@ class _Groups:
 
 @dataclass(frozen=True, eq=False)
 class SquareRootInformation:
-    """The state in scaled variables.
-
-    The variables are those of `Variables`, then those of a constant force where a hypothesis has one.
+    """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one.
 
     Attributes
     ----------
-    root : (v, v + 2), its columns one after the other as LAPACK has them: the triangle R, and beside it z of the
-        correction for noise that rows and values share, and z of the least squares' mean: x = R^-1 (their sum);
-        innovations are those of the mean itself
-    innovations : what they were, sensor by sensor
-    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
-    nis, measured : sum of the normalised innovations squared over all windows, no mean, and how many there were
+    root : (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values
+        share, and z of the least-squares mean: x = R^-1 (their sum)
+    innovations : sensor by sensor
+    feigned : (b, b + 1) as of `WhitenedWindow`, summed over all windows
+    nis, measured : sum of the normalised innovations squared over all windows, and their number
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
     carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
@@ -201,14 +181,7 @@ class SquareRootInformation:
 
     @staticmethod
     def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
-        """Return the belief before the first measurement.
-
-        Parameters
-        ----------
-        variables : of the filter
-        extra : how many numbers of unit variance a hypothesis has beside them
-        mass : kg that the target body is held near
-        """
+        """Return the prior, with `extra` numbers of unit variance beside the variables, near a mass in kg if given."""
         mean, triangle, likelihood = variables.prior(mass)
         size = len(mean) + extra
         root = np.zeros((size, size + 2), order='F')
@@ -220,7 +193,7 @@ class SquareRootInformation:
 
     @property
     def misfit(self) -> float:
-        """The log-likelihood that is missing where innovations are larger than they should be."""
+        """Log-likelihood lost by innovations larger than expected."""
         return 0.5 * (self.nis - self.measured)
 
     @property
@@ -229,7 +202,7 @@ class SquareRootInformation:
         return len(self.root)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return the mean (v,), and what of it is the correction for shared noise (v,).
+        """Return the mean (v,), and the part of it that corrects for shared noise (v,).
 
         Raises
         ------
@@ -252,20 +225,15 @@ class SquareRootInformation:
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same with other variables, (v, v + 2), and what is carried: what has been measured stays."""
+        """Return the same measurements with another root (v, v + 2), and what is carried."""
         return replace(self, root=root, carried=carried)
 
 
 @dataclass(frozen=True, eq=False)
 class MeanAndCovariance:
-    """Mean and covariance of a belief, SI units.
+    """Mean (s,) and covariance of the state, SI units.
 
-    Attributes
-    ----------
-    belief, variables : Belief, Variables
-    mean : (s,) of the state
-    shift : (s,) what of the mean is the correction for shared noise
-    force : (6,) a constant one, and a torque; zero where there is none
+    `shift` (s,) is the part of the mean that corrects for shared noise; `force` (6,) a constant force and torque.
     """
 
     belief: SquareRootInformation
@@ -276,7 +244,7 @@ class MeanAndCovariance:
 
     @staticmethod
     def of(belief: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
-        """Return the moments of a belief."""
+        """Return them of a Gaussian in information form."""
         mean, shift = belief.moments()
         count, spread = len(variables.scale), variables.spread
         force = variables.force[:, : belief.size - count] @ mean[count:]
@@ -284,18 +252,18 @@ class MeanAndCovariance:
 
     @cached_property
     def factor(self) -> Array:
-        """Of the covariance of the state, (s, v), without what the variables leave out."""
+        """Factor of the covariance of the state, (s, v), without what the variables leave out."""
         return self.variables.of_state(self.belief.factor[: len(self.variables.scale)])
 
     @property
     def force_factor(self) -> Array:
-        """Of the covariance of the constant force, (6, v)."""
+        """Factor of the covariance of the constant force, (6, v)."""
         count = len(self.variables.scale)
         return np.asarray(self.variables.force[:, : self.belief.size - count] @ self.belief.factor[count:])
 
     @cached_property
     def variance(self) -> Array:
-        """Of the state, with what the variables leave out, (s,)."""
+        """Variances of the state, (s,)."""
         return np.add.reduce(self.factor**2, axis=1) + self.variables.outside.diagonal()
 
     @property
@@ -310,7 +278,7 @@ class MeanAndCovariance:
         return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
-        """Return the (6,) change of the momentum by a constant force, of (p, f) `pushed` as of a hypothesis' track."""
+        """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
         variables, count = self.variables, len(self.variables.scale)
         if self.belief.size == count:
             return np.zeros(6)
@@ -319,15 +287,14 @@ class MeanAndCovariance:
         return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
     def covariance(self, rows: Integers) -> Array:
-        """Return the (r, r) covariance of some numbers (r,) of the state."""
+        """Return the covariance (r, r) of some numbers of the state."""
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
     def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
-        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w): as published.
+        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        The windows linearised at the estimate itself, the unknowns so many times as far off as declared, and noise in
-        the rows no information. What the variables leave out is not in the factor.
+        With the correction for noise in the rows (docs/trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
         body, attenuation = self._attenuated
         part = self.factor_of(self.variables.spread[rows])
@@ -338,38 +305,32 @@ class MeanAndCovariance:
         return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
 
     def amplification(self, part: Array, rows: Integers) -> Array:
-        """Return the (r, r) factor from errors as they seem to errors, of numbers (r,), the body's among them.
-
-        Parameters
-        ----------
-        part : (r, v) a covariance factor of them, as of `factor_of`
-        rows : (r,) their places in the state
-        """
+        """Return the (r, r) amplification of errors by noise in the rows, of numbers with a factor `part` (r, v)."""
         body, attenuation = self._attenuated
         more = part @ body.T @ attenuation.gain
         return np.asarray(np.eye(len(rows)) + more @ self.variables.gather[self.variables.body, rows])
 
     def by_score(self, part: Array) -> Array:
-        """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
+        """Return the columns (m, b) that the score of noise in the rows adds to a covariance factor (m, v)."""
         body, attenuation = self._attenuated
         return np.asarray(part @ body.T @ attenuation.score)
 
     @cached_property
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
-        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 14)."""
+        """A covariance factor (b, v) of the body's variables, and their correction (docs/trajectory.md, eq. 14)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
         return body, InformationCorrection.of(body @ body.T, self.belief.feigned, mean)
 
     def with_variables(self, own: Array) -> Array:
-        """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
+        """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
         return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
-        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and their covariance (e, e).
+        """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
 
-        They and a force come last: below the rows of what comes first the triangle is the root of their information.
+        They come last, with a force: the lower rows of the triangle are the root of their marginal information.
         """
         own, known = self.variables.own, layout.known
         count = len(self.variables.scale) - own
@@ -382,19 +343,13 @@ class MeanAndCovariance:
         return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
 
     def sizes(self, layout: Layout) -> PriorScaleFactors:
-        """Return how many times as far off as declared the unknowns look."""
+        """Return the scale factors of the unknowns' priors."""
         return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
 
     def contributions(self, own: Array, layout: Layout) -> Array:
-        """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.
+        """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
 
-        An estimate errs by what noise and priors contribute, which are independent. What the prior of a number of unit
-        variance contributes is the covariance of that number with the estimate.
-
-        Parameters
-        ----------
-        own : (m, v) a covariance factor of the numbers, as of `factor_of`
-        layout : of the state
+        That of a number of unit variance is its covariance with the estimate. `own` (m, v) is a factor of that.
         """
         with_unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
         return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

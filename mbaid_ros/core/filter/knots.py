@@ -1,8 +1,8 @@
-"""Samples averaged to knots.
+"""Samples averaged to knots, and the motion midway between these, to fourth order.
 
-A knot is the mean of the raw samples of a few hundredths of a second. A mean is not the value at the centre: what
-`midpoints` makes of knots corrects that. So it does for samples that come unevenly, or are lost, whose mean time is not
-the knot's centre.
+A knot is the mean of the samples of a few hundredths of a second. The mean is not the value at the centre, nor that of
+two knots the value midway: `midpoints` corrects both by the neighbours' differences, also where samples come unevenly.
+Joint rates are differences of the same knots as the joint angles: joint noise telescopes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mbaid_ros.core.samples import Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
-# Weights of the two or four knots around an empty one, which is filled in: exact for straight lines and cubics.
+# Weights of the two or four knots around an empty one: exact for straight lines and cubics.
 _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 
 
@@ -39,9 +39,8 @@ class Knots(ArrayRecord):
     stored : (J, c) readings of what stores momentum inside bodies
     tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
-    course : (J, 36) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
-        axes, for each of the gyro's errors (3 x 12, rows first): bias, scale, turn, what pairs of
-        axes have in common; none where it is measured
+    course : (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by
+        each error of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
     """
 
     joint_position: Array
@@ -126,28 +125,25 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
 
 
 def at_the_base(knots: Knots, mount: Array) -> Knots:
-    """Return the knots of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
+    """Return the knots of a base at (6,) `mount` in the measured frame: p + R mu_p, R Exp(mu_R)."""
     twist = knots.base_twist.copy()
     rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
     return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
 
 
 def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
-    """Return knots of a base whose orientation is that of the gyro alone, with what its errors have made of it.
-
-    And what they have by the end of the last knot, (36,).
+    """Return knots oriented by the gyro alone with the effect of its errors, and that (36,) at the end of the last.
 
     Parameters
     ----------
-    knots : in a row
-    spacing : s
+    knots, spacing : in a row, s
     begin : (36,) before the first of them
     """
     rate = np.gradient(knots.gyro, spacing, axis=0)
     errors = np.zeros((len(knots), 3, 12))
     errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
     errors[:, [0, 1, 2], [3, 4, 5]] = rate
-    # Where a knot is empty nothing is known: the chain begins anew after it.
+    # After an empty knot the chain begins anew.
     steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
     sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
     return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
@@ -160,7 +156,7 @@ def turned_back(knots: Knots, errors: Array) -> Knots:
 
 
 def bridged(knots: Knots) -> Knots:
-    """Return knots with the empty ones, each between two others, filled in from the two or four around it."""
+    """Return knots with the empty ones filled in from the two or four around each."""
     if not np.any(knots.empty):
         return knots
     values = {field.name: getattr(knots, field.name).copy() for field in fields(Knots)}
@@ -185,7 +181,7 @@ def _about(impulse: Array, origin: Array) -> Array:
 
 
 def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
-    """Return columns of (P, L), one for each of so many numbers, with L about a point."""
+    """Return columns of (P, L), one for each of some numbers, with L about a point."""
     if not brought.shape[1]:
         return brought
     return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)
@@ -193,7 +189,7 @@ def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
 
 @dataclass(frozen=True)
 class Midpoints(ArrayRecord):
-    """The motion midway between J knots (J - 1 intervals), and what was measured from one knot to the next.
+    """The motion midway between J knots, and the change from one knot to the next; windows may be a second axis.
 
     Attributes
     ----------
@@ -201,12 +197,10 @@ class Midpoints(ArrayRecord):
     base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
     turn : (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
     step : (J - 1, 3) m, displacement from each knot to the next
-    impulse : (J - 1, 6) as of the knots, the mean of both
-    stored : (J - 1, c) readings of what stores momentum inside bodies
-    tide, thrust : (J - 1, 60 b), (J - 1, 30 f) as of the knots, the mean of both
-    gyro : (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where not known, none where there is none
-    gyro_axes : (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base, in whose axes it then measures
-    gyro_gain : (J - 1, 3, n) its angular velocity against the base by the joint rates, odometry axes; none alike
+    impulse, stored, tide, thrust : (J - 1, ...) as of the knots, midway
+    gyro : (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where unknown, none without an IMU
+    gyro_axes : (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base
+    gyro_gain : (J - 1, 3, n) derivative of its angular velocity against the base by the joint rates, odometry axes
     """
 
     joint_position: Array
@@ -225,7 +219,7 @@ class Midpoints(ArrayRecord):
     gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take nothing as stored, no orbit and no uncertain thrust where nothing is said."""
+        """Fill in what is left out with arrays of no columns."""
         for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
@@ -254,7 +248,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     """Return the motion midway between knots.
 
     Values at the knot centres are the means less the offset times the slope and half the spread times the second
-    difference; midway values take a sixteenth, rates a twenty-fourth of the neighbours' differences off. At the ends
+    difference; midway values take off a sixteenth, rates a twenty-fourth of the neighbours' differences. At the ends
     the neighbour's correction serves.
     """
     joints = knots.joint_position.shape[-1]
@@ -287,10 +281,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
 
 
 def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
-    """Return the joints' motion `late` s after the midpoints, to third order, with the base's at the midpoints.
-
-    What is stored inside bodies is read with the joints, and is late with them.
-    """
+    """Return the joints' motion `late` s after the midpoints, to third order, beside the base's at the midpoints."""
     rate = middle.joint_velocity
     second = gradient(rate) / spacing
     third = gradient(second) / spacing

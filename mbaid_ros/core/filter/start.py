@@ -7,28 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import (
-    LONGEST_AT_A_GUESS,
-    Bank,
-    best,
-    clamped,
-    far_better,
-)
+from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, Bank, best, clamped, far_better
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.state import (
-    ANGULAR,
-    BODY,
-    BODY_PLACES,
-    Point,
-)
-from mbaid_ros.core.filter.window import (
-    STACK,
-    Stack,
-    Window,
-    in_stacks,
-    stacked,
-)
+from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel

@@ -32,8 +32,8 @@ from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
-_NOTHING = 1e-6  # chance that noise looks like a constant force as large: of one that is less sure nothing is told
-_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre is a quotient that can be compared
+_NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class ChangedTarget:
     time : s since the first sample
     text : what has happened, in words
     exchanged : whether it is another body, not the same elsewhere
-    before : state until then; None where it was not known
+    before : state until then; None where unknown
     """
 
     time: float
@@ -54,7 +54,7 @@ class ChangedTarget:
     before: MeanAndCovariance | None
 
     def event(self, after: MeanAndCovariance | None) -> Event:
-        """Return it as an event, with how much mass and centre of mass have changed, where that is known now."""
+        """Return it as an event, with the change of mass and centre of mass where both states are known."""
         text = self.text
         if self.before is not None and after is not None and _known(self.before) and _known(after):
             then, now = self.before.mean[BODY], after.mean[BODY]
@@ -64,12 +64,12 @@ class ChangedTarget:
 
 
 def _known(moments: MeanAndCovariance) -> bool:
-    """Tell whether the target's mass is known well enough to say where its centre is."""
+    """Tell whether the mass is known well enough for a centre of mass."""
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 
 def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
-    """Return the constant force and torque (6,), if there is one and it is not nothing."""
+    """Return the constant force and torque as an event, if it is significant."""
     axes = track.hypothesis.force
     if axes == 'none':
         return ()
@@ -81,13 +81,7 @@ def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, 
 
 
 def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
-    """Return the jumps of the momentum: what is known of it later less what was before, without a constant force.
-
-    Parameters
-    ----------
-    track, moments : the best hypothesis and its moments at present
-    origin : (3,) m, of the run, in the odometry frame
-    """
+    """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
     levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
     found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
     for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
@@ -97,20 +91,19 @@ def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) ->
     return tuple(found)
 
 
-# Of a variance, by which a difference of shares may be below zero: more says that large numbers have cancelled.
-_ROUNDING = 1e-3
+_ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of large numbers
 
 
 def error_budget(
     moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors
 ) -> ErrorBudget:
-    """Return the budget of the ten parameters: what no prior contributes is sensor noise. NaN where it is not known.
+    """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.
 
     Parameters
     ----------
     moments, layout : of the filter
-    uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
-    sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
+    uncertainty : priors of target and momentum, where they are given
+    sizes : scale factors of the unknowns' priors
     """
     variables = moments.variables
     jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
@@ -125,7 +118,6 @@ def error_budget(
     priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
     whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
     noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
-    # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
     noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
@@ -138,17 +130,10 @@ def error_budget(
 
 
 def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
-    """Return (m, c) which part of each cause's prior variance the data take off, in the direction that matters.
+    """Return the part (m, c) of each cause's prior variance that the data remove, along the errors (m, e).
 
-    An estimate errs by k sqrt(share) standard deviations if what is declared is k of its own off in that direction, and
-    the data see k^2 times this part of that, as a chi-square: where the part is less than the share the estimate is far
-    off before the data say so.
-
-    Parameters
-    ----------
-    errors : (m, e) of estimates, for each of the unknowns' independent numbers that is one off
-    covariance : (e, e) of these numbers, of unit variance beforehand
-    layout : of the filter
+    A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
+    chi-square by k^2 times this part: where the part is below the share, the data do not warn in time.
     """
     within = layout.alike * covariance  # of numbers of the same cause
     left = ((errors @ within) * errors) @ layout.belongs
@@ -156,10 +141,7 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
 
 
 def _of_a_prior(own: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
-    """Return the part (m,) of variances that comes from the prior of some variables, independent of all others.
-
-    In units of its own square root the prior is of unit variance.
-    """
+    """Return the part (m,) of variances that comes from the prior of some variables, independent of all others."""
     gather = variables.gather[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
     return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(own)[which]) ** 2, axis=0))
@@ -284,7 +266,7 @@ def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, floa
 
 
 def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
-    """Return by how much thrusters have turned out to be off their commands."""
+    """Return the estimated deviations of thrusters from their commands."""
     found: list[Thruster] = []
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Thrusters):
