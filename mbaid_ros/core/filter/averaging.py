@@ -20,7 +20,7 @@ _MOVED = (
 
 
 @dataclass(frozen=True)
-class Taken:
+class Averaged:
     """What a window adds: the one before it with all its neighbours, and itself without the later ones, if unbroken.
 
     `moved`: whether a joint has moved by more than its noise by then.
@@ -65,7 +65,7 @@ class KnotAveraging:
         self._highest = np.full(joints, -np.inf)
         self._moved = False
 
-    def take(self, windows: list[Samples]) -> list[Taken]:
+    def take(self, windows: list[Samples]) -> list[Averaged]:
         """Return what closed windows add to the chain."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
@@ -78,16 +78,16 @@ class KnotAveraging:
         knots = own if self._kept is None else Knots.concatenate([self._kept, own])
         extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
-        taken = []
+        averaged = []
         each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
                 self._moved = bool(np.any(self._highest - self._lowest > _MOVED * noise.joint_position))
-            taken.append(Taken(ready, still_open, self._moved))
+            averaged.append(Averaged(ready, still_open, self._moved))
         self._kept = knots[-2 * count :]
-        return taken
+        return averaged
 
     def _followed(self, own: Knots, count: int) -> Knots:
         """Return knots with the effect of the gyro's errors on the orientation, window by window."""

@@ -286,7 +286,7 @@ class BatchIteration:
     def _shift(
         self, stacks: list[list[Stack]], track: HypothesisFilter, moments: MeanAndCovariance, step: Array
     ) -> Work[Array]:
-        """Return how far the body (10,) moves where the windows are linearised a step (s,) from a track's solution."""
+        """Return how far the body (10,) moves where the windows are linearised a step (s,) from a solution."""
         try:
             relinearised = yield from self.relinearise(
                 stacks, self.layout.point(moments.mean + step, moments.deviation)

@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 
 from mbaid_ros.core.diagnosis.undeclared_orbit import with_undeclared_orbit
-from mbaid_ros.core.filter.averaging import KnotAveraging, Taken
+from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM
-from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
@@ -74,19 +73,20 @@ class TrajectoryEstimator:
         origin : ns, stamp at time 0
         """
         averaged = self._averaging.take(windows)  # to knots
-        coming = [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
-        outcomes = [self._filter(window, each, coming, origin) for window, each in zip(windows, averaged, strict=True)]
+        self._runs.expect(
+            [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
+        )
+        outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
         return estimates(outcomes, self._reporting, self.method, located=self._settings.located)
 
-    def _filter(self, window: Samples, knots: Taken, coming: list[Window], origin: int) -> Solved | NoSolution:
+    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | NoSolution:
         """Filter one window, and return the solution by then, or why there is none."""
         while self.work_off():
             pass
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
-        run.expect(self._runs.used_of(coming))
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
         run.take(ready, still_open, moved=knots.moved)

@@ -88,7 +88,7 @@ class TargetRuns:
         self._earlier: tuple[Event, ...] = ()  # before the target changed last
         self._change: ChangedTarget | None = None
         self._wrong_twist = ''  # why the twist has been left out
-        self._coming: tuple[list[Window], list[Window]] = ([], [])  # windows, and these as they are used
+        self._coming: list[Window] = []
 
     @property
     def changed(self) -> bool:
@@ -106,13 +106,11 @@ class TargetRuns:
         """Return the part of a window that the run uses."""
         return without_twist(window) if self._wrong_twist else window
 
-    def used_of(self, windows: list[Window]) -> list[Window]:
-        """Return that part of several windows: the same list whenever it is asked for."""
-        if not self._wrong_twist:
-            return windows
-        if windows is not self._coming[0]:
-            self._coming = windows, [without_twist(window) for window in windows]
-        return self._coming[1]
+    def expect(self, windows: list[Window]) -> None:
+        """Take the windows that are going to come, in order."""
+        self._coming = windows
+        if self.run is not None:
+            self.run.expect([self.used(window) for window in windows])
 
     def events(self, now: MeanAndCovariance | None) -> tuple[Event, ...]:
         """Return the events of earlier runs, and the change of target that ended them.
@@ -138,7 +136,7 @@ class TargetRuns:
             self.run = self._run_after(self.run, change, origin)
         elif (wrong := self.isolation.wrong_twist) and not self._wrong_twist:
             self._wrong_twist = wrong
-            self.run = self._new_run(self.used_of(self.isolation.since(-np.inf)))
+            self.run = self._new_run([self.used(window) for window in self.isolation.since(-np.inf)])
         return self.run
 
     def _new_run(self, windows: list[Window]) -> FilterRun:
@@ -149,10 +147,10 @@ class TargetRuns:
         candidates = CandidateCauses(self.layout, self._plane, settings.uncertainty, bank)
         self.isolation = FaultIsolation(candidates, settings.noise)
         run = FilterRun(self.layout, self.variables, bank, (settings.start, settings.kept))
-        if windows:
-            run.expect(windows)
+        run.expect(windows)
         for window in windows:
             run.take(window, None, moved=True)
+        run.expect([self.used(window) for window in self._coming])
         return run
 
     def _run_after(self, run: FilterRun, change: Change, origin: Array) -> FilterRun:
