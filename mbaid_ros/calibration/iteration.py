@@ -13,8 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.batch import is_converged
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.square_root import advance, new_motion, pose_reset, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, new_motion, pose_reset, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
 from mbaid_ros.core.filter.variables import Variables, variables

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.square_root import advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, momentum_inflation, pose_reset, update
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow

@@ -1,25 +1,104 @@
 """The square-root information filter over windows (Bierman 1977, chapters 5 and 6), in scaled variables.
 
-Only pose error and momentum change from window to window. They come first among the variables, so that a step reworks
-the first rows of the triangle; an update adds a window's rows to all of it.
+R x = z with unit covariance. Only pose error and momentum change from window to window. They come first among the
+variables, so that a step reworks the first rows of the triangle; an update adds a window's rows to all of it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.integrated_twist import TwistLink
+from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
+
+
+@dataclass(frozen=True, eq=False)
+class SquareRootInformation:
+    """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one.
+
+    Attributes
+    ----------
+    root : (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values
+        share, and z of the least-squares mean: x = R^-1 (their sum)
+    innovations : sensor by sensor
+    feigned : (b, b + 1) as of `WhitenedWindow`, summed over all windows
+    nis, measured : sum of the normalised innovations squared over all windows, and their number
+    last_nis, last_measured : the same of the last update
+    log_likelihood : of all measurements, up to a constant
+    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
+        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
+    """
+
+    root: Array
+    innovations: Innovations
+    feigned: Array
+    nis: float = 0.0
+    measured: int = 0
+    last_nis: float = 0.0
+    last_measured: int = 0
+    log_likelihood: float = 0.0
+    carried: Array | None = None
+
+    @staticmethod
+    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
+        """Return the prior, with `extra` numbers of unit variance beside the variables, near a mass in kg if given."""
+        mean, triangle, likelihood = variables.prior(mass)
+        size = len(mean) + extra
+        root = np.zeros((size, size + 2), order='F')
+        root[: len(mean), : len(mean)] = triangle
+        root[: len(mean), -1] = triangle @ mean
+        root[len(mean) :, len(mean) : -2] = np.eye(extra)
+        nothing = Innovations.none(variables.poses), no_bias(variables)
+        return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
+
+    @property
+    def misfit(self) -> float:
+        """Log-likelihood lost by innovations larger than expected."""
+        return 0.5 * (self.nis - self.measured)
+
+    @property
+    def size(self) -> int:
+        """Number v of variables."""
+        return len(self.root)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return the mean (v,), and the part of it that corrects for shared noise (v,).
+
+        Raises
+        ------
+        LinAlgError
+            The information has a direction without any.
+        """
+        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
+        if info:
+            raise np.linalg.LinAlgError('a direction of the state has no information')
+        return both[:, 0] + both[:, 1], both[:, 0]
+
+    @property
+    def factor(self) -> Array:
+        """A factor of the covariance, (v, v)."""
+        return np.asarray(dtrtri(self.root[:, :-2])[0])
+
+    @property
+    def least_squares(self) -> Array:
+        """The mean without the correction for shared noise, (v,)."""
+        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+
+    def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
+        """Return the same measurements with another root (v, v + 2), and what is carried."""
+        return replace(self, root=root, carried=carried)
 
 
 def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
