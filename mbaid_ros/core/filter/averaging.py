@@ -72,11 +72,11 @@ class KnotAveraging:
             self._knots_a_window = knots_a_window(windows[0], self._length)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
-        own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
+        new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
         if not self._orientation_measured:
-            own = self._followed(own, count)
-        knots = own if self._kept is None else Knots.concatenate([self._kept, own])
-        extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
+            new = self._followed(new, count)
+        knots = new if self._kept is None else Knots.concatenate([self._kept, new])
+        extremes = [extreme.reduce(_by_window(new.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
         averaged = []
         each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
@@ -89,11 +89,11 @@ class KnotAveraging:
         self._kept = knots[-2 * count :]
         return averaged
 
-    def _followed(self, own: Knots, count: int) -> Knots:
+    def _followed(self, knots: Knots, count: int) -> Knots:
         """Return knots with the effect of the gyro's errors on the orientation, window by window."""
         parts = []
-        for begin in range(0, len(own), count):
-            followed, self._course = with_course(own[begin : begin + count], self._length / count, self._course)
+        for begin in range(0, len(knots), count):
+            followed, self._course = with_course(knots[begin : begin + count], self._length / count, self._course)
             parts.append(followed)
         return Knots.concatenate(parts)
 
@@ -134,9 +134,9 @@ class KnotAveraging:
             first += 1
         if after and empty[end - 1]:
             end -= 1
-        own = knots[first:end]
+        parts = knots[first:end]
         return Window(
-            knots=bridged(own) if any(empty[first:end]) else own,
+            knots=bridged(parts) if any(empty[first:end]) else parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=noise,

@@ -281,8 +281,8 @@ class BatchIteration:
         """
         moments = MeanAndCovariance.of(track.belief, self.variables)
         shift = yield from self._shift(stacks, track, moments, np.zeros(len(moments.mean)))
-        found = Curvature(shift[None], moments.covariance(BODY_PLACES))
-        return replace(found, largest=_DISPLACED) if found.anywhere else found
+        curvature = Curvature(shift[None], moments.covariance(BODY_PLACES))
+        return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
         self, stacks: list[list[Stack]], track: HypothesisFilter, moments: MeanAndCovariance, step: Array

@@ -98,12 +98,14 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     """
     motions = [stack.motion(point.side, layout.imu) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    whole, bodies = predict(layout, flat, point)
+    prediction, bodies = predict(layout, flat, point)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
-        each = [motion for motion, _ in motions]
-        whole.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, each, spacings, bodies)
-    predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
+        stack_motions = [motion for motion, _ in motions]
+        prediction.by_parameters[..., place] += by_deflections(
+            unknown, point.side.kernel, stack_motions, spacings, bodies
+        )
+    predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
     models, begin = [], 0
     for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
@@ -184,11 +186,11 @@ def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> A
     pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
     if pushing:
         placed = bodies.states.configuration
-        whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+        system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
         length = stack.windows[0].length
         for unknown, place in pushing:
             ends = stack.middles + 0.5 * length
-            rates = unknown.momentum_rates(whole, stack.windows[0].origin, ends, placed.rotation[:, 0])
+            rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             brought[..., place] = length * rates @ unknown.factor
     return brought
 

@@ -98,11 +98,11 @@ class PriorScaleFactors:
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
         """Names that are surely further off than declared, and than what they belong to, with the factor."""
-        found = {cause: size.factor for cause, size in self.sizes.items() if size.chance > _SURE}
+        factors = {cause: factor.factor for cause, factor in self.sizes.items() if factor.chance > _SURE}
         return tuple(
-            (cause, size)
-            for cause, size in found.items()
-            if all(size > found.get(whole, 1.0) for whole in self.within[cause])
+            (cause, factor)
+            for cause, factor in factors.items()
+            if all(factor > factors.get(whole, 1.0) for whole in self.within[cause])
         )
 
 
@@ -143,8 +143,8 @@ class _Groups:
             within,
             tuple(things),
             tuple(
-                (tuple(own), np.array(list(own.values())), chances, not things.keys().isdisjoint(own))
-                for (_, chances), own in alike.items()
+                (tuple(named), np.array(list(named.values())), chances, not things.keys().isdisjoint(named))
+                for (_, chances), named in alike.items()
             ),
         )
 
@@ -243,20 +243,20 @@ class MeanAndCovariance:
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
         return body, InformationCorrection.of(body @ body.T, self.belief.feigned, mean)
 
-    def with_variables(self, own: Array) -> Array:
+    def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
-        return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
         """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
 
         They come last, with a force: the lower rows of the triangle are the root of their marginal information.
         """
-        own, known = self.variables.own, layout.known
-        count = len(self.variables.scale) - own
+        first, known = self.variables.own, layout.known
+        count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros(0), np.zeros((0, 0))
-        upper = dpotri(self.belief.root[own:, own:-2])[0][:count, :count]
+        upper = dpotri(self.belief.root[first:, first:-2])[0][:count, :count]
         values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
         if known.independent:
             return values, covariance
@@ -266,10 +266,10 @@ class MeanAndCovariance:
         """Return the scale factors of the unknowns' priors."""
         return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
 
-    def contributions(self, own: Array, layout: Layout) -> Array:
+    def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
 
-        That of a number of unit variance is its covariance with the estimate. `own` (m, v) is a factor of that.
+        That of a number of unit variance is its covariance with the estimate. `factor` (m, v) is that of `factor_of`.
         """
-        with_unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        with_unknowns = self.with_variables(factor)[self.variables.own : len(self.variables.scale)]
         return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

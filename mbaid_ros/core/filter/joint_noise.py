@@ -92,9 +92,9 @@ def joint_noise(
         times = layout.times[np.isfinite(layout.times)]
         within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
         stored = np.concatenate((stored, within), axis=-1)
-    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
+    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
-    return [whole[begin:end] for begin, end in pairwise(ends)]
+    return [noise[begin:end] for begin, end in pairwise(ends)]
 
 
 def _by_readings(bodies: Bodies) -> Array:

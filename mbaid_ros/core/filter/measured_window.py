@@ -36,16 +36,16 @@ def readings(
     windows, weight = predicted.twist.shape[1], weights[:, None, None]
     twist = _at_knots(predicted.twist, inside)
     change = stack.whitening
-    own = predicted.twist[inside]
+    inner = predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v): F times that remains, and the joints' own delay.
-    linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
+    linear = slope[..., :3] - cross(inner[..., 3:], inner[..., :3])
     rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
-    seen = Reading(
+    reading = Reading(
         twist=_mean(twist, change)[..., ANGULAR_FIRST],
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
         rotation=_mean(rotation, change[..., None]),
-        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
-        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
+        turning=_total(weight[..., None] * (skew(inner[..., 3:]) @ axes)),
+        sliding=_total(weight[..., None] * (skew(inner[..., :3]) @ axes)),
         time=stack.middles,
         position=_mean(_at_knots(around.base_position, inside), change),
         axes=_total(weight[..., None] * axes),
@@ -53,30 +53,32 @@ def readings(
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:
-        seen = replace(seen, imu=_turning_imu(motion, own, seen, slope, stack.windows[0].spacing))
+        reading = replace(reading, imu=_turning_imu(motion, inner, reading, slope, stack.windows[0].spacing))
     poses: list[Array] = [np.zeros((windows, 6, 0))]
     rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
     for unknown in layout.read:
         nothing = np.zeros((windows, 6, len(unknown.factor)))
-        pose, turned = unknown.reading(seen) or (nothing, nothing)
+        pose, turned = unknown.reading(reading) or (nothing, nothing)
         if gyro:
-            own_part = unknown.gyro_reading(seen)
-            turned = np.concatenate((turned, nothing[:, :3] if own_part is None else own_part), axis=1)
+            of_gyro = unknown.gyro_reading(reading)
+            turned = np.concatenate((turned, nothing[:, :3] if of_gyro is None else of_gyro), axis=1)
         poses.append(pose @ unknown.factor)
         rates.append(turned @ unknown.factor)
     return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
 
 
-def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slope: Array, spacing: float) -> ImuMotion:
-    """Return the turn of a stack's IMU, for the base's predicted twist `own` (m, B, 6) and its slope."""
+def _turning_imu(
+    motion: tuple[Midpoints, slice], twist: Array, reading: Reading, slope: Array, spacing: float
+) -> ImuMotion:
+    """Return the turn of a stack's IMU, for the base's predicted twist (m, B, 6) and its slope."""
     around, inside = motion
     weight = _weights(inside.stop - inside.start)[:, None, None]
     relative = around.imu_rate
-    rate, axes = own[..., 3:] + relative[inside], around.imu_axes[inside]
+    rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
     changing = slope[..., 3:] + gradient(relative)[inside] / spacing
     within = rotate_back(axes, rate)
     return ImuMotion(
-        rate=seen.twist[..., :3] + _total(weight * relative[inside]),
+        rate=reading.twist[..., :3] + _total(weight * relative[inside]),
         slope=_total(weight * changing),
         axes=_total(weight[..., None] * axes),
         stretching=_total(weight[..., None] * axes * within[..., None, :]),
@@ -200,15 +202,16 @@ def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array
     if not middle.gyro.shape[-1]:
         return covariance
     of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
-    beside, own = common[:, :, :3], common[:, :3, :3] + of_gyro
+    cross_covariance, of_rate = common[:, :, :3], common[:, :3, :3] + of_gyro
     if in_gyro.any():
         more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
-        beside = beside + more
-        own = own + more[:, :3] + np.swapaxes(more[:, :3], 1, 2) + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
-    whole = np.zeros((len(common), 9, 9))
-    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, beside, np.swapaxes(beside, 1, 2)
-    whole[:, 6:, 6:] = own
-    return whole
+        cross_covariance = cross_covariance + more
+        of_rate = of_rate + more[:, :3] + np.swapaxes(more[:, :3], 1, 2)
+        of_rate = of_rate + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
+    joined = np.zeros((len(common), 9, 9))
+    joined[:, :6, :6], joined[:, 6:, 6:] = covariance, of_rate
+    joined[:, :6, 6:], joined[:, 6:, :6] = cross_covariance, np.swapaxes(cross_covariance, 1, 2)
+    return joined
 
 
 @cache

@@ -295,12 +295,12 @@ def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
     return after
 
 
-def _walked(root: Array, noise: Array, own: int) -> Array:
-    """Return the triangle after noise (e, w) has been added to the last e of the first `own` variables."""
+def _walked(root: Array, noise: Array, stop: int) -> Array:
+    """Return the triangle after noise (e, w) has been added to the last e of the first `stop` variables."""
     size, count = len(root), noise.shape[1]
     wide = np.zeros((count + size, count + size + 2), order='F')
     wide[:count, :count] = _identity(count)
-    wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
+    wide[count:, :count] = -root[:, stop - len(noise) : stop] @ noise
     wide[count:, count:] = root
     triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
     triangle[:, :size] *= _upper(size)
@@ -326,10 +326,10 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Arr
     kept, stepped : (f,) autocorrelations, below 1; (p, f)
     """
     size, count = len(root), len(places)
-    own, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
+    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
     along = root[:, : len(stepped)] @ stepped
     wide = np.zeros((count + size, count + size + 2), order='F')
-    wide[own, own], wide[own, count + places] = -kept * certain, certain
+    wide[rows, rows], wide[rows, count + places] = -kept * certain, certain
     wide[count:, count:] = root
     wide[count:, :count] = root[:, places] + along
     wide[count:, count + places] = -along

@@ -165,11 +165,11 @@ class Variables:
             along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
             factor[:, BODY.start] = deviation * along
-        own = self.own
-        root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
+        first = self.own
+        root = np.asarray(np.linalg.qr((self.gather[:first] @ factor).T, mode='r'))  # covariance = root^T root
         information = np.eye(len(self.scale))
-        information[:own, :own] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
-        information[own:, own:] = self.known
+        information[:first, :first] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
+        information[first:, first:] = self.known
         return self.gather @ mean, information, likelihood
 
 
@@ -217,9 +217,9 @@ def _renewed(layout: Layout) -> Array:
 
     Gauss-Markov processes are forgotten in between.
     """
-    own = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
+    renewed = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
     forgotten = np.isfinite(layout.times) if layout.times.size else False
-    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool) & ~np.asarray(forgotten)])
+    return np.asarray(np.sqrt(2.0) * np.eye(len(renewed))[:, renewed.astype(bool) & ~np.asarray(forgotten)])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
@@ -241,7 +241,7 @@ def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:
     body = np.eye(10) if plane is None else plane.basis
     basis = np.zeros((layout.size, 6 + body.shape[1] + layout.size - BODY.stop))
     basis[POSE, :3], basis[MOMENTUM, 3:6] = measured.T, rows.T
-    own = slice(6, 6 + body.shape[1])
-    basis[BODY, own] = body
-    basis[BODY.stop :, own.stop :] = np.eye(layout.size - BODY.stop)
+    columns = slice(6, 6 + body.shape[1])
+    basis[BODY, columns] = body
+    basis[BODY.stop :, columns.stop :] = np.eye(layout.size - BODY.stop)
     return basis, measured

@@ -101,8 +101,8 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
         all_places = np.concatenate((places, of_rates))
-        for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
-            measured[index] = (*own, all_places)
+        for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
+            measured[index] = (*values_of_window, all_places)
     turn = variables.gather[: variables.poses, POSE]
     transition = turn @ variables.rows(windows.transition)
     head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))

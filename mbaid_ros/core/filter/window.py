@@ -57,9 +57,9 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), own.joint_position, pose, twist, gyro, own.base_correlation_time)
+        WindowNoise(len(window), declared.joint_position, pose, twist, gyro, declared.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
-        for own in [noise.found_in(window)]
+        for declared in [noise.found_in(window)]
     ]
 
 

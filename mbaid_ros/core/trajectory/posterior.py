@@ -152,6 +152,6 @@ def posterior(layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance
     """Return the posterior of a run, as published, from the mean and covariance of its state."""
     variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    mean[rows], own = moments.published(moments.sizes(layout), layout, rows)
-    triangle = np.asarray(np.linalg.qr(np.concatenate((own, outside[rows]), axis=1).T, mode='r'))
+    mean[rows], factor = moments.published(moments.sizes(layout), layout, rows)
+    triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
     return Posterior(layout, variables, hypothesis, mean, triangle, end)

@@ -83,12 +83,12 @@ def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, 
 def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
     """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
     levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
-    found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
+    events, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
     for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
         change = after - jump.before - moments.by_force(pushed - jump.pushed)
         angular = change[3:] + cross(origin, change[:3])
-        found.append(Event(jump.time, 'step', change[:3], angular, cause))
-    return tuple(found)
+        events.append(Event(jump.time, 'step', change[:3], angular, cause))
+    return tuple(events)
 
 
 _ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of large numbers
@@ -107,18 +107,18 @@ def error_budget(
     """
     variables = moments.variables
     jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
-    own = jacobian @ moments.amplification(part, BODY_PLACES) @ part
-    errors = moments.contributions(own, layout).T * sizes.each
+    factor = jacobian @ moments.amplification(part, BODY_PLACES) @ part
+    errors = moments.contributions(factor, layout).T * sizes.each
     squares = errors**2
     given = []
     if uncertainty.target.given:
         given.append(('target prior', variables.body))
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
-    priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
-    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
-    noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
-    noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
+    priors = np.array([_of_a_prior(factor, moments, variables, which) for _, which in given]).reshape(-1, len(factor))
+    total = np.sum(factor**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
+    noise = total - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
+    noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -140,11 +140,11 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
 
-def _of_a_prior(own: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
+def _of_a_prior(factor: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
     """Return the part (m,) of variances that comes from the prior of some variables, independent of all others."""
     gather = variables.gather[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
-    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(own)[which]) ** 2, axis=0))
+    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(factor)[which]) ** 2, axis=0))
 
 
 @dataclass(frozen=True)
@@ -267,13 +267,13 @@ def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, floa
 
 def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
     """Return the estimated deviations of thrusters from their commands."""
-    found: list[Thruster] = []
+    estimated: list[Thruster] = []
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Thrusters):
             # Each number of the state is one of these, in units of its prior.
             stds = np.abs(unknown.factor @ _deviation(moments, place))
-            found += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
-    return tuple(found)
+            estimated += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
+    return tuple(estimated)
 
 
 def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
