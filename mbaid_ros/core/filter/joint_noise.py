@@ -30,7 +30,7 @@ class JointNoise(ArrayRecord):
     ----------
     pose : (B, 6, n) factor of the covariance of the mean pose
     by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the prediction's unknowns
-    process : (B, 6, n + c) factor of what accumulates until the next window, by the noise of joints and of the c
+    process : (B, 6, n + c) factor of the pose error that accumulates until the next window, by joints and the c
         readings of stored momentum
     stored : (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
     stepped : (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one

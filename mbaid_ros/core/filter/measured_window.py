@@ -155,7 +155,7 @@ def integrated_twist(
     slope: Array,
     stored: Array,
 ) -> IntegratedTwist:
-    """Return what the twists of a stack's windows add up to; arguments as of `readings` and `twist_measurement`."""
+    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`."""
     (around, inside), spacing = motion, stack.windows[0].spacing
     middle, count = around[inside], inside.stop - inside.start
     of_way, of_mean = weights_of_ways(count)
@@ -174,7 +174,7 @@ def integrated_twist(
 
 
 def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
-    """Return the (B, 6, 6) covariance of the white noise of one twist, and of what is read of stored momentum."""
+    """Return the (B, 6, 6) covariance of the white noise of one twist, and of the readings of stored momentum."""
     axes = np.zeros((len(rotation), 6, 6))
     axes[..., :3, :3] = axes[..., 3:, 3:] = rotation
     return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))

@@ -180,9 +180,9 @@ def _stepped(
 
 
 def _linked_before(belief: SquareRootInformation, carried: TwistLink) -> Array:
-    """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
+    """Return the root (2 k + v, 2 k + v + 2) before a window, with the noise q and c of the integrated twist on top.
 
-    Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
+    Where no c has been carried to it, that is as uncertain as a first pose.
     """
     count, size = carried.by_carried.shape[1], belief.size
     root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
@@ -204,12 +204,9 @@ def _advanced_with_link(
     variables: Variables,
     hypothesis: Hypothesis,
 ) -> SquareRootInformation:
-    """Return the belief at the next window's first knot with what is carried there (docs/trajectory.md, eq. 10).
+    """Return the Gaussian and c at the next window's first knot (docs/trajectory.md, eq. 10).
 
-    Parameters
-    ----------
-    rows : (2 k, 2 k + v + 2) of the window's noise q and of what is carried, as the update has left them
-    belief, window, carried, variables, hypothesis : as for `advance`
+    `rows` (2 k, 2 k + v + 2) are those of q and c after the update; the rest is as for `advance`.
     """
     root, head, columns, count = belief.root, variables.head, len(variables.scale), len(carried.way_value)
     # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.

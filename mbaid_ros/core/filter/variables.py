@@ -1,4 +1,4 @@
-"""The variables of the filter: all of the state in space, what moves in the plane for a planar robot."""
+"""The scaled variables of the filter: the whole state in space, its part in the plane for a planar motion."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Variables:
 
     @cached_property
     def outside(self) -> Array:
-        """The (s, s) covariance of what the variables leave out."""
+        """The (s, s) covariance of the state outside the variables."""
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
         return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
 
@@ -162,7 +162,7 @@ class Variables:
             root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
             return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
         if mass is not None:
-            along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
+            along = factor[:, BODY.start] / before  # a prior of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
             factor[:, BODY.start] = deviation * along
         first = self.own
