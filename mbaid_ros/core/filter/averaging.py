@@ -76,7 +76,8 @@ class KnotAveraging:
         if not self._orientation_measured:
             new = self._followed(new, count)
         knots = new if self._kept is None else Knots.concatenate([self._kept, new])
-        extremes = [extreme.reduce(_by_window(new.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
+        joint_position = new.joint_position.reshape(len(windows), count, -1)
+        extremes = [extreme.reduce(joint_position, axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
         averaged = []
         each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
@@ -150,8 +151,3 @@ def knots_a_window(window: Samples, length: float) -> int:
     """Return the number of knots in a window of a length in s: 50 ms each, and no fewer samples than knots."""
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
     return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
-
-
-def _by_window(values: Array, count: int) -> Array:
-    """Return (W count, n) values of knots as (W, count, n)."""
-    return values.reshape(len(values) // count, count, values.shape[1])
