@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
@@ -17,6 +16,7 @@ from mbaid_ros.core.robot.model_errors import declared
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth

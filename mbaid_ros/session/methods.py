@@ -15,7 +15,6 @@ from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.capture import Calibrate, CaptureEstimator, Chaser, Handover
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import DataError, ParameterError, listing
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
@@ -24,6 +23,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import calibrated, displaced
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.core.unknowns.words import of_size

@@ -38,7 +38,7 @@ from mbaid_ros.core.diagnosis.wider_priors import (
     tried,
 )
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.square_root import inflated, pose_reset
+from mbaid_ros.core.filter.square_root import SquareRootInformation, inflated, pose_reset
 from mbaid_ros.core.filter.state import BODY, MOMENTUM
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow

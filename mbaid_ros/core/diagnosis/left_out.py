@@ -15,7 +15,7 @@ from mbaid_ros.core.diagnosis.encoders import slipped_readings, stopped_readings
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.diagnosis.wider_priors import WiderPriors, tried
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.innovations import SENSORS, Innovations
 from mbaid_ros.core.unknowns.hypotheses import Hypothesis

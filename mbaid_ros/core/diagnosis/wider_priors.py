@@ -11,7 +11,8 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.changed_target import target_changed
 from mbaid_ros.core.filter.bank import HypothesisFilter, update_bank
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow

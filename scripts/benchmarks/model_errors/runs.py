@@ -30,8 +30,8 @@ from benchmarks.model_errors.variant import Variant, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.square_root import advance, update
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache

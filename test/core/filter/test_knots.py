@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.filter.interpolation import midpoints
-from mbaid_ros.core.filter.knots import Knots, averages, bridged
+from mbaid_ros.core.filter.knots import Knots, averages, bridged, midpoints
 from mbaid_ros.core.filter.state import near_part
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.robot.momentum import standard
